@@ -1,0 +1,52 @@
+# Every target makes what it needs in .venv; nothing else on the machine is touched.
+PYTHON ?= python3
+BOARD ?= pico
+ARGS ?=
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+.PHONY: help demo test lint bench build clean
+.DEFAULT_GOAL := help
+
+help:
+	@echo 'make demo   the virtual board in this terminal    ARGS="--seconds 5 --json"'
+	@echo 'make test   every test                            ARGS="-k log2"'
+	@echo 'make lint   style and format'
+	@echo 'make bench  driver, firmware and host against their peers'
+	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
+	@echo 'make clean  remove .venv and all that was built'
+
+demo: .venv/demo
+	@$(BIN)/spots demo $(ARGS)
+
+test: .venv/test tests/wasm/node_modules
+	@$(BIN)/python -m pytest $(ARGS)
+
+lint: .venv/test
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+
+bench: .venv/test
+	@$(BIN)/spots bench $(ARGS)
+
+build: .venv/demo
+	@$(BIN)/python -m spots.stage $(BOARD) build/$(BOARD)
+
+clean:
+	rm -rf .venv build dist tests/wasm/node_modules
+
+.venv/demo: pyproject.toml
+	@echo 'Setting up .venv (once) ...'
+	@$(PYTHON) -m venv .venv
+	@$(PIP) install --prefer-binary --editable '.[virtual]'
+	@touch $@
+
+.venv/test: pyproject.toml
+	@echo 'Setting up .venv for the tests (once) ...'
+	@$(PYTHON) -m venv .venv
+	@$(PIP) install --prefer-binary --editable '.[test]'
+	@touch .venv/demo $@
+
+tests/wasm/node_modules: .venv/test tests/wasm/package.json tests/wasm/package-lock.json
+	@PATH="$(CURDIR)/$(BIN):$$PATH" npm ci --prefix tests/wasm --no-audit --no-fund --loglevel error
+	@touch $@

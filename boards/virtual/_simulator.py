@@ -1,0 +1,50 @@
+"""The pipe pair to the simulated sensor, and the clock that comes with its answers.
+
+Request: operation, three argument bytes, then the bytes of a write. Answer: errno (0 if all is
+well), the simulator's clock in us (4 bytes, modulo 2**30), then the bytes of a read. Allocates
+nothing, so that the firmware's own promise to allocate nothing can be tested on this board.
+"""
+
+import os
+
+from micropython import const
+
+READ = const(0x52)  # device address, register, size
+WRITE = const(0x57)  # device address, size, 0
+SLEEP = const(0x53)  # time in us, 3 bytes, low first
+
+_requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
+_answers = open("/dev/fd/" + os.getenv("SPOTS_ANSWERS"), "rb")
+_header = bytearray(4)
+_long = bytearray(4 + 256)
+_answer = bytearray(5)
+
+simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
+now_us = 0
+
+
+def call(operation, a, b, c, buffer=None):
+    """Send a request and take its answer; `buffer` is written to, or filled by a read."""
+    global now_us
+    if operation == WRITE:
+        _fill(_long, operation, a, b, c)
+        for i in range(b):
+            _long[4 + i] = buffer[i]
+        _requests.write(_long, 4 + b)
+    else:
+        _fill(_header, operation, a, b, c)
+        _requests.write(_header)
+    if _answers.readinto(_answer) != 5:
+        raise SystemExit  # the simulator is gone, and the board with it
+    now_us = _answer[1] | _answer[2] << 8 | _answer[3] << 16 | _answer[4] << 24
+    if _answer[0]:
+        raise OSError(_answer[0])
+    if operation == READ:
+        _answers.readinto(buffer)
+
+
+def _fill(buffer, operation, a, b, c):
+    buffer[0] = operation
+    buffer[1] = a
+    buffer[2] = b
+    buffer[3] = c

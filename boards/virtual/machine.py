@@ -1,0 +1,36 @@
+"""`machine` of the virtual board: adds to the built-in module what a board's has."""
+
+import os
+
+import _simulator
+from umachine import *  # noqa: F403
+
+
+class Pin:
+    """A pin by number. The virtual board has no more to do with one."""
+
+    def __init__(self, number):
+        self.number = number
+
+
+class I2C:
+    """An I2C controller whose wires end in the simulator. Transfers allocate nothing."""
+
+    def __init__(self, id, *, scl, sda, freq=400_000, timeout=50_000):
+        pass
+
+    def readfrom_mem_into(self, addr, memaddr, buf):
+        _simulator.call(_simulator.READ, addr, memaddr, len(buf), buf)
+
+    def writeto(self, addr, buf):
+        _simulator.call(_simulator.WRITE, addr, len(buf), 0, buf)
+        return len(buf)
+
+
+def unique_id():
+    text = os.getenv("SPOTS_BOARD_ID")
+    return bytes(int(text[i : i + 2], 16) for i in range(0, len(text), 2))
+
+
+def reset():
+    raise SystemExit

@@ -1,0 +1,46 @@
+"""`time` of the virtual board: ticks wrap at 2**30 us as on a microcontroller.
+
+On the simulator's clock time passes only in bus transfers and sleeps, and sleeping is free.
+"""
+
+import _simulator
+import utime
+from utime import *  # noqa: F403
+
+_PERIOD = 1 << 30
+_HALF = _PERIOD >> 1
+
+
+def ticks_add(ticks, delta):
+    return (ticks + delta) & (_PERIOD - 1)
+
+
+def ticks_diff(end, start):
+    return ((end - start + _HALF) & (_PERIOD - 1)) - _HALF
+
+
+if _simulator.simulated_time:
+
+    def ticks_us():
+        return _simulator.now_us
+
+    def sleep_us(us):
+        while us > 0:
+            part = min(us, 0xFFFFFF)
+            _simulator.call(_simulator.SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
+            us -= part
+
+else:
+
+    def ticks_us():
+        return utime.ticks_us() & (_PERIOD - 1)
+
+    sleep_us = utime.sleep_us
+
+
+def sleep_ms(ms):
+    sleep_us(1000 * ms)
+
+
+def sleep(seconds):
+    sleep_us(int(1_000_000 * seconds))

@@ -1,0 +1,207 @@
+"""The loop: wait for a sample, decode it, frame it, and listen for commands in between."""
+
+import gc
+import json
+
+from .as7341 import AS7341, SensorError
+from .calibration import Calibration, CalibrationError
+from .command import Commands, LineReader
+from .frame import TEXT_MAX, Framer, Time32
+from .settings import Settings, checksum, load_lines, save_lines
+from .strip import Strip
+
+SETTINGS_FILE = "settings.txt"
+CALIBRATION_FILE = "calibration.txt"
+
+_SLICE_US = 5_000  # longest sleep with a deaf ear
+_RETRY_US = 100_000  # between attempts to bring a lost sensor back
+
+
+class App:
+    """Everything on the board, wired together.
+
+    Parameters
+    ----------
+    board : object
+        ``NAME`` and ``LED_MAX_MA`` (module board_config).
+    runtime, uid : str
+        What runs this, and the board's unique id.
+    bus, clock, serial : object
+        As `as7341.AS7341`, `frame.Time32` and `frame.Framer` ask for; ``serial.read()`` returns
+        the next byte or -1 and allocates nothing.
+    """
+
+    def __init__(self, board, runtime, uid, bus, clock, serial):
+        self.board = board
+        self.runtime = runtime
+        self.uid = uid
+        self.settings = Settings(board.LED_MAX_MA)
+        self.calibration_lines = []
+        self.faults = 0
+        self.reboot = False
+        self._clock = clock
+        self._serial = serial
+        self._time = Time32(clock)
+        self.framer = Framer(serial, self._time)
+        self.strip = Strip(0, AS7341(bus, clock), self.framer, self._time, clock, self.settings)
+        self._reader = LineReader()
+        self._commands = Commands(self)
+        self._claimed = None
+        self._lost = True
+        self.fault = None  # why the sensor was lost, until it is back
+        self._load()
+
+    def run(self):
+        """Run until told to reboot; whatever happens, leave the LED off."""
+        try:
+            while not self.reboot:
+                self.step()
+        finally:
+            try:
+                self.strip.sensor.stop()
+            except OSError:
+                pass
+
+    def step(self):
+        """Do what is due now; sleeps at most a slice. Allocates nothing while sampling."""
+        self._listen()
+        if self._lost:
+            self._find_sensor()
+            return
+        wait_us = self.strip.sensor.remaining_us()
+        if wait_us > 0:
+            self._clock.sleep_us(min(wait_us, _SLICE_US))
+            if wait_us > _SLICE_US:
+                return
+        try:
+            if self.strip.sensor.poll():
+                self.strip.take()
+        except (OSError, SensorError) as error:
+            self._lose(error)
+
+    def log(self, level, text):
+        """Send a log line."""
+        self._send({"log": level, "text": text})
+
+    def claim(self, name):
+        """Take note that a reply will follow; ValueError while another one is awaited."""
+        if self._claimed:
+            raise ValueError("wait for '%s' to end" % self._claimed)
+        self._claimed = name
+
+    def finish(self, name, reply):
+        """Send the reply that was claimed."""
+        self._claimed = None
+        reply["re"] = name
+        self._send(reply)
+
+    def restart(self):
+        """Bring the sensor up with the present settings."""
+        self._abandon("the sensor was set up anew")
+        if not self._lost:
+            try:
+                self.strip.start()
+            except (OSError, SensorError) as error:
+                self._lose(error)
+
+    def use_calibration(self, lines):
+        """Take lines that were checked, or none; return why they do not hold now, or None."""
+        self.calibration_lines = lines
+        return self.apply_calibration()
+
+    @property
+    def calibration_id(self):
+        """Checksum of the calibration in use, or None."""
+        return checksum(self.calibration_lines) if self.strip.decode.calibration else None
+
+    def apply_calibration(self):
+        """Use the calibration if it fits the present settings; return why not, or None."""
+        self.strip.decode.calibration = None
+        if not self.calibration_lines:
+            return None
+        sensor = self.strip.sensor
+        calibration = Calibration(self.calibration_lines)
+        reason = calibration.mismatch(
+            self.uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
+        )
+        if reason is None:
+            self.strip.decode.calibration = calibration
+        return reason
+
+    def settings_now(self):
+        """Return the settings as a reply holds them."""
+        reply = dict(self.settings.values)
+        reply["plan"] = list(reply["plan"])
+        return reply
+
+    def save(self):
+        """Store settings and calibration."""
+        save_lines(SETTINGS_FILE, self.settings.lines())
+        save_lines(CALIBRATION_FILE, self.calibration_lines)
+
+    def time_us(self):
+        """Return the board's time in us modulo 2**32."""
+        self._time.set(self._clock.ticks_us())
+        return self._time.high << 16 | self._time.low
+
+    def _load(self):
+        lines = load_lines(SETTINGS_FILE)
+        try:
+            self.settings.change(lines or [])
+        except ValueError as error:
+            self.log("error", "stored settings are not used: %s" % error)
+        lines = load_lines(CALIBRATION_FILE) or []
+        try:
+            if lines:
+                Calibration(lines)
+            self.calibration_lines = lines
+        except CalibrationError as error:
+            self.log("error", "the stored calibration is not used: %s" % error)
+
+    def _listen(self):
+        while True:
+            byte = self._serial.read()
+            if byte < 0:
+                return
+            if self._reader.feed(byte):
+                try:
+                    reply = self._commands.handle(self._reader.line())
+                except ValueError as error:
+                    reply = {"re": "", "error": str(error)}
+                if reply is not None:
+                    self._send(reply)
+                # Here a pause is expected; in the loop it would cost samples.
+                gc.collect()
+
+    def _find_sensor(self):
+        try:
+            self.strip.start()
+        except (OSError, SensorError) as error:
+            self._lose(error)
+            self._clock.sleep_us(_RETRY_US)
+            return
+        self._lost = False
+        if self.fault:
+            self.fault = None
+            self.log("info", "the sensor is back")
+        self.apply_calibration()
+
+    def _lose(self, error):
+        self.faults += 1
+        self._lost = True
+        self._abandon("the sensor was lost")
+        if not self.fault:  # once, not a flood
+            self.fault = str(error) if isinstance(error, SensorError) else "I2C: %r" % error
+            self.log("error", self.fault)
+
+    def _abandon(self, why):
+        self.strip.forget_requests()
+        if self._claimed:
+            self.finish(self._claimed, {"error": why + " before this ended"})
+
+    def _send(self, reply):
+        self._time.set(self._clock.ticks_us())
+        data = json.dumps(reply).encode()
+        if len(data) > TEXT_MAX:
+            data = json.dumps({"re": reply.get("re"), "error": "the reply is too long"}).encode()
+        self.framer.text(data)

@@ -1,0 +1,229 @@
+"""The AS7341 over a two-call bus: samples back to back, one burst each.
+
+Section numbers are those of the ams datasheet DS000504 v3-00. Nothing here waits without a
+deadline, and `poll`, `switch_led` and `read_into` allocate nothing.
+
+The bus is any object with ``read_into(register, buffer)`` and ``write(buffer)``, whose first
+byte is the register; both raise OSError when the chip does not answer.
+"""
+
+from micropython import const
+
+from . import exposure
+from .pacing import Pacing
+from .smux import CHANNELS, smux_map
+
+_CONFIG = const(0x70)  # bank 1
+_LED = const(0x74)  # bank 1
+_ENABLE = const(0x80)
+_ATIME = const(0x81)
+_ID = const(0x92)
+_STATUS = const(0x93)
+_STATUS2 = const(0xA3)
+_CFG0 = const(0xA9)
+_CFG1 = const(0xAA)
+_CFG6 = const(0xAF)
+_PERS = const(0xBD)
+_ASTEP = const(0xCA)
+_INTENAB = const(0xF9)
+
+_PON = const(0x01)
+_SP_EN = const(0x02)
+_SMUXEN = const(0x10)
+_AINT = const(0x08)
+_ASAT = const(0x80)
+_BANK_1 = const(0x10)
+_LED_SEL = const(0x08)
+_LED_ON = const(0x80)
+_SMUX_WRITE = const(0x10)
+
+_POWER_UP_US = const(5_000)
+_SMUX_US = const(10_000)
+_AUTO_ZERO_US = const(50_000)
+
+
+class SensorError(Exception):
+    """The sensor is absent, is another chip, or stopped sampling."""
+
+
+class AS7341:
+    """One AS7341 that samples six diodes without a gap.
+
+    Parameters
+    ----------
+    bus : object
+        See the module's text.
+    clock : object
+        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
+    """
+
+    def __init__(self, bus, clock):
+        self._bus = bus
+        self._clock = clock
+        self._pair = bytearray(2)
+        self._byte = bytearray(1)
+        self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
+        self._clear = bytes((_STATUS, _AINT))
+        self._led_code = 0
+        self._settled = 0
+        self.pacing = Pacing(clock)
+        self.counts = [0] * CHANNELS
+        self.saturated = False
+        self.steady = False
+        self.complete = 0
+        self.gain = 0
+        self.plan = ()
+        self.exposure_us = 0
+        self.full_scale = 0
+        self.led_mA = 0
+        self.led_on = False
+
+    def start(self, plan, gain, exposure_us, led_mA):
+        """Identify the chip, set it up and let it sample. Also the way back after an error.
+
+        Parameters
+        ----------
+        plan : sequence of str
+            Six diodes for ADC 0 to 5, see `smux.PIXELS`.
+        gain : int
+            Register code 0 to 10 for 0.5x to 512x (CFG1).
+        exposure_us : int
+            Integration time; `exposure_us` then tells the nearest one that the chip can do.
+        led_mA : int
+            Current of the LED driver, 0 for off, else 4 to 258.
+
+        Raises
+        ------
+        SensorError
+            If no AS7341 answers or a step does not end in time.
+        OSError
+            If the bus fails.
+        """
+        image = smux_map(plan)
+        atime, astep = exposure.registers(exposure_us)
+        self._identify()
+        self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
+        self._write(_CFG0, 0)
+        self._write(_ATIME, atime)
+        self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
+        self._write(_CFG1, gain)
+        self._write(_PERS, 0)  # AINT at every sample
+        self._write(_INTENAB, _AINT)
+        self._write(_CFG6, _SMUX_WRITE)
+        self._bus.write(b"\x00" + image)
+        self._write(_ENABLE, _PON | _SMUXEN)
+        self._await_clear(_ENABLE, _SMUXEN, _SMUX_US)
+        self.plan = tuple(plan)
+        self.gain = gain
+        self.exposure_us = exposure.actual_us(atime, astep)
+        self.full_scale = exposure.full_scale(atime, astep)
+        self.led_mA = led_mA
+        self._led_code = exposure.led_code(led_mA)
+        self.switch_led(True)
+        self._bus.write(self._clear)
+        self._write(_ENABLE, _PON | _SP_EN)
+        now = self._clock.ticks_us()
+        self._settled = now
+        self.complete = now
+        self.pacing.start(now, self.exposure_us)
+
+    def stop(self):
+        """Stop sampling and switch the LED off."""
+        self.switch_led(False)
+        self._write(_ENABLE, _PON)
+
+    def switch_led(self, on):
+        """Switch the LED. Samples that began before this are marked not `steady`."""
+        on = on and self.led_mA > 0
+        self._write(_CFG0, _BANK_1)
+        try:
+            self._write(_CONFIG, _LED_SEL)
+            self._write(_LED, self._led_code | (_LED_ON if on else 0))
+        finally:
+            self._write(_CFG0, 0)
+        self.led_on = on
+        self._settled = self._clock.ticks_us()
+
+    def remaining_us(self):
+        """Time until the next poll is worth its bus traffic, in us; negative when late."""
+        return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
+
+    def poll(self):
+        """Read a new sample, if there is one, in a single burst.
+
+        AVALID is no new-sample flag: it stays up between samples. AINT is raised by each sample
+        and taken back here, after the read of ASTATUS has latched the counts.
+
+        Returns
+        -------
+        bool
+            Whether `counts`, `saturated`, `steady` and `complete` (ticks at the end of the
+            integration) are those of a new sample.
+
+        Raises
+        ------
+        SensorError
+            If no sample came for two periods and the time of an auto-zero.
+        """
+        clock = self._clock
+        now = clock.ticks_us()
+        burst = self._burst
+        self._bus.read_into(_STATUS, burst)
+        if not burst[0] & _AINT:
+            if clock.ticks_diff(now, self.complete) > 2 * self.exposure_us + _AUTO_ZERO_US:
+                raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
+            self.pacing.early(now)
+            return False
+        self._bus.write(self._clear)
+        complete = self.pacing.found(now, clock.ticks_us())
+        if complete is None:
+            self.complete = now
+            return False
+        self.complete = complete
+        saturated = bool(burst[1] & _ASAT)
+        counts = self.counts
+        for i in range(CHANNELS):
+            count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
+            counts[i] = count
+            if count >= self.full_scale:
+                saturated = True
+        self.saturated = saturated
+        began = clock.ticks_add(self.complete, -self.exposure_us)
+        self.steady = clock.ticks_diff(began, self._settled) >= 0
+        return True
+
+    def saturation(self):
+        """Return 'analog', 'digital' or None for the sample last taken (STATUS2)."""
+        self._bus.read_into(_STATUS2, self._byte)
+        return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
+
+    def _identify(self):
+        # The chip does not answer for about 200 us after power-up (section 8.2).
+        clock = self._clock
+        began = clock.ticks_us()
+        while True:
+            try:
+                self._bus.read_into(_ID, self._byte)
+                break
+            except OSError:
+                if clock.ticks_diff(clock.ticks_us(), began) > _POWER_UP_US:
+                    raise SensorError("no chip answers at 0x39; check wiring and supply")
+                clock.sleep_us(200)
+        if self._byte[0] >> 2 != 9:
+            raise SensorError("the chip at 0x39 is no AS7341 (ID 0x%02x)" % self._byte[0])
+
+    def _await_clear(self, register, bit, timeout_us):
+        clock = self._clock
+        began = clock.ticks_us()
+        while True:
+            self._bus.read_into(register, self._byte)
+            if not self._byte[0] & bit:
+                return
+            if clock.ticks_diff(clock.ticks_us(), began) > timeout_us:
+                raise SensorError("the AS7341 did not finish a SMUX command; power it off and on")
+            clock.sleep_us(100)
+
+    def _write(self, register, value):
+        self._pair[0] = register
+        self._pair[1] = value
+        self._bus.write(self._pair)

@@ -1,0 +1,206 @@
+"""Text commands, host to board: one ASCII line in, one JSON object out. See docs/protocol.md.
+
+A bad line changes nothing and is answered with a sentence. Commands allocate; they are rare.
+"""
+
+from . import PROTOCOL, __version__
+from .calibration import Calibration
+from .exposure import DONE, TOO_DARK
+from .settings import checksum
+
+LINE_MAX = 255
+CALIBRATION_LINES_MAX = 300
+
+
+class LineReader:
+    """Assembles lines from single bytes in a buffer that never grows."""
+
+    def __init__(self):
+        self._line = bytearray(LINE_MAX)
+        self._size = 0
+
+    def feed(self, byte):
+        """Take a byte; True once it ends a line. Allocates nothing."""
+        if byte == 10 or byte == 13:
+            return self._size > 0
+        if self._size < LINE_MAX:
+            self._line[self._size] = byte
+        self._size = min(self._size + 1, LINE_MAX + 1)
+        return False
+
+    def line(self):
+        """Return the line that just ended as str and begin the next one.
+
+        Raises
+        ------
+        ValueError
+            If it was too long or not printable ASCII.
+        """
+        size, self._size = self._size, 0
+        if size > LINE_MAX:
+            raise ValueError("a line holds at most %d characters" % LINE_MAX)
+        line = bytes(memoryview(self._line)[:size])
+        if any(not 32 <= byte < 127 for byte in line):
+            raise ValueError("a line is printable ASCII")
+        return line.decode()
+
+
+class Commands:
+    """What each command does to the application.
+
+    Parameters
+    ----------
+    app : app.App
+    """
+
+    def __init__(self, app):
+        self._app = app
+        self._staged = None
+        self._table = {
+            "hello": self._hello,
+            "get": self._get,
+            "set": self._set,
+            "stream": self._stream,
+            "dark": self._dark,
+            "auto": self._auto,
+            "cal": self._cal,
+            "save": self._save,
+            "sync": self._sync,
+            "reboot": self._reboot,
+        }
+
+    def handle(self, line):
+        """Carry out a line.
+
+        Returns
+        -------
+        dict or None
+            The reply; None if it follows when the work is done.
+        """
+        words = line.split()
+        if not words:
+            return {"re": "", "error": "an empty line is no command"}
+        name = words[0]
+        if name not in self._table:
+            known = ", ".join(sorted(self._table))
+            return {"re": name[:20], "error": "no such command; there are " + known}
+        try:
+            reply = self._table[name](words[1:])
+        except (ValueError, OSError) as error:
+            reply = {"error": str(error)}
+        if reply is not None:
+            reply["re"] = name
+        return reply
+
+    def _hello(self, words):
+        app = self._app
+        reply = app.settings_now()
+        reply["protocol"] = PROTOCOL
+        reply["firmware"] = __version__
+        reply["board"] = app.board.NAME
+        reply["runtime"] = app.runtime
+        reply["id"] = app.uid
+        reply["sensors"] = 1
+        calibration = app.strip.decode.calibration
+        reply["calibration"] = app.calibration_id
+        reply["length_um"] = calibration and max(calibration.positions_um)
+        return reply
+
+    def _get(self, words):
+        app = self._app
+        reply = app.settings_now()
+        reply["dark"] = list(app.strip.dark)
+        reply["missed"] = app.strip.sensor.pacing.missed
+        reply["dropped"] = app.framer.dropped
+        reply["faults"] = app.faults
+        reply["fault"] = app.fault
+        reply["full_scale"] = app.strip.sensor.full_scale
+        reply["saturation"] = None if app.fault else app.strip.sensor.saturation()
+        return reply
+
+    def _set(self, words):
+        if not words:
+            raise ValueError("say what to set, as in: set exposure_us=10000 gain=9")
+        app = self._app
+        app.settings.change(words)
+        app.restart()
+        reply = app.settings_now()
+        note = app.apply_calibration()
+        if note:
+            reply["note"] = note
+        return reply
+
+    def _stream(self, words):
+        kinds = set(words)
+        if not kinds or kinds - {"touch", "spectrum", "off"} or len(kinds) > 2:
+            raise ValueError("stream takes touch, spectrum, both, or off")
+        if "off" in kinds and len(kinds) > 1:
+            raise ValueError("stream takes off alone")
+        strip = self._app.strip
+        strip.stream_touch = "touch" in kinds
+        strip.stream_spectrum = "spectrum" in kinds
+        return {"stream": sorted(kinds)}
+
+    def _dark(self, words):
+        self._app.claim("dark")
+        self._app.strip.request_dark(self._dark_done)
+        return None
+
+    def _dark_done(self):
+        self._app.finish("dark", {"dark": list(self._app.strip.dark)})
+
+    def _auto(self, words):
+        self._app.claim("auto")
+        self._app.strip.request_search(self._auto_done)
+        return None
+
+    def _auto_done(self, outcome, search):
+        app = self._app
+        if outcome == DONE:
+            reply = app.settings_now()
+        elif outcome == TOO_DARK:
+            reply = {"error": "too dark at full gain and LED current; press harder, check the LED"}
+        else:
+            reply = {"error": "too bright at the least gain and LED current; shade the sensor"}
+        note = app.apply_calibration()
+        if note and outcome == DONE:
+            reply["note"] = note
+        app.finish("auto", reply)
+
+    def _cal(self, words):
+        verb = words[0] if words else ""
+        app = self._app
+        if verb == "begin":
+            self._staged = []
+            return {}
+        if verb == "clear":
+            self._staged = None
+            app.use_calibration([])
+            return {}
+        if self._staged is None:
+            raise ValueError("begin with 'cal begin'")
+        if verb != "end":
+            if len(self._staged) >= CALIBRATION_LINES_MAX:
+                raise ValueError("a calibration has at most %d lines" % CALIBRATION_LINES_MAX)
+            self._staged.append(" ".join(words))
+            return {"lines": len(self._staged)}
+        lines, self._staged = self._staged, None
+        if words[1:] != [checksum(lines)]:
+            raise ValueError("the checksum differs; send the calibration again")
+        Calibration(lines)
+        reply = {"calibration": checksum(lines)}
+        note = app.use_calibration(lines)
+        if note:
+            reply["note"] = note
+        return reply
+
+    def _save(self, words):
+        self._app.save()
+        return {}
+
+    def _sync(self, words):
+        return {"t_us": self._app.time_us()}
+
+    def _reboot(self, words):
+        self._app.reboot = True
+        return {}

@@ -1,0 +1,115 @@
+"""Exposure, gain and LED current: what the registers can do, and the search for a good setting.
+
+Source: DS000504, sections 10.2.2 (ATIME, ASTEP), 10.2.6 (gain) and 10.2.4 (LED). Below 182 ms
+full scale grows with the exposure as the counts do, so the exposure does not change how full the
+converter is: gain and LED current do.
+"""
+
+MIN_US = 1_000
+MAX_US = 1_000_000
+DEFAULT_US = 10_000
+GAIN_MAX = 10
+DEFAULT_GAIN = 9
+LED_MIN_MA = 4
+LED_MAX_MA = 258
+DEFAULT_LED_MA = 20
+
+_STEP_CENTI_US = 278  # one step of integration is 2.78 us
+_ASTEP_MAX = 65_534  # 65535 is reserved
+_COUNT_MAX = 65_535
+
+
+def registers(exposure_us):
+    """Return (ATIME, ASTEP) of the nearest exposure with the shortest ATIME."""
+    steps = (exposure_us * 100 + _STEP_CENTI_US // 2) // _STEP_CENTI_US
+    cycles = (steps + _ASTEP_MAX) // (_ASTEP_MAX + 1)
+    return cycles - 1, (steps + cycles // 2) // cycles - 1
+
+
+def actual_us(atime, astep):
+    """Return the integration time in us, rounded."""
+    return ((atime + 1) * (astep + 1) * _STEP_CENTI_US + 50) // 100
+
+
+def full_scale(atime, astep):
+    """Return the largest count."""
+    return min(_COUNT_MAX, (atime + 1) * (astep + 1))
+
+
+def led_code(led_mA):
+    """Return the current field of register LED: 4 + 2 n mA. The field has no zero."""
+    return max(0, led_mA - LED_MIN_MA) >> 1
+
+
+# The search aims between these, as fractions of full scale in 1/64: 60 % to 90 %.
+_LOW, _AIM, _HIGH = 39, 48, 57
+DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)
+
+
+class Search:
+    """Find the setting that puts the brightest channel at 60-90 % of full scale.
+
+    Gain first (factors of 2), then LED current for the rest; a longer exposure only when both
+    are spent, where full scale no longer grows with it.
+
+    Parameters
+    ----------
+    gain, led_mA, exposure_us : int
+        The setting to begin with.
+    """
+
+    def __init__(self, gain, led_mA, exposure_us):
+        self.gain = gain
+        self.led_mA = led_mA
+        self.exposure_us = exposure_us
+        self._tries = 24
+
+    def step(self, peak, full_scale, saturated):
+        """Judge a sample taken at the present setting and choose the next one.
+
+        Parameters
+        ----------
+        peak : int
+            Dark-subtracted count of the brightest channel.
+        full_scale : int
+            Largest count at this exposure.
+        saturated : bool
+            Whether the sensor reported saturation.
+
+        Returns
+        -------
+        int
+            `DONE`, `AGAIN` with the new setting in the attributes, `TOO_DARK` or `TOO_BRIGHT`.
+        """
+        level = 64 if saturated else max(peak * 64 // full_scale, 0)
+        if _LOW <= level < _HIGH:
+            return DONE
+        self._tries -= 1
+        if level < _LOW:
+            return self._brighter(max(level, 1)) if self._tries else TOO_DARK
+        return self._darker(saturated) if self._tries else TOO_BRIGHT
+
+    def _brighter(self, level):
+        if self.gain < GAIN_MAX and level * 2 < _HIGH:
+            while self.gain < GAIN_MAX and level * 2 < _HIGH:
+                self.gain += 1
+                level *= 2
+        elif self.led_mA < LED_MAX_MA:
+            self.led_mA = min(LED_MAX_MA, max(self.led_mA + 2, self.led_mA * _AIM // level))
+        elif self.exposure_us < MAX_US:
+            self.exposure_us = min(MAX_US, max(self.exposure_us, 182_000) * _AIM // level)
+        else:
+            return TOO_DARK
+        return AGAIN
+
+    def _darker(self, saturated):
+        if saturated and self.gain > 0:
+            self.gain -= 1
+        elif self.led_mA > LED_MIN_MA:
+            factor = 32 if saturated else _AIM
+            self.led_mA = max(LED_MIN_MA, min(self.led_mA - 2, self.led_mA * factor // 64))
+        elif self.gain > 0:
+            self.gain -= 1
+        else:
+            return TOO_BRIGHT
+        return AGAIN

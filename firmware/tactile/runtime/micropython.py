@@ -1,0 +1,78 @@
+"""All that is MicroPython's own: I2C, serial port, clock, identity, entry."""
+
+import select
+import sys
+import time
+
+import machine
+from micropython import const
+
+_ADDRESS = const(0x39)
+_I2C_TIMEOUT_US = const(50_000)
+
+
+class Bus:
+    """The sensor's registers over ``machine.I2C``. Allocates nothing."""
+
+    def __init__(self, i2c):
+        self._read = i2c.readfrom_mem_into
+        self._write = i2c.writeto
+
+    def read_into(self, register, buffer):
+        self._read(_ADDRESS, register, buffer)
+
+    def write(self, buffer):
+        self._write(_ADDRESS, buffer)
+
+
+class Serial:
+    """The USB serial port behind stdin and stdout.
+
+    Frames go out on ``sys.stdout.buffer``: ``sys.stdout`` would add a CR to every LF. Each
+    direction has its own poll, for `ipoll` allocates nothing once it has run.
+    """
+
+    def __init__(self):
+        self._out = sys.stdout.buffer
+        self._in = sys.stdin.buffer
+        self._byte = bytearray(1)
+        self._writable = select.poll()
+        self._writable.register(sys.stdout, select.POLLOUT)
+        self._readable = select.poll()
+        self._readable.register(sys.stdin, select.POLLIN)
+
+    def write(self, buffer, size):
+        """Write `size` bytes if the port takes them now; return whether it took them all."""
+        for _, event in self._writable.ipoll(0):
+            if event & select.POLLOUT:
+                try:
+                    return self._out.write(buffer, size) == size
+                except OSError:
+                    return False
+        return False
+
+    def read(self):
+        """Return the next byte, or -1 if there is none."""
+        for _, event in self._readable.ipoll(0):
+            if event & select.POLLIN and self._in.readinto(self._byte) == 1:
+                return self._byte[0]
+        return -1
+
+
+def main():
+    """Run the application on this board until it is told to reboot."""
+    import board_config
+
+    from tactile.app import App
+
+    i2c = machine.I2C(
+        board_config.I2C_ID,
+        scl=machine.Pin(board_config.SCL_PIN),
+        sda=machine.Pin(board_config.SDA_PIN),
+        freq=board_config.I2C_HZ,
+        timeout=_I2C_TIMEOUT_US,
+    )
+    runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
+    uid = "".join("%02x" % byte for byte in machine.unique_id())
+    App(board_config, runtime, uid, Bus(i2c), time, Serial()).run()
+    machine.reset()

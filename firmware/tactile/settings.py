@@ -1,0 +1,122 @@
+"""What the user may set, and text files that survive a power cut.
+
+A file ends in a checksum line. A new one is written beside the old one, which is kept as the last
+good copy; at every moment of a save at least one whole file is there.
+"""
+
+import os
+
+from . import exposure
+from .decode import AVERAGE_MAX
+from .frame import crc16
+from .smux import smux_map
+
+DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
+
+# name: smallest, largest, default
+LIMITS = {
+    "exposure_us": (exposure.MIN_US, exposure.MAX_US, exposure.DEFAULT_US),
+    "gain": (0, exposure.GAIN_MAX, exposure.DEFAULT_GAIN),
+    "led_mA": (0, exposure.LED_MAX_MA, exposure.DEFAULT_LED_MA),
+    "average": (1, AVERAGE_MAX, 1),
+}
+
+
+class Settings:
+    """What the user may set.
+
+    Parameters
+    ----------
+    led_max_mA : int
+        What the board's LED stands.
+
+    Attributes
+    ----------
+    values : dict
+        By name: those of `LIMITS`, and ``plan``, a tuple of six diodes.
+    """
+
+    def __init__(self, led_max_mA):
+        self._led_max_mA = led_max_mA
+        self.values = {name: limits[2] for name, limits in LIMITS.items()}
+        self.values["plan"] = DEFAULT_PLAN
+
+    def change(self, words):
+        """Take assignments such as ``gain=9``: all of them, or none.
+
+        An exposure becomes the nearest that the chip can do.
+
+        Raises
+        ------
+        ValueError
+            If one is unknown or out of range; the text says which and what would do.
+        """
+        checked = {}
+        for word in words:
+            name, _, text = word.partition("=")
+            if name == "plan":
+                checked[name] = tuple(text.split(","))
+                smux_map(checked[name])
+            elif name in LIMITS:
+                checked[name] = self._number(name, text)
+            else:
+                raise ValueError(
+                    "no setting is called '%s'; there are %s"
+                    % (name, ", ".join(sorted(LIMITS) + ["plan"]))
+                )
+        if "exposure_us" in checked:
+            nearest = exposure.registers(checked["exposure_us"])
+            checked["exposure_us"] = exposure.actual_us(*nearest)
+        self.values.update(checked)
+
+    def lines(self):
+        """Return the settings as assignments, as `change` takes them."""
+        return ["%s=%d" % (name, self.values[name]) for name in sorted(LIMITS)] + [
+            "plan=" + ",".join(self.values["plan"])
+        ]
+
+    def _number(self, name, text):
+        low, high, _ = LIMITS[name]
+        if name == "led_mA":
+            high = min(high, self._led_max_mA)
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if name == "led_mA" and value and value < exposure.LED_MIN_MA:
+            value = -1
+        if not low <= value <= high:
+            raise ValueError("%s must be a whole number from %d to %d" % (name, low, high))
+        return value
+
+
+def checksum(lines):
+    """Return the CRC-16 of lines, as four hexadecimal digits."""
+    data = ("\n".join(lines) + "\n").encode()
+    return "%04x" % crc16(data, len(data))
+
+
+def save_lines(path, lines):
+    """Replace a text file so that a cut of power leaves the new one or the old one."""
+    with open(path + ".new", "w") as file:
+        file.write("\n".join(lines) + "\ncrc " + checksum(lines) + "\n")
+    for step in ((os.remove, path + ".old"), (os.rename, path, path + ".old")):
+        try:
+            step[0](*step[1:])
+        except OSError:
+            pass  # there was none
+    os.rename(path + ".new", path)
+
+
+def load_lines(path):
+    """Return the lines of a file or of its last good copy, or None if neither is whole."""
+    for candidate in (path, path + ".old"):
+        try:
+            with open(candidate) as file:
+                lines = file.read().split("\n")
+        except (OSError, ValueError):
+            continue
+        lines = [line for line in lines if line]
+        if lines and lines[-1] == "crc " + checksum(lines[:-1]):
+            return lines[:-1]
+    return None

@@ -1,0 +1,45 @@
+"""The SMUX map: which photodiodes feed which of the six ADCs.
+
+Source: ams AN000666, table of pixels. Pixel p is a nibble of byte p >> 1, the
+high one if p is odd; the nibble holds 0 (off) or ADC + 1.
+"""
+
+PIXELS = {
+    "F1": (2, 32),
+    "F2": (10, 25),
+    "F3": (1, 31),
+    "F4": (11, 26),
+    "F5": (13, 19),
+    "F6": (8, 29),
+    "F7": (14, 20),
+    "F8": (7, 28),
+    "CLEAR": (17, 35),
+    "NIR": (38,),
+    "DARK": (37,),
+}
+BYTES = 20
+CHANNELS = 6
+
+
+def smux_map(plan):
+    """Return the 20 bytes that connect each diode of a plan to its own ADC.
+
+    Parameters
+    ----------
+    plan : sequence of str
+        Six different diode names of `PIXELS`, ADC 0 first.
+
+    Raises
+    ------
+    ValueError
+        If the plan is not six different known diodes.
+    """
+    if len(plan) != CHANNELS or len(set(plan)) != CHANNELS:
+        raise ValueError("a channel plan needs six different diodes")
+    image = bytearray(BYTES)
+    for adc in range(CHANNELS):
+        if plan[adc] not in PIXELS:
+            raise ValueError("no diode is called " + plan[adc])
+        for pixel in PIXELS[plan[adc]]:
+            image[pixel >> 1] |= (adc + 1) << (4 * (pixel & 1))
+    return bytes(image)

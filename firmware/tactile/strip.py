@@ -1,0 +1,206 @@
+"""One strip: samples of its sensor in, frames out.
+
+Holds the order of things: the LED-off window in which dark frames are taken, the averaging, the
+search for an exposure. `take` allocates nothing but in the rare steps that end a window or a
+search.
+"""
+
+from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED, Decode
+from .exposure import AGAIN, DONE, Search
+from .smux import CHANNELS
+
+IDLE_US = 1_000_000  # untouched for so long before the strip may blink
+DARK_EVERY_US = 10_000_000
+
+_LIT = 0
+_BLINKING = 1  # LED off, dark samples wanted
+_RISING = 2  # LED on again, a wholly lit sample wanted
+
+
+class Strip:
+    """A sensor with its decoding and its frames.
+
+    Parameters
+    ----------
+    index : int
+        Sensor number in the frames.
+    sensor : as7341.AS7341
+    framer : frame.Framer
+    time : frame.Time32
+        Set to the middle of the integration before each frame.
+    clock : object
+        ``ticks_add``.
+    settings : settings.Settings
+        Read at every (re)start.
+    """
+
+    def __init__(self, index, sensor, framer, time, clock, settings):
+        self.index = index
+        self.sensor = sensor
+        self.settings = settings
+        self.decode = Decode()
+        self.dark = [0] * CHANNELS
+        self.stream_touch = self.stream_spectrum = False
+        self._framer = framer
+        self._time = time
+        self._add = clock.ticks_add
+        self._sums = [0] * CHANNELS
+        self._blink_sums = [0] * CHANNELS
+        self._samples = 0
+        self._flags = 0
+        self._blink = _LIT
+        self._blink_samples = 0
+        self._dark_known = False
+        self._dark_wanted = False
+        self._idle_us = 0
+        self._dark_age_us = 0
+        self._missed = 0
+        self._search = None
+        self._on_dark = self._on_search = None
+
+    def start(self):
+        """Set the sensor up as the settings say and begin with a dark frame."""
+        s = self.settings.values
+        self._begin(s["gain"], s["led_mA"], s["exposure_us"])
+
+    def _begin(self, gain, led_mA, exposure_us):
+        self.sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
+        self._missed = 0
+        self._dark_known = False
+        self._dark_wanted = True
+        self._blink = _LIT
+        self._restart_average()
+
+    def request_dark(self, done):
+        """Take a dark frame now; then call ``done()``."""
+        self._dark_wanted = True
+        self._on_dark = done
+
+    def request_search(self, done):
+        """Search gain, LED current and exposure; then call ``done(outcome, Search)``."""
+        s = self.settings.values
+        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"])
+        self._on_search = done
+        self._dark_wanted = True
+
+    def forget_requests(self):
+        """Drop what was requested and not done yet."""
+        self._search = self._on_search = self._on_dark = None
+
+    def take(self):
+        """Use the sample that the sensor has just read."""
+        sensor = self.sensor
+        if sensor.pacing.missed != self._missed:
+            self._missed = sensor.pacing.missed
+            self._framer.gap()
+        if self._dark_age_us < DARK_EVERY_US:
+            self._dark_age_us += sensor.exposure_us
+        if self._blink != _LIT:
+            self._take_blink(sensor)
+        elif sensor.steady:
+            self._take_lit(sensor)
+        if self._blink == _LIT and self._dark_due():
+            self._start_blink(sensor)
+
+    def _take_lit(self, sensor):
+        counts = sensor.counts
+        sums = self._sums
+        for i in range(CHANNELS):
+            sums[i] += counts[i]
+        if sensor.saturated:
+            self._flags |= SATURATED
+        self._samples += 1
+        if self._search is not None and self._dark_known:
+            self._judge(sensor)
+        elif self._samples >= self.settings.values["average"]:
+            self._emit(self._flags)
+
+    def _emit(self, flags):
+        sensor = self.sensor
+        samples = self._samples
+        if self._dark_known:
+            flags |= DARK_SUBTRACTED
+        if not sensor.led_on:
+            flags |= LED_OFF
+        decode = self.decode
+        decode.update(self._sums, samples, self.dark, flags)
+        if decode.touching:
+            self._idle_us = 0
+        elif self._idle_us < IDLE_US:
+            self._idle_us += samples * sensor.exposure_us
+        self._time.set(self._add(sensor.complete, -(samples * sensor.exposure_us >> 1)))
+        if self.stream_touch:
+            self._framer.touch(self.index, decode)
+        if self.stream_spectrum:
+            if samples > 1:
+                sums = self._sums
+                for i in range(CHANNELS):
+                    sums[i] = (sums[i] + (samples >> 1)) // samples
+            self._framer.spectrum(self.index, decode.flags, sensor.gain, self._sums)
+        self._restart_average()
+
+    def _restart_average(self):
+        for i in range(CHANNELS):
+            self._sums[i] = 0
+        self._samples = 0
+        self._flags = 0
+
+    def _dark_due(self):
+        if self._dark_wanted:
+            return True
+        return self._dark_age_us >= DARK_EVERY_US and self._idle_us >= IDLE_US
+
+    def _start_blink(self, sensor):
+        sensor.switch_led(False)
+        self._restart_average()
+        for i in range(CHANNELS):
+            self._blink_sums[i] = 0
+        self._blink_samples = 0
+        self._blink = _BLINKING
+
+    def _take_blink(self, sensor):
+        if self._blink == _RISING:
+            if sensor.steady:
+                self._blink = _LIT
+                self._take_lit(sensor)
+                return
+        elif sensor.steady:
+            for i in range(CHANNELS):
+                self._blink_sums[i] += sensor.counts[i]
+            self._blink_samples += 1
+        for i in range(CHANNELS):
+            self._sums[i] = sensor.counts[i]
+        self._samples = 1
+        self._emit(LED_OFF)
+        if self._blink_samples == DARK_SAMPLES and self._blink == _BLINKING:
+            self._end_blink(sensor)
+
+    def _end_blink(self, sensor):
+        for i in range(CHANNELS):
+            self.dark[i] = self._blink_sums[i]
+        sensor.switch_led(True)
+        self._blink = _RISING
+        self._dark_known = True
+        self._dark_wanted = False
+        self._dark_age_us = 0
+        done, self._on_dark = self._on_dark, None
+        if done:
+            done()
+
+    def _judge(self, sensor):
+        search = self._search
+        peak = 0
+        for i in range(CHANNELS):
+            peak = max(peak, sensor.counts[i] - self.dark[i] // DARK_SAMPLES)
+        outcome = search.step(peak, sensor.full_scale, sensor.saturated)
+        if outcome == AGAIN:
+            self._begin(search.gain, search.led_mA, search.exposure_us)
+            return
+        self._search = None
+        if outcome == DONE:
+            s = self.settings.values
+            s["gain"], s["led_mA"] = search.gain, search.led_mA
+            s["exposure_us"] = sensor.exposure_us
+        else:
+            self.start()
+        self._on_search(outcome, search)

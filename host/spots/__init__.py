@@ -1,0 +1,25 @@
+"""Host side of SPOTS, the stretchable parallel optical tactile sensor.
+
+>>> import spots
+>>> with spots.open() as board:                       # doctest: +SKIP
+...     for touch in board.touches():
+...         if touch.trusted:
+...             print(touch.position_um, touch.force_mN)
+"""
+
+from .board import Board
+from .connect import open
+from .errors import SpotsError
+from .frames import Decoder, LinkStats, Spectrum, Text, Touch
+
+__version__ = "0.1.0"
+__all__ = [
+    "Board",
+    "Decoder",
+    "LinkStats",
+    "Spectrum",
+    "SpotsError",
+    "Text",
+    "Touch",
+    "open",
+]

@@ -1,0 +1,215 @@
+"""A board that one can talk to."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+
+from .clockmap import ClockMap
+from .errors import SpotsError
+from .frames import Decoder, Frame, LinkStats, Text, Touch
+from .link import Link
+
+PROTOCOL = 1
+_HELLO_TIMEOUT_S = 1.0
+_HELLO_TRIES = 3
+# Round trips that begin at different moments of the board's loop: steps of the golden ratio
+# spread evenly over any period.
+_SYNC_ROUND_TRIPS = 12
+_SYNC_SPREAD_S = 0.01
+_GOLDEN = 0.618034
+_POLL_S = 0.1
+# A consumer that falls behind by more than this many frames loses the oldest.
+_QUEUE_FRAMES = 1 << 16
+
+
+class Board:
+    """A connected board. Close it, or use it in a ``with`` block.
+
+    Parameters
+    ----------
+    link : link.Link
+        Taken over; closed with the board.
+
+    Attributes
+    ----------
+    info : dict
+        The board's answer to ``hello``.
+    log : collections.deque of dict
+        Its last log lines.
+
+    Raises
+    ------
+    SpotsError
+        If nothing answers, or the answer is not that of a board of this protocol version.
+    """
+
+    def __init__(self, link: Link):
+        self._link = link
+        self._decoder = Decoder()
+        self._clock = ClockMap()
+        self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
+        self._replies: deque[Text] = deque(maxlen=64)
+        self._on_close: Callable[[], None] | None = None
+        self.log: deque[dict] = deque(maxlen=100)
+        try:
+            self.info = self._hello()
+            for i in range(_SYNC_ROUND_TRIPS):
+                self._idle(i * _GOLDEN % 1 * _SYNC_SPREAD_S)
+                self._sync()
+        except BaseException:
+            link.close()
+            raise
+
+    def __enter__(self) -> Board:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    @property
+    def stats(self) -> LinkStats:
+        """Health of the link since the board was opened."""
+        return self._decoder.stats
+
+    @property
+    def port(self) -> str:
+        """Name of the port."""
+        return self._link.name
+
+    def now_s(self) -> float:
+        """Return the host's time by the clock of `Touch.time_s`."""
+        return self._link.now_s()
+
+    def command(self, line: str, timeout_s: float = 2.0) -> dict:
+        """Send a command and return the reply.
+
+        Parameters
+        ----------
+        line : str
+            See docs/protocol.md, for example ``set exposure_us=10000``.
+        timeout_s : float
+            How long to wait.
+
+        Raises
+        ------
+        SpotsError
+            If the board refuses, or no reply comes in time.
+        """
+        reply = self._exchange(line, timeout_s)
+        if reply is None:
+            raise SpotsError(f"no reply to '{line}' within {timeout_s:g} s; is the board alive?")
+        if "error" in reply.content:
+            raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
+        return reply.content
+
+    def frames(self, seconds: float | None = None) -> Iterator[Frame]:
+        """Yield frames of every kind as they come, those that waited first.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            End after this much time of the link's clock; never, if not given.
+        """
+        end_s = None if seconds is None else self.now_s() + seconds
+        while True:
+            while self._frames:
+                yield self._frames.popleft()
+            if end_s is not None and self.now_s() >= end_s:
+                return
+            left_s = _POLL_S if end_s is None else min(_POLL_S, end_s - self.now_s())
+            self._pump(max(left_s, 0))
+
+    def touches(self, seconds: float | None = None) -> Iterator[Touch]:
+        """Yield the readings among `frames`; asks the board for them if it is silent."""
+        self.command("stream touch")
+        return (frame for frame in self.frames(seconds) if isinstance(frame, Touch))
+
+    def read_latest(self, timeout_s: float = 2.0) -> Touch:
+        """Return the newest reading and forget those before it, so that a view never lags.
+
+        Raises
+        ------
+        SpotsError
+            If none comes in time. The board has to be streaming, see `touches`.
+        """
+        end_s = self.now_s() + timeout_s
+        latest = None
+        self._pump(0)
+        while True:
+            while self._frames:
+                frame = self._frames.popleft()
+                latest = frame if isinstance(frame, Touch) else latest
+            if latest is not None:
+                return latest
+            if self.now_s() >= end_s:
+                raise SpotsError(f"no reading within {timeout_s:g} s; is the board streaming?")
+            self._pump(_POLL_S)
+
+    def close(self) -> None:
+        """Tell the board to be silent and let the port go."""
+        try:
+            self._link.write(b"stream off\n")
+        except SpotsError:
+            pass  # it is gone already
+        self._link.close()
+        if self._on_close:
+            self._on_close()
+
+    def when_closed(self, action: Callable[[], None]) -> None:
+        """Do something after the port was let go."""
+        self._on_close = action
+
+    def _hello(self) -> dict:
+        self._link.write(b"\n")  # ends whatever half a line an earlier program left
+        for _ in range(_HELLO_TRIES):
+            reply = self._exchange("hello", _HELLO_TIMEOUT_S)
+            if reply is not None:
+                break
+        else:
+            raise SpotsError(
+                f"what is on {self.port} does not answer 'hello': it is not one of our boards, "
+                "or its firmware is not running"
+            )
+        version = reply.content.get("protocol")
+        if version != PROTOCOL:
+            raise SpotsError(
+                f"the board on {self.port} speaks protocol {version}, this program {PROTOCOL}: "
+                "update whichever is older"
+            )
+        # What came before the reply may have begun in the middle of a frame.
+        self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
+        self._frames.clear()
+        return reply.content
+
+    def _sync(self) -> None:
+        sent_s = self.now_s()
+        reply = self.command("sync")
+        self._clock.round_trip(sent_s, reply["t_us"], self.now_s())
+
+    def _idle(self, seconds: float) -> None:
+        end_s = self.now_s() + seconds
+        while self.now_s() < end_s:
+            self._pump(end_s - self.now_s())
+
+    def _exchange(self, line: str, timeout_s: float) -> Text | None:
+        name = line.split()[0] if line.split() else ""
+        self._replies.clear()
+        self._link.write(line.encode("ascii", "replace") + b"\n")
+        end_s = self.now_s() + timeout_s
+        while self.now_s() < end_s:
+            self._pump(min(_POLL_S, timeout_s))
+            while self._replies:
+                reply = self._replies.popleft()
+                if reply.content.get("re") == name:
+                    return reply
+        return None
+
+    def _pump(self, timeout_s: float) -> None:
+        for frame in self._decoder.feed(self._link.read(timeout_s)):
+            if not isinstance(frame, Text):
+                self._frames.append(frame._replace(time_s=self._clock.host_s(frame.t_us)))
+            elif "log" in frame.content:
+                self.log.append(frame.content)
+            else:
+                self._replies.append(frame)

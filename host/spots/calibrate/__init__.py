@@ -1,0 +1,1 @@
+"""Calibration: presses at known places and forces in, the board's integers out."""

@@ -1,0 +1,136 @@
+"""Finding a board and opening it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+from .board import Board
+from .errors import SpotsError
+from .link import SerialLink, usb_ports
+
+VIRTUAL = "virtual"
+
+
+def open(
+    port: str | None = None, *, sensor: str = "default", scenario: str = "demo", seed: int = 0
+) -> Board:
+    """Open a board.
+
+    Parameters
+    ----------
+    port : str, optional
+        A serial port; ``"virtual"`` starts a simulated board in real time; if not given, every
+        USB serial port is asked ``hello``, and exactly one has to answer.
+    sensor, scenario : str
+        Files of the virtual board, by path or name.
+    seed : int
+        Of the virtual board's noise.
+
+    Raises
+    ------
+    SpotsError
+        If no board, or more than one, is there; the text says what to do.
+    """
+    if port == VIRTUAL:
+        return open_virtual(sensor, scenario, seed)[0]
+    if port is not None:
+        return Board(SerialLink(port))
+    found = find()
+    if not found:
+        raise SpotsError("no board found; plug one in, or try port 'virtual'")
+    if len(found) > 1:
+        names = ", ".join(board.port for board in found)
+        for board in found:
+            board.close()
+        raise SpotsError(f"more than one board found, name one of: {names}")
+    return found[0]
+
+
+def find() -> list[Board]:
+    """Ask every USB serial port who it is and return the boards that answered, open."""
+    boards = []
+    for port in usb_ports():
+        try:
+            boards.append(Board(SerialLink(port.device)))
+        except SpotsError:
+            continue  # busy, or another kind of device
+    return boards
+
+
+def survey() -> list[dict]:
+    """Ask every USB serial port who it is; return port, USB device and answer of each."""
+    rows = []
+    for port in usb_ports():
+        try:
+            with Board(SerialLink(port.device)) as board:
+                answer = "{board}, firmware {firmware}, {runtime}, id {id}".format(**board.info)
+        except SpotsError as error:
+            answer = str(error)
+        rows.append({"port": port.device, "device": port.description, "answer": answer})
+    return rows
+
+
+def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
+    """Start a virtual board in real time, calibrated on the simulated stage, and open it.
+
+    Returns
+    -------
+    board : Board
+        Ends the virtual board when closed.
+    started_s : float
+        Host time of time 0 of its scenario.
+    """
+    from .calibrate.stage import calibrate  # the simulator only where it is used
+    from .sim.files import SensorFile, load
+
+    calibration = calibrate(load(SensorFile, sensor))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "spots.sim.realtime", sensor, scenario, str(seed)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+    def end():
+        process.stdin.close()
+        process.stdout.close()
+        process.wait()
+
+    try:
+        start = json.loads(process.stdout.readline() or '{"error": "the simulator did not start"}')
+        if "error" in start:
+            raise SpotsError(start["error"])
+        board = Board(SerialLink(start["port"]))
+    except BaseException:
+        end()
+        raise
+    board.when_closed(end)
+    upload(board, calibration)
+    return board, start["started_s"]
+
+
+def upload(board: Board, calibration) -> None:
+    """Give a board a calibration.
+
+    Parameters
+    ----------
+    board : Board
+    calibration : sequence of str
+        Lines, see `tactile.calibration`.
+
+    Raises
+    ------
+    SpotsError
+        If the board refuses it, or it does not hold at the board's present settings.
+    """
+    from tactile.settings import checksum
+
+    board.command("cal begin")
+    for line in calibration:
+        board.command("cal " + line)
+    reply = board.command("cal end " + checksum(list(calibration)))
+    if "note" in reply:
+        raise SpotsError(reply["note"])

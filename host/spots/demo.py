@@ -1,0 +1,115 @@
+"""The main job on the virtual board, and the same view of any other board."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import nullcontext
+
+from rich.console import Console
+
+from .board import Board
+from .connect import open_virtual, upload
+from .frames import Touch
+from .link import Link
+from .score import Score
+from .view import Pace, View, live, plain
+
+_PLAIN_LINES_PER_S = 4
+
+
+class _Hashing:
+    """A link that keeps the SHA-256 of all that was read from it."""
+
+    def __init__(self, link: Link):
+        self._link = link
+        self.sha256 = hashlib.sha256()
+        self.name, self.now_s, self.write = link.name, link.now_s, link.write
+        self.close = link.close
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        self.sha256.update(data)
+        return data
+
+
+def demo(
+    sensor: str, scenario: str, seed: int, seconds: float | None, fast: bool, quiet: bool
+) -> dict:
+    """Run the virtual board, show what it feels, and return the run in figures.
+
+    Parameters
+    ----------
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    seconds : float or None
+        Length of the run; None for no end.
+    fast : bool
+        In simulated time: as fast as the machine can, the same bytes every time.
+    quiet : bool
+        Show nothing.
+    """
+    from .sim.files import ScenarioFile, load
+    from .sim.scenario import Scenario
+
+    truth = Scenario(load(ScenarioFile, scenario))
+    if fast:
+        board, link = _open_fast(sensor, truth, seed)
+        started_s = 0.0
+    else:
+        (board, started_s), link = open_virtual(sensor, scenario, seed), None
+    score = Score(truth, started_s)
+    with board:
+        watch(board, seconds, quiet, score)
+        summary = score.summary(board.info, board.stats)
+    if link is not None:
+        summary["stream_sha256"] = link.sha256.hexdigest()
+    return summary
+
+
+def _open_fast(sensor: str, truth, seed: int) -> tuple[Board, _Hashing]:
+    from .calibrate.stage import calibrate
+    from .sim.files import SensorFile, load
+    from .sim.lockstep import LockstepLink
+
+    file = load(SensorFile, sensor)
+    calibration = calibrate(file)
+    link = _Hashing(LockstepLink(file, truth, seed))
+    board = Board(link)
+    upload(board, calibration)
+    return board, link
+
+
+def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None = None) -> None:
+    """Show a board's readings until the time is over or Ctrl-C.
+
+    A live picture on a terminal, plain lines elsewhere.
+    """
+    console = Console()
+    drawing = console.is_terminal and not quiet
+    board.command("stream touch spectrum" if drawing else "stream touch")
+    view = View(board.command("hello"), board.port)
+    pace = Pace() if drawing else Pace(_PLAIN_LINES_PER_S)
+    try:
+        with live(console) if drawing else nullcontext() as display:
+            for frame in board.frames(seconds):
+                now_s = board.now_s()
+                view.take(frame)
+                if isinstance(frame, Touch) and score is not None:
+                    score.take(frame, now_s)
+                if drawing and pace.due(now_s):
+                    display.update(view.picture(board.stats, _facts(score)), refresh=True)
+                elif not drawing and not quiet and isinstance(frame, Touch) and pace.due(now_s):
+                    print(plain(frame), flush=True)
+    except KeyboardInterrupt:
+        pass
+
+
+def _facts(score: Score | None) -> dict[str, str]:
+    if score is None or not score.readings:
+        return {}
+    facts = {"rate": f"{score.rate_hz:.1f} Hz", "latency": f"{score.latency_ms(50):.1f} ms"}
+    if score.position_rmse_um is not None:
+        facts["error"] = f"{score.position_rmse_um:.0f} µm rms, {score.force_rmse_mN:.0f} mN rms"
+    return facts

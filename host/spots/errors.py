@@ -1,0 +1,8 @@
+"""What a user can put right."""
+
+
+class SpotsError(Exception):
+    """A mistake or a fault outside the program; the text says what is wrong and what to do.
+
+    The command line prints it as one line and ends with exit code 2.
+    """

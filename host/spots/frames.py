@@ -1,0 +1,220 @@
+"""Bytes from a board to frames. No I/O, no threads; see docs/protocol.md.
+
+One decoder serves live links, recordings and the simulator.
+"""
+
+from __future__ import annotations
+
+import binascii
+import json
+import struct
+from dataclasses import dataclass
+from typing import NamedTuple, Union
+
+from cobs import cobs
+from tactile import decode, frame
+
+_HEADER = struct.Struct(frame.HEADER)
+_TOUCH = struct.Struct("<" + frame.TOUCH_BODY)
+_SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
+_CRC_SIZE = 2
+# COBS adds one byte, and one more for each 254.
+_ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + _CRC_SIZE + 4
+_SEQUENCES = 1 << 16
+
+_DOUBTFUL = (
+    decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
+)
+
+
+class Touch(NamedTuple):
+    """One reading of a strip.
+
+    Attributes
+    ----------
+    sensor : int
+        Which sensor of the board.
+    sequence : int
+        Number of the frame on its link, modulo 2**16.
+    t_us : int
+        Board time of the middle of the integration, modulo 2**32.
+    flags : int
+        Bits of `tactile.decode`.
+    contrast_q20, brightness_q20 : int
+        log2 units times 2**20; see the properties.
+    position_um : int
+        Distance of the press from the sensor's end of the strip.
+    force_mN : int
+        Force of the press.
+    time_s : float or None
+        The same moment on the host's monotonic clock, where the link knows it.
+    """
+
+    sensor: int
+    sequence: int
+    t_us: int
+    flags: int
+    contrast_q20: int
+    brightness_q20: int
+    position_um: int
+    force_mN: int
+    time_s: float | None = None
+
+    @property
+    def touching(self) -> bool:
+        """Whether a finger is on the strip, with hysteresis."""
+        return bool(self.flags & decode.TOUCHING)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether position and force hold: touching, and nothing in the flags against it."""
+        return self.touching and not self.flags & _DOUBTFUL
+
+    @property
+    def contrast(self) -> float:
+        """Position contrast, in units of log2."""
+        return self.contrast_q20 / (1 << 20)
+
+    @property
+    def brightness(self) -> float:
+        """Brightness, in units of log2 counts."""
+        return self.brightness_q20 / (1 << 20)
+
+
+class Spectrum(NamedTuple):
+    """The six counts behind a reading, dark not subtracted.
+
+    Attributes
+    ----------
+    gain : int
+        Register code 0 to 10 for 0.5x to 512x.
+    counts : tuple of int
+        ADC 0 to 5, in the order of the board's channel plan.
+    """
+
+    sensor: int
+    sequence: int
+    t_us: int
+    flags: int
+    gain: int
+    counts: tuple[int, ...]
+    time_s: float | None = None
+
+
+class Text(NamedTuple):
+    """A reply to a command, or a log line."""
+
+    sensor: int
+    sequence: int
+    t_us: int
+    content: dict
+    time_s: float | None = None
+
+
+Frame = Union[Touch, Spectrum, Text]
+
+
+@dataclass
+class LinkStats:
+    """Health of a link.
+
+    Attributes
+    ----------
+    frames : int
+        Good frames, those of unknown kinds included.
+    lost : int
+        Frames that are missing, by their sequence numbers.
+    bad_crc : int
+        Pieces between two delimiters that were no good frame.
+    bytes : int
+        All bytes received.
+    """
+
+    frames: int = 0
+    lost: int = 0
+    bad_crc: int = 0
+    bytes: int = 0
+
+
+class Decoder:
+    """Frames out of a byte stream, whatever happens to it.
+
+    A piece that fails its CRC is counted and dropped; the next delimiter starts anew. Memory is
+    bounded by the longest frame.
+    """
+
+    def __init__(self):
+        self.stats = LinkStats()
+        self._rest = b""
+        self._overlong = False
+        self._expected = None
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take bytes in pieces of any size and return the frames that they complete."""
+        self.stats.bytes += len(data)
+        *pieces, rest = (self._rest + data).split(b"\0")
+        frames = []
+        for piece in pieces:
+            if self._overlong:
+                self._overlong = False
+            elif piece:
+                self._take(piece, frames)
+        if len(rest) > _ENCODED_MAX:
+            if not self._overlong:
+                self.stats.bad_crc += 1
+            self._overlong, rest = True, b""
+        self._rest = rest
+        return frames
+
+    def _take(self, piece: bytes, frames: list[Frame]) -> None:
+        payload = _checked(piece)
+        if payload is None:
+            self.stats.bad_crc += 1
+            return
+        kind, sequence, low, high = _HEADER.unpack_from(payload)
+        self._count(sequence)
+        parse = _PARSERS.get(kind & 0x0F)
+        if parse is not None:
+            try:
+                body = payload[frame.HEADER_SIZE :]
+                frames.append(parse(kind >> 4, sequence, low | high << 16, body))
+            except (struct.error, ValueError):
+                self.stats.bad_crc += 1
+
+    def _count(self, sequence: int) -> None:
+        if self._expected is not None:
+            gap = (sequence - self._expected) % _SEQUENCES
+            if gap < _SEQUENCES // 2:  # else an old frame came again, or the board restarted
+                self.stats.lost += gap
+        self._expected = (sequence + 1) % _SEQUENCES
+        self.stats.frames += 1
+
+
+def _checked(piece: bytes) -> bytes | None:
+    try:
+        payload = cobs.decode(piece)
+    except cobs.DecodeError:
+        return None
+    if len(payload) < frame.HEADER_SIZE + _CRC_SIZE:
+        return None
+    body, low, high = payload[:-_CRC_SIZE], payload[-2], payload[-1]
+    return body if binascii.crc_hqx(body, 0xFFFF) == low | high << 8 else None
+
+
+def _touch(sensor, sequence, t_us, body):
+    return Touch(sensor, sequence, t_us, *_TOUCH.unpack(body))
+
+
+def _spectrum(sensor, sequence, t_us, body):
+    flags, gain, *counts = _SPECTRUM.unpack(body)
+    return Spectrum(sensor, sequence, t_us, flags, gain, tuple(counts))
+
+
+def _text(sensor, sequence, t_us, body):
+    content = json.loads(body)
+    if not isinstance(content, dict):
+        raise ValueError("a text frame holds one JSON object")
+    return Text(sensor, sequence, t_us, content)
+
+
+_PARSERS = {frame.TOUCH: _touch, frame.SPECTRUM: _spectrum, frame.TEXT: _text}

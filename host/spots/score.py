@@ -1,0 +1,90 @@
+"""How good a run was: readings against the scenario's truth, rate, latency."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .frames import LinkStats, Touch
+from .sim.scenario import Scenario
+
+
+class Score:
+    """Takes readings as they come.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The truth.
+    started_s : float
+        Host time of the scenario's time 0.
+    """
+
+    def __init__(self, scenario: Scenario, started_s: float):
+        self._scenario = scenario
+        self._started_s = started_s
+        self._position_errors_um: list[float] = []
+        self._force_errors_mN: list[float] = []
+        self._latencies_ms: list[float] = []
+        self._touching = False
+        self._first_s = self._last_s = math.nan
+        self.readings = 0
+        self.touches = 0
+
+    def take(self, touch: Touch, arrived_s: float) -> None:
+        """Compare a reading with the one finger that touched at its time, if it was one."""
+        if not self.readings:
+            self._first_s = touch.time_s
+        self._last_s = touch.time_s
+        self.readings += 1
+        self._latencies_ms.append(1000 * (arrived_s - touch.time_s))
+        self.touches += touch.touching and not self._touching
+        self._touching = touch.touching
+        presses = self._scenario.presses(touch.time_s - self._started_s)
+        if touch.trusted and len(presses) == 1:
+            self._position_errors_um.append(touch.position_um - 1000 * presses[0].position_mm)
+            self._force_errors_mN.append(touch.force_mN - presses[0].force_mN)
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings per second of board time."""
+        span_s = self._last_s - self._first_s
+        return (self.readings - 1) / span_s if span_s > 0 else 0.0
+
+    @property
+    def position_rmse_um(self) -> float | None:
+        """Root mean square error of the position while touching."""
+        return _rms(self._position_errors_um)
+
+    @property
+    def force_rmse_mN(self) -> float | None:
+        """Root mean square error of the force while touching."""
+        return _rms(self._force_errors_mN)
+
+    def latency_ms(self, percentile: float) -> float | None:
+        """From the middle of the integration until the reading was in the program's hands."""
+        return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
+
+    def summary(self, info: dict, stats: LinkStats) -> dict:
+        """Return the run in figures."""
+        return {
+            "runtime": info["runtime"],
+            "board": info["board"],
+            "frames": stats.frames,
+            "lost": stats.lost,
+            "bad_crc": stats.bad_crc,
+            "rate_hz": _rounded(self.rate_hz),
+            "touches": self.touches,
+            "position_rmse_um": self.position_rmse_um,
+            "force_rmse_mN": self.force_rmse_mN,
+            "latency_ms": {"p50": self.latency_ms(50), "p99": self.latency_ms(99)},
+        }
+
+
+def _rms(errors: list[float]) -> float | None:
+    return _rounded(math.sqrt(sum(e * e for e in errors) / len(errors))) if errors else None
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 3)

@@ -1,0 +1,1 @@
+"""The simulated sensor and the virtual board. Knows neither the driver nor the decoder."""

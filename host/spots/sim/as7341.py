@@ -1,0 +1,292 @@
+"""A register-level AS7341: what the chip would answer, byte by byte.
+
+Written from the ams datasheet DS000504 v3-00 and application note AN000666 v1-01 alone; it shares
+no constant with the firmware's driver, which it is here to test. Where no document settles a
+behaviour it is a field of `Quirks`, and a driver has to work under every value.
+
+The chip knows no optics. It asks a light source what each photodiode collects between two
+moments: ``light.collect(start_us, end_us, led_mA) -> dict`` of counts at gain 1x by diode name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+STEP_US = 2.78
+AUTO_ZERO_US = 15_000.0
+POWER_ON_US = 200.0
+
+# AN000666, table of pixels: each photodiode is one or two of them.
+PIXELS_OF = {
+    "F1": (2, 32), "F2": (10, 25), "F3": (1, 31), "F4": (11, 26), "F5": (13, 19), "F6": (8, 29),
+    "F7": (14, 20), "F8": (7, 28), "CLEAR": (17, 35), "NIR": (38,), "DARK": (37,), "FLICKER": (39,),
+}  # fmt: skip
+DIODES = tuple(PIXELS_OF)
+
+# DS000504, figure "gain": relative to 64x; the steps are no exact powers of two.
+GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
+
+_RESET_VALUES = {
+    0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
+    0xCA: 0xE7, 0xCB: 0x03, 0xD6: 0xFF,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Quirks:
+    """What the documents leave open, and the tolerance of the oscillator."""
+
+    auto_zero_at_every_start: bool = True
+    avalid_clears_on_read: bool = False
+    aint_needs_sp_ien: bool = True
+    smux_us: float = 200.0
+    clock_error_percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the converter, in counts of the six ADCs.
+
+    Attributes
+    ----------
+    read_counts : float
+        Standard deviation added before rounding.
+    electrons_per_count_1x : float
+        Photo-electrons in one count at gain 1x, for the shot noise.
+    dark_counts_512x : float
+        Dark counts at 512x in 98 ms.
+    """
+
+    read_counts: float
+    electrons_per_count_1x: float
+    dark_counts_512x: float
+
+
+class AS7341:
+    """One chip, from power-on at time 0.
+
+    Parameters
+    ----------
+    light : object
+        See the module's text.
+    noise : Noise
+    rng : numpy.random.Generator
+    quirks : Quirks
+    """
+
+    address = 0x39
+
+    def __init__(self, light, noise: Noise, rng, quirks: Quirks = Quirks()):
+        self._light = light
+        self._noise = noise
+        self._rng = rng
+        self._quirks = quirks
+        self._step_us = STEP_US * (1 + quirks.clock_error_percent / 100)
+        self._main = bytearray(256)
+        for register, value in _RESET_VALUES.items():
+            self._main[register] = value
+        self._bank1 = bytearray(256)
+        self._bank1[0x74] = 0x04
+        self._smux_ram = bytearray(20)
+        self._routing = np.zeros((6, len(DIODES)))
+        self._pointer = 0
+        self._now = 0.0
+        self._smux_done = None
+        self._zeroed = False
+        self._start = None  # of the running integration
+        self._part_start = 0.0  # up to where its light has been collected
+        self._collected = np.zeros(len(DIODES))
+        self._cycle = 0
+        self._live = (0, [0] * 6)  # ASTATUS and counts of the last sample
+        self._latched = (0, [0] * 6)
+        self.samples = 0
+        self.integrating_us = 0.0
+
+    # The bus side. A controller calls advance(now) first, so that time never runs backwards.
+
+    def answers(self) -> bool:
+        """Whether the chip acknowledges its address now."""
+        return self._now >= POWER_ON_US
+
+    def write(self, data: bytes) -> None:
+        """A write transfer: register, then bytes; the pointer auto-increments."""
+        if not data:
+            return
+        self._pointer = data[0]
+        for value in data[1:]:
+            self._set(self._pointer, value)
+            self._pointer = (self._pointer + 1) & 0xFF
+
+    def read(self, size: int) -> bytes:
+        """A read transfer from the pointer on."""
+        data = bytearray()
+        for _ in range(size):
+            data.append(self._get(self._pointer))
+            self._pointer = (self._pointer + 1) & 0xFF
+        return bytes(data)
+
+    def advance(self, now_us: float) -> None:
+        """Let time pass up to `now_us`."""
+        self._now = now_us = max(now_us, self._now)
+        if self._smux_done is not None and now_us >= self._smux_done:
+            self._smux_done = None
+            self._run_smux()
+        while self._start is not None and now_us >= self._end():
+            self._complete(self._end())
+
+    # Registers.
+
+    def _bank1_selected(self) -> bool:
+        return bool(self._main[0xA9] & 0x10)
+
+    def _get(self, register: int) -> int:
+        if register < 0x14:
+            return self._smux_ram[register]
+        if 0x60 <= register <= 0x74 and self._bank1_selected():
+            return self._get_bank1(register)
+        if register < 0x80 or (self._bank1_selected() and register != 0xA9):
+            return 0
+        if register == 0x94:
+            return self._latch()
+        if 0x95 <= register <= 0xA0:
+            return self._count_byte(register - 0x95)
+        return self._main[register]
+
+    def _get_bank1(self, register: int) -> int:
+        if register == 0x60:
+            return self._latch()
+        if register in (0x61, 0x62):
+            return self._count_byte(register - 0x61)
+        if 0x63 <= register <= 0x65:
+            return int(self._integration_us() / STEP_US) >> (8 * (register - 0x63)) & 0xFF
+        if register <= 0x6F:
+            return self._count_byte(2 + register - 0x66)
+        return self._bank1[register]
+
+    def _latch(self) -> int:
+        self._latched = self._live
+        if self._quirks.avalid_clears_on_read:
+            self._main[0xA3] &= ~0x40
+        return self._latched[0]
+
+    def _count_byte(self, i: int) -> int:
+        return self._latched[1][i >> 1] >> (8 * (i & 1)) & 0xFF
+
+    def _set(self, register: int, value: int) -> None:
+        if register < 0x14:
+            self._smux_ram[register] = value
+        elif 0x60 <= register <= 0x74:
+            if self._bank1_selected() and register >= 0x70:
+                self._collect(self._now)  # the light may change here
+                self._bank1[register] = value
+        elif register == 0xA9:
+            self._main[register] = value
+        elif register < 0x80 or self._bank1_selected() or register in (0x90, 0x91, 0x92):
+            return
+        elif register == 0x93:
+            self._main[register] &= ~value
+        elif register == 0x80:
+            self._set_enable(value)
+        else:
+            self._main[register] = value
+
+    def _set_enable(self, value: int) -> None:
+        before = self._main[0x80]
+        self._main[0x80] = value
+        if not value & 0x01:
+            self._zeroed = False
+        if value & 0x10 and not before & 0x10:
+            self._smux_done = self._now + self._quirks.smux_us
+        running = value & 0x03 == 0x03
+        if running and self._start is None:
+            self._begin(self._now + self._auto_zero_at_start())
+        elif not running and self._start is not None:
+            self._collect(self._now)
+            self.integrating_us += max(0.0, self._now - self._start)
+            self._start = None
+
+    def _run_smux(self) -> None:
+        self._main[0x80] &= ~0x10
+        command = self._main[0xAF] >> 3 & 3
+        if command == 2:
+            self._routing[:] = 0
+            for diode, pixels in PIXELS_OF.items():
+                for pixel in pixels:
+                    adc = self._smux_ram[pixel >> 1] >> (4 * (pixel & 1)) & 0xF
+                    if 1 <= adc <= 6:
+                        self._routing[adc - 1, DIODES.index(diode)] += 1 / len(pixels)
+
+    # Integration.
+
+    def _integration_us(self) -> float:
+        astep = self._main[0xCA] | self._main[0xCB] << 8
+        return (self._main[0x81] + 1) * (astep + 1) * self._step_us
+
+    def _full_scale(self) -> int:
+        astep = self._main[0xCA] | self._main[0xCB] << 8
+        return min(65535, (self._main[0x81] + 1) * (astep + 1))
+
+    def _auto_zero_at_start(self) -> float:
+        wanted = self._main[0xD6] != 0
+        if wanted and (self._quirks.auto_zero_at_every_start or not self._zeroed):
+            self._zeroed = True
+            return AUTO_ZERO_US
+        return 0.0
+
+    def _begin(self, start_us: float) -> None:
+        self._start = self._part_start = start_us
+        self._collected[:] = 0
+        self._main[0xA3] &= ~0x40
+
+    def _end(self) -> float:
+        return self._start + self._integration_us()
+
+    def _led_mA(self) -> float:
+        on = self._bank1[0x70] & 0x08 and self._bank1[0x74] & 0x80
+        return 4.0 + 2.0 * (self._bank1[0x74] & 0x7F) if on else 0.0
+
+    def _collect(self, until_us: float) -> None:
+        if self._start is None or until_us <= self._part_start:
+            return
+        part = self._light.collect(self._part_start, until_us, self._led_mA())
+        self._collected += [part.get(diode, 0.0) for diode in DIODES]
+        self._part_start = until_us
+
+    def _complete(self, end_us: float) -> None:
+        self._collect(end_us)
+        counts, saturation = self._convert(end_us - self._start)
+        gain = self._main[0xAA] & 0x1F
+        self._live = ((0x80 if saturation else 0) | min(gain, 10), counts)
+        self._main[0xA3] = 0x40 | saturation
+        if saturation:
+            self._main[0x93] |= 0x80
+        if self._main[0xF9] & 0x08 or not self._quirks.aint_needs_sp_ien:
+            self._main[0x93] |= 0x08
+        self.samples += 1
+        self.integrating_us += end_us - self._start
+        self._cycle += 1
+        every = self._main[0xD6]
+        pause = AUTO_ZERO_US if 0 < every < 255 and self._cycle % every == 0 else 0.0
+        if self._main[0x80] & 0x08:
+            pause += (self._main[0x83] + 1) * 2780.0
+        self._start = self._part_start = end_us + pause
+        self._collected[:] = 0
+
+    def _convert(self, duration_us: float) -> tuple[list[int], int]:
+        noise = self._noise
+        gain = GAIN[min(self._main[0xAA] & 0x1F, 10)]
+        dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
+        ideal = self._routing @ self._collected * gain + dark
+        electrons = noise.electrons_per_count_1x / gain
+        sigma = np.sqrt(noise.read_counts**2 + np.maximum(ideal, 0) / electrons)
+        full_scale = self._full_scale()
+        noisy = np.floor(ideal + sigma * self._rng.standard_normal(6) + 0.5)
+        counts = np.clip(noisy, 0, full_scale).astype(int).tolist()
+        if self._main[0x80] & 0x40:
+            counts[5] = 0
+        digital = 0x10 if max(counts) >= full_scale else 0
+        # A converter makes at most one count a step; far above that its front end clips.
+        analog = 0x08 if ideal.max() > 1.5 * duration_us / STEP_US else 0
+        return counts, digital | analog

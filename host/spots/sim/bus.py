@@ -1,0 +1,90 @@
+"""An I2C bus with one chip on it: timing, acknowledgement, and a ledger of what went over it."""
+
+from __future__ import annotations
+
+import errno
+from dataclasses import dataclass, field
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What the simulation takes its time from."""
+
+    def now_us(self) -> float:
+        """Return the time since power-on."""
+
+    def spend_us(self, duration_us: float) -> None:
+        """Let a transfer or a sleep take its time."""
+
+
+@dataclass
+class SimulatedClock:
+    """A clock that stands still but when it is told to move."""
+
+    time_us: float = 0.0
+
+    def now_us(self) -> float:
+        return self.time_us
+
+    def spend_us(self, duration_us: float) -> None:
+        self.time_us += duration_us
+
+
+@dataclass
+class Ledger:
+    """Transfers, bytes on the wire (addresses and registers included) and bus time."""
+
+    transactions: int = 0
+    wire_bytes: int = 0
+    bus_us: float = 0.0
+
+
+@dataclass
+class Bus:
+    """A controller's view of the wires: 9 clocks a byte, and START, STOP, repeated START."""
+
+    chip: object
+    clock: Clock
+    frequency_hz: int = 400_000
+    ledger: Ledger = field(default_factory=Ledger)
+
+    def write(self, address: int, data: bytes) -> None:
+        """START, address, data, STOP. Raises OSError(ENODEV) if nobody acknowledges."""
+        self._address(address)
+        self._spend(2, 1 + len(data))
+        self.chip.advance(self.clock.now_us())
+        self.chip.write(data)
+
+    def write_read(self, address: int, data: bytes, size: int) -> bytes:
+        """START, address, data, repeated START, address, `size` bytes, STOP."""
+        self._address(address)
+        bits, count = 3, 2 + len(data) + size
+        # The chip is read as its first byte goes out, which is before the transfer ends.
+        self.chip.advance(self.clock.now_us() + self._bits_us(bits + 9 * (2 + len(data))))
+        self.chip.write(data)
+        answer = self.chip.read(size)
+        self._spend(bits, count)
+        return answer
+
+    def read(self, address: int, size: int) -> bytes:
+        """START, address, `size` bytes from where the pointer stands, STOP."""
+        self._address(address)
+        self._spend(2, 1 + size)
+        self.chip.advance(self.clock.now_us())
+        return self.chip.read(size)
+
+    def _address(self, address: int) -> None:
+        self.ledger.transactions += 1
+        self.chip.advance(self.clock.now_us())
+        if address != self.chip.address or not self.chip.answers():
+            self._spend(2, 1)
+            raise OSError(errno.ENODEV, "no acknowledge")
+
+    def _bits_us(self, bits: int) -> float:
+        return bits * 1e6 / self.frequency_hz
+
+    def _spend(self, bits: int, count: int) -> None:
+        duration_us = self._bits_us(bits + 9 * count)
+        self.ledger.wire_bytes += count
+        self.ledger.bus_us += duration_us
+        self.clock.spend_us(duration_us)

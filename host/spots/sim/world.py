@@ -1,0 +1,86 @@
+"""A strip in a scenario, as the light source of a simulated chip."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .as7341 import AS7341, Noise, Quirks
+from .files import Contact, SensorFile
+from .optics import Optics
+
+# A moving finger is followed in steps of at most this within one integration.
+_STEP_US = 2_500.0
+
+
+def coupling(contact: Contact, force_mN: float) -> float:
+    """Return the share of full contact at a force: 0 below the threshold, towards 1 above it.
+
+    Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A).
+    """
+    over = (force_mN - contact.threshold_mN) / contact.half_mN
+    return over / (1 + over) if over > 0 else 0.0
+
+
+class World:
+    """Collects light for a chip: ``collect(start_us, end_us, led_mA)``.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    scenario : scenario.Scenario or scenario.Held
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, sensor: SensorFile, scenario, rng):
+        self._sensor = sensor
+        self._scenario = scenario
+        self._rng = rng
+        self._optics = Optics(sensor)
+
+    def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
+        """Return the counts at gain 1x by diode that an ideal converter would make."""
+        duration_us = end_us - start_us
+        steps = max(1, math.ceil(duration_us / _STEP_US))
+        step_us = duration_us / steps
+        rates = np.zeros(len(self._optics.names))
+        if led_mA > 0:
+            for i in range(steps):
+                rates += self._lit((start_us + (i + 0.5) * step_us) * 1e-6) / steps
+            rates *= self._optics.source_uW_cm2(led_mA) * self._led_level(start_us, duration_us)
+        ambient = self._scenario.ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
+        rates += self._optics.ambient(ambient)
+        return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
+
+    def _lit(self, time_s: float) -> np.ndarray:
+        rates = np.zeros(len(self._optics.names))
+        for press in self._scenario.presses(time_s):
+            share = coupling(self._sensor.contact, press.force_mN)
+            if share > 0:
+                rates += share * self._optics.press(press.position_mm, press.width_mm)
+        return rates
+
+    def _led_level(self, start_us: float, duration_us: float) -> float:
+        led = self._sensor.led
+        warm = led.warm_up_percent / 100 * math.exp(-start_us * 1e-6 / led.warm_up_s)
+        white = led.noise_ppm_10ms * 1e-6 * math.sqrt(10_000 / duration_us)
+        return 1 + warm + white * self._rng.standard_normal()
+
+
+def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
+    """Return a simulated AS7341 at the end of a strip, with noise from `seed`."""
+    rng = np.random.default_rng(seed)
+    c = sensor.converter
+    return AS7341(
+        World(sensor, scenario, rng),
+        Noise(c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x),
+        rng,
+        Quirks(
+            c.auto_zero_at_every_start,
+            c.avalid_clears_on_read,
+            c.aint_needs_sp_ien,
+            c.smux_us,
+            c.clock_error_percent,
+        ),
+    )

@@ -1,0 +1,168 @@
+"""What a person sees: the strip, its spectrum and the link, as a picture in the terminal."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from .frames import Frame, LinkStats, Spectrum, Touch
+
+_FULL_FORCE_MN = 10_000
+_DEFAULT_LENGTH_UM = 85_000
+_BAR_COLUMNS = 40
+_TRACE_COLUMNS = 64
+_EIGHTHS = " ▏▎▍▌▋▊▉█"
+_LEVELS = " ▁▂▃▄▅▆▇█"
+_REDRAWS_PER_S = 15
+# What a channel's band looks like, DS000504.
+_CHANNEL_COLOURS = {
+    "F1": "#7600ed", "F2": "#0028ff", "F3": "#00d5ff", "F4": "#1fff00", "F5": "#b3ff00",
+    "F6": "#ffdf00", "F7": "#ff4f00", "F8": "#d00000", "CLEAR": "#f0f0f0", "NIR": "#8a5a5a",
+}  # fmt: skip
+_FLAG_WORDS = ((1, "saturated"), (4, "not one press"), (6, "not calibrated"), (7, "LED off"))
+
+
+class View:
+    """State of the picture, and the picture.
+
+    Parameters
+    ----------
+    info : dict
+        The board's ``hello``.
+    port : str
+        Its port.
+    """
+
+    def __init__(self, info: dict, port: str):
+        self._info = info
+        self._port = port
+        self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
+        self._touch: Touch | None = None
+        self._spectrum: Spectrum | None = None
+        self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
+
+    def take(self, frame: Frame) -> None:
+        """Show this frame from now on."""
+        if isinstance(frame, Touch):
+            self._touch = frame
+            self._trace.append(frame)
+        elif isinstance(frame, Spectrum):
+            self._spectrum = frame
+
+    def picture(self, stats: LinkStats, facts: dict[str, str]) -> Panel:
+        """Return the picture, with `facts` under the statistics of the link."""
+        info = self._info
+        parts = [self._strip(), Text(), self._numbers(), self._history(), Text()]
+        parts += [self._bars(), Text(), _facts(stats, facts)]
+        title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
+        return Panel(Group(*parts), title=title, width=_TRACE_COLUMNS + 16, padding=(1, 2))
+
+    def _strip(self) -> Text:
+        # The dyed guide reddens away from the sensor; a press is where it is bright.
+        touch = self._touch
+        columns = _TRACE_COLUMNS
+        at = size = -1.0
+        if touch is not None and touch.touching:
+            at = touch.position_um / self._length_um * (columns - 1)
+            size = 0.6 + 2.5 * min(touch.force_mN / _FULL_FORCE_MN, 1)
+        line = Text("sensor ▐")
+        for column in range(columns):
+            share = column / (columns - 1)
+            red, rest = 120 + round(40 * (1 - share)), round(110 * (1 - share) ** 2 + 14)
+            if at >= 0 and abs(column - at) <= size:
+                red, rest = 255, 235 - round(60 * share)
+            line.append("█", style=f"rgb({red},{rest},{rest})")
+        return line
+
+    def _numbers(self) -> Table:
+        touch = self._touch
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(justify="right", width=9)
+        grid.add_column(justify="right", width=10)
+        grid.add_column()
+        held = touch is not None and touch.touching
+        place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
+        force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
+        words = " ".join(
+            w for bit, w in _FLAG_WORDS if touch is not None and touch.flags >> bit & 1
+        )
+        grid.add_row("position", place, Text(words, style="yellow"))
+        share = touch.force_mN / _FULL_FORCE_MN if held else 0
+        grid.add_row("force", force, Text(_bar(share, _BAR_COLUMNS), style="cyan"))
+        return grid
+
+    def _history(self) -> Table:
+        # Oldest left; the height of each column is the mean position of its readings.
+        readings = list(self._trace)
+        line = Text()
+        for i in range(0, len(readings), 4):
+            held = [t.position_um for t in readings[i : i + 4] if t.touching]
+            share = sum(held) / len(held) / self._length_um if held else 0
+            line.append(_LEVELS[1 + min(int(share * 8), 7)] if held else " ", style="red")
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(justify="right", width=9)
+        grid.add_column()
+        grid.add_row("history", line)
+        return grid
+
+    def _bars(self) -> Table:
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(justify="right", width=9)
+        grid.add_column(justify="right", width=10)
+        grid.add_column()
+        counts = self._spectrum.counts if self._spectrum else [0] * len(self._info["plan"])
+        top = max(*counts, 1000)
+        for name, count in zip(self._info["plan"], counts):
+            bar = Text(_bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
+            grid.add_row(name, f"{count} ct", bar)
+        return grid
+
+
+def _bar(share: float, columns: int) -> str:
+    eighths = round(max(0.0, min(share, 1.0)) * columns * 8)
+    return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
+
+
+def _facts(stats: LinkStats, facts: dict[str, str]) -> Text:
+    link = {
+        "frames": str(stats.frames),
+        "lost": str(stats.lost),
+        "bad": str(stats.bad_crc),
+    }
+    return Text("   ").join(
+        Text.assemble((name + " ", "dim"), value) for name, value in {**link, **facts}.items()
+    )
+
+
+def plain(touch: Touch) -> str:
+    """Return a reading as a line of text."""
+    words = " ".join(word for bit, word in _FLAG_WORDS if touch.flags >> bit & 1)
+    if not touch.touching:
+        return f"{touch.time_s:.3f} s  no touch  {words}".rstrip()
+    place, force = touch.position_um / 1000, touch.force_mN / 1000
+    return f"{touch.time_s:.3f} s  {place:7.3f} mm  {force:6.3f} N  {words}".rstrip()
+
+
+def live(console: Console) -> Live:
+    """Return a display that redraws in place; draw with ``update(picture, refresh=True)``."""
+    return Live(console=console, auto_refresh=False, transient=False)
+
+
+class Pace:
+    """Tells when to redraw, so that drawing never costs readings."""
+
+    def __init__(self, per_s: float = _REDRAWS_PER_S):
+        self._every_s = 1 / per_s
+        self._next_s = float("-inf")
+
+    def due(self, now_s: float) -> bool:
+        """Return whether it is time, at most so many times a second."""
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + self._every_s
+        return True
