@@ -9,9 +9,8 @@ One statement a line, in any order, each once except the knots::
     position 1 -2 ...          six weights w, Q13, sum 0
     force 1 -2 ...             six weights v, Q13, sum 8192
     fit 1 -2 ...               six weights u, Q13, sum 0
-    misfit 20000               tolerance of the fit, Q20
     x -123456 85000 77         knot: contrast (Q20) -> position in um, expected fit (Q20)
-    f 123456 1000              knot: brightness (Q20) -> force in mN
+    f 123456 1000 900          knot: brightness (Q20) -> force in mN, tolerance of the fit (Q12)
 """
 
 from .smux import CHANNELS, PIXELS
@@ -23,7 +22,7 @@ KNOTS_MAX = 128
 _SMALL = 1 << 30
 
 # name: how many integers follow
-_FIELDS = {"made": 3, "touch": 2, "position": 6, "force": 6, "fit": 6, "misfit": 1}
+_FIELDS = {"made": 3, "touch": 2, "position": 6, "force": 6, "fit": 6}
 
 
 class CalibrationError(ValueError):
@@ -57,7 +56,7 @@ class Calibration:
             if name == "x":
                 x_knots.append(_integers(line, 3))
             elif name == "f":
-                f_knots.append(_integers(line, 2))
+                f_knots.append(_integers(line, 3))
             elif name in seen:
                 raise CalibrationError("'%s' is there twice" % name)
             elif name == "board" and len(words) == 2:
@@ -80,9 +79,8 @@ class Calibration:
         self.position = _weights("position", seen["position"], 0)
         self.force = _weights("force", seen["force"], ONE_Q13)
         self.fit = _weights("fit", seen["fit"], 0)
-        self.misfit = seen["misfit"][0]
-        self.contrasts, self.positions_um, self.fits = _table("x", x_knots, 3)
-        self.brightnesses, self.forces_mN = _table("f", f_knots, 2)
+        self.contrasts, self.positions_um, self.fits = _table("x", x_knots)
+        self.brightnesses, self.forces_mN, self.tolerances = _table("f", f_knots)
 
     def mismatch(self, board, plan, gain, exposure_us, led_mA):
         """Return why this calibration does not hold for such readings, or None."""
@@ -118,16 +116,16 @@ def _weights(name, weights, total):
     return weights
 
 
-def _table(name, knots, columns):
+def _table(name, knots):
     if not 2 <= len(knots) <= KNOTS_MAX:
         raise CalibrationError("'%s' needs 2 to %d knots" % (name, KNOTS_MAX))
     for a, b in zip(knots, knots[1:]):
         step = b[0] - a[0]
         if step <= 0:
             raise CalibrationError("the knots of '%s' must ascend" % name)
-        if any(step * (abs(b[i] - a[i]) + 1) >= _SMALL for i in range(1, columns)):
+        if any(step * (abs(b[i] - a[i]) + 1) >= _SMALL for i in (1, 2)):
             raise CalibrationError("the knots of '%s' lie too far apart" % name)
     rising = [b[1] > a[1] for a, b in zip(knots, knots[1:])]
     if any(r != rising[0] for r in rising) or any(a[1] == b[1] for a, b in zip(knots, knots[1:])):
         raise CalibrationError("the table of '%s' is not monotone" % name)
-    return tuple(tuple(knot[i] for knot in knots) for i in range(columns))
+    return tuple(tuple(knot[i] for knot in knots) for i in range(3))

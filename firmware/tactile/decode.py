@@ -130,12 +130,15 @@ class Decode:
         self.force_mN = interpolate(
             calibration.brightnesses, calibration.forces_mN, i, self.brightness
         )
+        tolerance = interpolate(
+            calibration.brightnesses, calibration.tolerances, i, self.brightness
+        )
         i = segment(calibration.contrasts, self.contrast)
         self.position_um = interpolate(
             calibration.contrasts, calibration.positions_um, i, self.contrast
         )
         expected = interpolate(calibration.contrasts, calibration.fits, i, self.contrast)
-        if abs(dot(calibration.fit, logs) - expected) > calibration.misfit:
+        if abs(dot(calibration.fit, logs) - expected) >> 8 > tolerance:
             return MISFIT
         return 0
 

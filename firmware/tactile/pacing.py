@@ -7,6 +7,7 @@ oversleeps, and comes too early about once in twenty samples. Integers only, all
 """
 
 RETRY_US = 200
+_WIDE_US = 2_000  # a bracket wider than this dates nothing
 _TRUST = 16  # the oscillator may run a sixteenth fast
 _FRESH = 64  # samples after which a bound may replace a higher one
 _RENEW = 256  # samples after which the reference moves on, to follow temperature
@@ -30,8 +31,9 @@ class Pacing:
         self._creep = 0
         self._early = 0
         self._was_early = False
+        self._locked = False
         self._reference = 0
-        self._samples = -1
+        self._samples = -1  # since the reference; -1 for no reference
 
     def start(self, now, period_us):
         """Begin anew: a first sample of nominally `period_us` has just been started."""
@@ -40,6 +42,7 @@ class Pacing:
         self.due = self._add(now, self.period_us)
         self.missed = 0  # samples that were overslept
         self._was_early = False
+        self._locked = False
         self._samples = -1
 
     def early(self, now):
@@ -54,26 +57,29 @@ class Pacing:
         Returns
         -------
         int or None
-            Ticks at which that sample was complete, as the lock has it. None if the poll came
-            so late that it may be this sample or one after it: then it must not be used, and
-            `missed` has grown.
+            Ticks at which that sample was complete, as the lock has it. None if that cannot be
+            told, after a stall: then it must not be used, and `missed` has grown.
         """
         late = self._diff(after, self.due)
-        if late > self.period_us - (self.period_us >> 2):
-            overslept = late // self.period_us
-            self.missed += overslept + 1
-            self.due = self._add(self.due, overslept * self.period_us)
-            self._samples = -1
-            complete = None
-        elif self._was_early:
-            self._bound(before)
-            complete = self.due = before
+        if self._was_early:
+            doubtful = self._diff(before, self._early) > _WIDE_US
         else:
-            complete = self.due
+            doubtful = not self._locked
+        if doubtful or late > self.period_us - (self.period_us >> 2):
+            self.missed += max(0, late // self.period_us) + 1
+            self._locked = False
+            self._was_early = False
+            self._samples = -1
+            self.due = self._add(after, RETRY_US)
+            return None
+        if self._was_early:
+            self._bound(before)
+            self.due = before
+        complete = self.due
+        self._locked = True
         self._was_early = False
-        if self._samples >= 0:
-            self._samples += 1
-        self.due = self._add(self.due, self.period_us - self._creep)
+        self._samples += 1
+        self.due = self._add(complete, self.period_us - self._creep)
         return complete
 
     def _bound(self, now):

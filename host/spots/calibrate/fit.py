@@ -19,7 +19,7 @@ _POLYNOMIAL_DEGREE = 5
 # Where a touch begins: the position is good to this at the worst place of the strip.
 _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
-_MISFIT_SIGMAS = 8.0
+_MISFIT_SIGMAS = 6.0
 _ROUNDING_VARIANCE = 1 / 12
 
 
@@ -103,9 +103,9 @@ def fit(along: Presses, pressed: Presses, conditions: Conditions) -> list[str]:
     begin = _touch_force_mN(pressed, position, knots)
     end = max(round(_TOUCH_HYSTERESIS * begin), round(forces[0]) + 1)
     lines.append(f"touch {max(begin, end)} {end}")
-    lines.append(f"misfit {_misfit(pressed, position, test, knots, begin)}")
     lines += [_statement("x", knot) for knot in knots]
-    lines += [f"f {round(g)} {round(f)}" for g, f in zip(brightnesses, forces)]
+    tolerances = _tolerances(pressed, position, test, knots)
+    lines += [_statement("f", map(round, knot)) for knot in zip(brightnesses, forces, tolerances)]
     return lines
 
 
@@ -189,11 +189,11 @@ def _touch_force_mN(pressed: Presses, position: np.ndarray, knots: np.ndarray) -
     )
 
 
-def _misfit(pressed, position, test, knots, begin_mN) -> int:
+def _tolerances(pressed, position, test, knots) -> list[int]:
+    # At each force: how far a single press was off at worst, and noise, which falls as light grows.
     scale = ONE_Q20 / ONE_Q13
-    keep = pressed.force_mN >= begin_mN
-    contrast = pressed.logs[keep] @ position * scale
-    expected = np.interp(contrast, knots[:, 0], knots[:, 2])
-    residual = np.abs(pressed.logs[keep] @ test * scale - expected).max()
-    sigma = np.sqrt(pressed.log_variance()[keep] @ test.astype(float) ** 2).max() * scale
-    return round(residual + _MISFIT_SIGMAS * sigma)
+    expected = np.interp(pressed.logs @ position * scale, knots[:, 0], knots[:, 2])
+    residual = np.abs(pressed.logs @ test * scale - expected)
+    sigma = np.sqrt(pressed.log_variance() @ test.astype(float) ** 2) * scale
+    off = residual + _MISFIT_SIGMAS * sigma
+    return [1 + round(off[pressed.force_mN == f].max() / 2**8) for f in np.unique(pressed.force_mN)]

@@ -1,0 +1,156 @@
+"""Dot products, tables and flags: exact, inside 31 bits, never a wrong position."""
+
+import itertools
+from fractions import Fraction
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from smallint import SmallInt, small
+from tactile import decode
+from tactile.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
+from tactile.log2 import ONE
+
+LOG_MAX = 24 * ONE
+logs = st.lists(st.integers(0, LOG_MAX), min_size=6, max_size=6)
+
+
+@st.composite
+def weights(draw):
+    values = draw(st.lists(st.integers(-WEIGHT_SUM_MAX, WEIGHT_SUM_MAX), min_size=6, max_size=6))
+    total = max(1, sum(abs(v) for v in values))
+    return [v * WEIGHT_SUM_MAX // total if total > WEIGHT_SUM_MAX else v for v in values]
+
+
+@given(weights(), logs)
+def test_dot_is_the_exact_sum_rounded_down(w, l):
+    assume(sum(map(abs, w)) <= WEIGHT_SUM_MAX)
+    exact = Fraction(sum(a * b for a, b in zip(w, l)), ONE_Q13)
+    result = decode.dot(small(w), small(l))
+    assert exact - 1 < result <= exact
+
+
+def test_dot_at_the_largest_weights_and_logs_stays_inside_31_bits():
+    for signs in itertools.product((1, -1), repeat=2):
+        w = [signs[0] * WEIGHT_SUM_MAX // 2, signs[1] * WEIGHT_SUM_MAX // 2, 0, 0, 0, 0]
+        decode.dot(small(w), small([LOG_MAX] * 6))
+
+
+@st.composite
+def tables(draw):
+    count = draw(st.integers(2, 20))
+    steps = draw(st.lists(st.integers(1, 1 << 17), min_size=count - 1, max_size=count - 1))
+    rises = draw(st.lists(st.integers(1, 8000), min_size=count - 1, max_size=count - 1))
+    direction = draw(st.sampled_from((1, -1)))
+    start = draw(st.integers(-(1 << 24), 1 << 24))
+    knots = [start + s for s in itertools.accumulate([0, *steps])]
+    values = [direction * r for r in itertools.accumulate([0, *rises])]
+    return knots, values
+
+
+@given(tables(), st.integers(-(1 << 25), 1 << 25))
+def test_interpolation_is_the_exact_line_rounded(table, at):
+    knots, values = table
+    i = decode.segment(knots, at)
+    result = decode.interpolate(small(knots), small(values), i, SmallInt(at))
+    clamped = min(max(at, knots[0]), knots[-1])
+    j = max(k for k in range(len(knots) - 1) if knots[k] <= clamped)
+    width = knots[j + 1] - knots[j]
+    exact = values[j] + Fraction((clamped - knots[j]) * (values[j + 1] - values[j]), width)
+    assert abs(result - exact) <= Fraction(1, 2)
+
+
+@given(tables())
+def test_knots_give_their_own_values(table):
+    knots, values = table
+    for knot, value in zip(knots, values):
+        assert decode.interpolate(knots, values, decode.segment(knots, knot), knot) == value
+
+
+@pytest.fixture
+def decoder(calibration):
+    made = decode.Decode()
+    made.calibration = Calibration(calibration)
+    return made
+
+
+NO_DARK = [0] * 6
+LIT = [570, 580, 750, 920, 1200, 640]  # a press of the default sensor near 12 mm
+
+
+def test_a_lit_spectrum_is_a_trusted_touch(decoder):
+    decoder.update(LIT, 1, NO_DARK, decode.DARK_SUBTRACTED)
+    assert decoder.flags == decode.TOUCHING | decode.DARK_SUBTRACTED
+    assert 10_000 < decoder.position_um < 14_000
+    assert 2_000 < decoder.force_mN < 3_000
+
+
+@given(st.integers(1, 64))
+def test_averaging_changes_nothing_but_the_noise(calibration, samples):
+    one, many = decode.Decode(), decode.Decode()
+    one.calibration = many.calibration = Calibration(calibration)
+    one.update(LIT, 1, NO_DARK, 0)
+    many.update([samples * count for count in LIT], samples, NO_DARK, 0)
+    assert abs(one.position_um - many.position_um) <= 1
+    assert abs(one.force_mN - many.force_mN) <= 1
+
+
+@given(
+    st.lists(st.integers(0, 65_535), min_size=6, max_size=6),
+    st.lists(st.integers(0, 4 * 65_535), min_size=6, max_size=6),
+    st.integers(1, 64),
+)
+def test_any_counts_give_a_position_on_the_strip_or_a_flag(calibration, counts, dark, samples):
+    made = decode.Decode()
+    made.calibration = Calibration(calibration)
+    made.update(small(samples * c for c in counts), samples, small(dark), 0)
+    assert 0 <= made.position_um <= 85_000
+    assert 0 <= made.force_mN <= 10_000
+    if any(4 * c <= d for c, d in zip(counts, dark)):
+        assert made.flags & decode.TOO_DARK
+        assert not made.flags & decode.TOUCHING
+        assert made.position_um == made.force_mN == 0
+
+
+@pytest.mark.parametrize("channel", range(6))
+def test_one_channel_no_brighter_than_its_dark_ends_the_touch(decoder, channel):
+    decoder.update(LIT, 1, NO_DARK, 0)
+    dark = [4 * LIT[i] if i == channel else 0 for i in range(6)]
+    decoder.update(LIT, 1, dark, 0)
+    assert decoder.flags == decode.TOO_DARK
+
+
+def test_without_a_calibration_nothing_is_claimed():
+    made = decode.Decode()
+    made.update(LIT, 1, NO_DARK, 0)
+    assert made.flags == decode.NOT_CALIBRATED
+    assert made.position_um == made.force_mN == 0
+
+
+def test_touch_has_hysteresis(decoder, calibration):
+    begin, end = decoder.calibration.touch_on_mN, decoder.calibration.touch_off_mN
+    seen = []
+    for share in (100, 30, 22, 17, 14, 9, 14, 17, 22, 30):  # of a firm press, in 1/100
+        decoder.update([count * share // 100 for count in LIT], 1, NO_DARK, 0)
+        seen.append((decoder.force_mN, decoder.touching))
+    down, up = seen[:6], seen[6:]
+    assert any(end <= force < begin and touching for force, touching in down)
+    assert any(end <= force < begin and not touching for force, touching in up)
+    assert all(touching == (force >= end) for force, touching in down)
+    assert all(touching == (force >= begin) for force, touching in up)
+
+
+def test_two_presses_at_once_do_not_fit_one(decoder):
+    near, far = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
+    for counts in (near, far):
+        decoder.update(counts, 1, NO_DARK, 0)
+        assert not decoder.flags & decode.MISFIT
+    decoder.update([a + b for a, b in zip(near, far)], 1, NO_DARK, 0)
+    assert decoder.flags & decode.MISFIT
+
+
+def test_a_dark_window_neither_begins_nor_ends_a_touch(decoder):
+    decoder.update(LIT, 1, NO_DARK, 0)
+    decoder.update(NO_DARK, 1, NO_DARK, decode.LED_OFF)
+    assert decoder.flags == decode.LED_OFF | decode.TOUCHING
+    assert decoder.position_um == 0

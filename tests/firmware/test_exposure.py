@@ -1,0 +1,85 @@
+"""What the registers can do, and the search that fills the converter."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tactile import exposure
+
+STEP_US = 2.78  # DS000504
+
+
+@given(st.integers(exposure.MIN_US, exposure.MAX_US))
+def test_the_registers_come_nearest_and_are_allowed(exposure_us):
+    atime, astep = exposure.registers(exposure_us)
+    assert 0 <= atime <= 255
+    assert 1 <= astep <= 65_534
+    exact = (atime + 1) * (astep + 1) * STEP_US
+    assert abs(exact - exposure_us) <= (atime + 1) * STEP_US / 2 + 1
+    assert abs(exposure.actual_us(atime, astep) - exact) <= 0.5 + 1e-6
+
+
+@given(st.integers(exposure.MIN_US, exposure.MAX_US))
+def test_the_nearest_exposure_is_its_own_nearest(exposure_us):
+    actual_us = exposure.actual_us(*exposure.registers(exposure_us))
+    assert exposure.actual_us(*exposure.registers(actual_us)) == actual_us
+
+
+def test_ten_milliseconds_are_those_of_the_datasheet():
+    assert exposure.full_scale(*exposure.registers(10_000)) == 3597
+
+
+def test_no_current_is_not_the_largest_current():
+    assert [exposure.led_code(mA) for mA in (0, 4, 6, 258)] == [0, 0, 1, 127]
+
+
+class Strip:
+    """Light as a strip would give it: gain in steps that are no exact powers of two."""
+
+    GAIN = (0.5, 1, 2, 4.1, 8, 16, 32, 64, 128, 253, 496)
+
+    def __init__(self, counts_per_us):
+        self.counts_per_us = counts_per_us
+
+    def read(self, search):
+        full_scale = exposure.full_scale(*exposure.registers(search.exposure_us))
+        light = search.led_mA / (1 + search.led_mA / 400)
+        ideal = self.counts_per_us * search.exposure_us * self.GAIN[search.gain] * light
+        return min(round(ideal), full_scale), full_scale, ideal >= full_scale
+
+
+def search(strip, gain=9, led_mA=20, exposure_us=10_000):
+    made = exposure.Search(gain, led_mA, exposure_us)
+    for _ in range(40):
+        outcome = made.step(*strip.read(made))
+        if outcome != exposure.AGAIN:
+            return outcome, made
+    raise AssertionError("the search does not end")
+
+
+@given(
+    st.floats(-6.5, -0.5),
+    st.integers(0, 10),
+    st.integers(4, 258),
+    st.sampled_from([2780, 10_000, 100_000, 400_000]),
+)
+def test_the_brightest_channel_ends_at_60_to_90_percent(exponent, gain, led_mA, exposure_us):
+    strip = Strip(10**exponent)
+    outcome, made = search(strip, gain, led_mA, exposure_us)
+    peak, full_scale, saturated = strip.read(made)
+    if outcome == exposure.DONE:
+        assert not saturated
+        assert 0.6 <= peak / full_scale <= 0.9
+    elif outcome == exposure.TOO_DARK:
+        assert (made.gain, made.led_mA) == (exposure.GAIN_MAX, exposure.LED_MAX_MA)
+    else:
+        assert (made.gain, made.led_mA) == (0, exposure.LED_MIN_MA)
+
+
+@pytest.mark.parametrize("counts_per_us", [3e-6, 1e-5, 1e-4, 1e-3, 1e-2])
+def test_light_that_can_be_fitted_is_fitted(counts_per_us):
+    assert search(Strip(counts_per_us))[0] == exposure.DONE
+
+
+def test_no_light_is_too_dark_and_all_light_too_bright():
+    assert search(Strip(0))[0] == exposure.TOO_DARK
+    assert search(Strip(100))[0] == exposure.TOO_BRIGHT

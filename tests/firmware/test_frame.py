@@ -1,0 +1,140 @@
+"""Frames as the firmware makes them, against independent encoders and the bytes of the protocol."""
+
+import binascii
+import struct
+
+import pytest
+from cobs import cobs
+from hypothesis import given
+from hypothesis import strategies as st
+from smallint import SmallInt
+from tactile import frame
+from tactile.decode import Decode
+
+
+class Clock:
+    def __init__(self, now=0):
+        self.now = now
+
+    def ticks_us(self):
+        return self.now
+
+    @staticmethod
+    def ticks_diff(end, start):
+        return ((end - start + (1 << 29)) % (1 << 30)) - (1 << 29)
+
+
+class Port:
+    def __init__(self):
+        self.sent = []
+        self.takes = True
+
+    def write(self, buffer, size):
+        if self.takes:
+            self.sent.append(bytes(buffer[:size]))
+        return self.takes
+
+
+@given(st.binary(max_size=600))
+def test_crc_is_that_of_the_standard_library(data):
+    assert frame.crc16(data, len(data)) == binascii.crc_hqx(data, 0xFFFF)
+
+
+@given(st.binary(min_size=1, max_size=520))
+def test_cobs_is_undone_by_the_reference_decoder(data):
+    target = bytearray(len(data) + 8)
+    size = frame.cobs_encode(data, len(data), target)
+    encoded = bytes(target[:size])
+    assert encoded[-1] == 0
+    assert 0 not in encoded[:-1]
+    assert cobs.decode(encoded[:-1]) == data
+
+
+@pytest.mark.parametrize("size", [252, 253, 254, 255, 256, 507, 508, 509, 510])
+def test_cobs_at_the_edges_of_its_blocks(size):
+    for data in (b"\x01" * size, b"\x01" * (size - 1) + b"\0", b"\0" + b"\x01" * (size - 1)):
+        target = bytearray(size + 8)
+        encoded = bytes(target[: frame.cobs_encode(data, size, target)])
+        assert cobs.decode(encoded[:-1]) == data
+
+
+def framer(now=0):
+    port, clock = Port(), Clock(now)
+    return frame.Framer(port, frame.Time32(clock)), port
+
+
+def reading(**fields):
+    made = Decode()
+    for name, value in fields.items():
+        setattr(made, name, value)
+    return made
+
+
+def test_a_touch_frame_is_these_26_bytes():
+    made, port = framer()
+    made.touch(
+        2, reading(flags=9, contrast=-2, brightness=3, position_um=42_500, force_mN=3000)
+    )
+    payload = struct.pack("<BHIBiiiH", 0x21, 0, 0, 9, -2, 3, 42_500, 3000)
+    payload += struct.pack("<H", binascii.crc_hqx(payload, 0xFFFF))
+    assert len(payload) == 24
+    assert port.sent == [cobs.encode(payload) + b"\0"]
+    assert len(port.sent[0]) == 26
+
+
+def test_a_spectrum_frame_carries_six_counts():
+    made, port = framer()
+    made.spectrum(0, 8, 9, [1, 65_535, 3, 4, 5, 6])
+    payload = cobs.decode(port.sent[0][:-1])
+    assert struct.unpack("<BHIBB6H", payload[:-2]) == (2, 0, 0, 8, 9, 1, 65_535, 3, 4, 5, 6)
+
+
+def test_a_force_too_large_for_its_field_is_its_largest():
+    made, port = framer()
+    made.touch(0, reading(force_mN=70_000))
+    assert cobs.decode(port.sent[0][:-1])[20:22] == b"\xff\xff"
+
+
+def test_a_dropped_frame_is_counted_numbered_and_flagged():
+    made, port = framer()
+    made.touch(0, reading(flags=0))
+    port.takes = False
+    assert not made.touch(0, reading(flags=0))
+    port.takes = True
+    made.touch(0, reading(flags=0))
+    made.touch(0, reading(flags=0))
+    payloads = [cobs.decode(sent[:-1]) for sent in port.sent]
+    assert [struct.unpack_from("<H", p, 1)[0] for p in payloads] == [0, 2, 3]
+    assert [p[7] for p in payloads] == [0, 1 << 5, 0]
+    assert made.dropped == 1
+
+
+def test_the_sequence_wraps():
+    made, port = framer()
+    for _ in range(65_537):
+        made.spectrum(0, 0, 0, [0] * 6)
+    assert [struct.unpack_from("<H", cobs.decode(s[:-1]), 1)[0] for s in port.sent[-2:]] == [
+        65_535,
+        0,
+    ]
+
+
+@pytest.mark.parametrize("size", range(40, 140))
+def test_no_frame_is_a_multiple_of_a_usb_packet(size):
+    made, port = framer()
+    made.text(b"x" * size)
+    assert len(port.sent[0]) % 64 != 0
+    pieces = [piece for piece in port.sent[0].split(b"\0") if piece]
+    assert cobs.decode(pieces[0])[7:-2] == b"x" * size
+
+
+@given(st.lists(st.integers(-1000, 1 << 28), min_size=1, max_size=30))
+def test_board_time_is_the_sum_of_its_steps_modulo_32_bits(steps):
+    clock = Clock(12_345)
+    time = frame.Time32(clock)
+    total = 0
+    for step in steps:
+        clock.now = (clock.now + step) % (1 << 30)
+        total += step
+        time.set(SmallInt(clock.now))
+        assert int(time.high) << 16 | int(time.low) == total % (1 << 32)

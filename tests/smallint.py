@@ -1,0 +1,41 @@
+"""An int that refuses to leave 31 bits, as a small int of MicroPython on a 32-bit board."""
+
+from __future__ import annotations
+
+LOW, HIGH = -(1 << 30), (1 << 30) - 1
+
+
+class LeftSmallIntError(ArithmeticError):
+    """A value that would have been allocated on the heap."""
+
+
+class SmallInt(int):
+    """Every result of arithmetic is a SmallInt again, or an error."""
+
+    def __new__(cls, value):
+        value = int(value)
+        if not LOW <= value <= HIGH:
+            raise LeftSmallIntError(f"{value} needs more than 31 bits")
+        return super().__new__(cls, value)
+
+
+def _wrap(name):
+    plain = getattr(int, name)
+
+    def operate(self, *others):
+        result = plain(self, *others)
+        return result if result is NotImplemented else SmallInt(result)
+
+    return operate
+
+
+for _name in ("add", "sub", "mul", "floordiv", "mod", "lshift", "rshift", "and", "or", "xor"):
+    setattr(SmallInt, f"__{_name}__", _wrap(f"__{_name}__"))
+    setattr(SmallInt, f"__r{_name}__", _wrap(f"__r{_name}__"))
+for _name in ("neg", "abs", "invert", "pos"):
+    setattr(SmallInt, f"__{_name}__", _wrap(f"__{_name}__"))
+
+
+def small(values):
+    """Return a list of SmallInt."""
+    return [SmallInt(value) for value in values]
