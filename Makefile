@@ -5,7 +5,7 @@ ARGS ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test lint bench build clean
+.PHONY: help demo test lint bench build pictures clean
 .DEFAULT_GOAL := help
 
 help:
@@ -14,6 +14,7 @@ help:
 	@echo 'make lint   style and format'
 	@echo 'make bench  driver, firmware and host against their peers'
 	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
+	@echo 'make pictures  draw the pictures of the documents again'
 	@echo 'make clean  remove .venv and all that was built'
 
 demo: .venv/demo
@@ -31,6 +32,9 @@ bench: .venv/test
 
 build: .venv/demo
 	@$(BIN)/python -m spots.stage $(BOARD) build/$(BOARD)
+
+pictures: .venv/demo
+	@$(BIN)/python docs/make_pictures.py
 
 clean:
 	rm -rf .venv build dist tests/wasm/node_modules

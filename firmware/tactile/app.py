@@ -190,8 +190,10 @@ class App:
         self.faults += 1
         self._lost = True
         self._abandon("the sensor was lost")
-        if not self.fault:  # once, not a flood
-            self.fault = str(error) if isinstance(error, SensorError) else "I2C: %r" % error
+        known, self.fault = self.fault, str(error)
+        if isinstance(error, OSError):
+            self.fault = "the I2C bus failed (%s)" % error
+        if not known:  # once, not a flood
             self.log("error", self.fault)
 
     def _abandon(self, why):

@@ -21,9 +21,11 @@ _COUNT_MAX = 65_535
 
 def registers(exposure_us):
     """Return (ATIME, ASTEP) of the nearest exposure with the shortest ATIME."""
-    steps = (exposure_us * 100 + _STEP_CENTI_US // 2) // _STEP_CENTI_US
-    cycles = (steps + _ASTEP_MAX) // (_ASTEP_MAX + 1)
-    return cycles - 1, (steps + cycles // 2) // cycles - 1
+    hundredths = exposure_us * 100
+    longest = _STEP_CENTI_US * (_ASTEP_MAX + 1)
+    cycles = (hundredths + longest - 1) // longest
+    step = _STEP_CENTI_US * cycles
+    return cycles - 1, (hundredths + step // 2) // step - 1
 
 
 def actual_us(atime, astep):
@@ -41,8 +43,10 @@ def led_code(led_mA):
     return max(0, led_mA - LED_MIN_MA) >> 1
 
 
-# The search aims between these, as fractions of full scale in 1/64: 60 % to 90 %.
-_LOW, _AIM, _HIGH = 39, 48, 57
+# The search aims between these, in 1/1024 of full scale: 60 % to 90 %. The least LED current
+# grows by half in its first step, so the band must not be narrower than a factor of 1.5.
+_FULL = 1024
+_LOW, _AIM, _HIGH = 615, 768, 921
 DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)
 
 
@@ -81,7 +85,7 @@ class Search:
         int
             `DONE`, `AGAIN` with the new setting in the attributes, `TOO_DARK` or `TOO_BRIGHT`.
         """
-        level = 64 if saturated else max(peak * 64 // full_scale, 0)
+        level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
         if _LOW <= level < _HIGH:
             return DONE
         self._tries -= 1
@@ -106,8 +110,8 @@ class Search:
         if saturated and self.gain > 0:
             self.gain -= 1
         elif self.led_mA > LED_MIN_MA:
-            factor = 32 if saturated else _AIM
-            self.led_mA = max(LED_MIN_MA, min(self.led_mA - 2, self.led_mA * factor // 64))
+            factor = _FULL // 2 if saturated else _AIM
+            self.led_mA = max(LED_MIN_MA, min(self.led_mA - 2, self.led_mA * factor // _FULL))
         elif self.gain > 0:
             self.gain -= 1
         else:

@@ -55,7 +55,7 @@ def demo(
 
     truth = Scenario(load(ScenarioFile, scenario))
     if fast:
-        board, link = _open_fast(sensor, truth, seed)
+        board, link = open_fast(sensor, truth, seed)
         started_s = 0.0
     else:
         (board, started_s), link = open_virtual(sensor, scenario, seed), None
@@ -68,7 +68,8 @@ def demo(
     return summary
 
 
-def _open_fast(sensor: str, truth, seed: int) -> tuple[Board, _Hashing]:
+def open_fast(sensor: str, truth, seed: int) -> tuple[Board, _Hashing]:
+    """Open a calibrated virtual board in simulated time, and the link that hashes its stream."""
     from .calibrate.stage import calibrate
     from .sim.files import SensorFile, load
     from .sim.lockstep import LockstepLink
@@ -99,17 +100,8 @@ def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None 
                 if isinstance(frame, Touch) and score is not None:
                     score.take(frame, now_s)
                 if drawing and pace.due(now_s):
-                    display.update(view.picture(board.stats, _facts(score)), refresh=True)
+                    display.update(view.picture(board.stats, score), refresh=True)
                 elif not drawing and not quiet and isinstance(frame, Touch) and pace.due(now_s):
                     print(plain(frame), flush=True)
     except KeyboardInterrupt:
         pass
-
-
-def _facts(score: Score | None) -> dict[str, str]:
-    if score is None or not score.readings:
-        return {}
-    facts = {"rate": f"{score.rate_hz:.1f} Hz", "latency": f"{score.latency_ms(50):.1f} ms"}
-    if score.position_rmse_um is not None:
-        facts["error"] = f"{score.position_rmse_um:.0f} µm rms, {score.force_rmse_mN:.0f} mN rms"
-    return facts

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Union
 
 from cobs import cobs
+
 from tactile import decode, frame
 
 _HEADER = struct.Struct(frame.HEADER)

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from .frames import Frame, LinkStats, Spectrum, Touch
+from .score import Score
 
 _FULL_FORCE_MN = 10_000
 _DEFAULT_LENGTH_UM = 85_000
@@ -54,11 +55,11 @@ class View:
         elif isinstance(frame, Spectrum):
             self._spectrum = frame
 
-    def picture(self, stats: LinkStats, facts: dict[str, str]) -> Panel:
-        """Return the picture, with `facts` under the statistics of the link."""
+    def picture(self, stats: LinkStats, score: Score | None = None) -> Panel:
+        """Return the picture, with how good the run is where that is known."""
         info = self._info
-        parts = [self._strip(), Text(), self._numbers(), self._history(), Text()]
-        parts += [self._bars(), Text(), _facts(stats, facts)]
+        parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
+        parts += [self._bars(), Text(), *_facts(stats, score)]
         title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
         return Panel(Group(*parts), title=title, width=_TRACE_COLUMNS + 16, padding=(1, 2))
 
@@ -78,6 +79,12 @@ class View:
                 red, rest = 255, 235 - round(60 * share)
             line.append("█", style=f"rgb({red},{rest},{rest})")
         return line
+
+    def _scale(self) -> Text:
+        half = _TRACE_COLUMNS // 2
+        middle, end = (f"{self._length_um / 1000 * share:g} mm" for share in (0.5, 1))
+        ticks = "0".ljust(half) + middle.ljust(half - len(end)) + end
+        return Text(" " * len("sensor ▐") + ticks, style="dim")
 
     def _numbers(self) -> Table:
         touch = self._touch
@@ -128,14 +135,21 @@ def _bar(share: float, columns: int) -> str:
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
 
-def _facts(stats: LinkStats, facts: dict[str, str]) -> Text:
-    link = {
-        "frames": str(stats.frames),
-        "lost": str(stats.lost),
-        "bad": str(stats.bad_crc),
-    }
+def _facts(stats: LinkStats, score: Score | None) -> list[Text]:
+    link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc}
+    rows = [link]
+    if score is not None and score.readings:
+        link["rate"] = f"{score.rate_hz:.1f} Hz"
+        link["latency"] = f"{score.latency_ms(50):.1f} ms"
+        if score.position_rmse_um is not None:
+            error = f"{score.position_rmse_um:.0f} µm, {score.force_rmse_mN:.0f} mN rms"
+            rows.append({"touches": score.touches, "error against the scenario": error})
+    return [_row(row) for row in rows]
+
+
+def _row(row: dict) -> Text:
     return Text("   ").join(
-        Text.assemble((name + " ", "dim"), value) for name, value in {**link, **facts}.items()
+        Text.assemble((name + " ", "dim"), str(value)) for name, value in row.items()
     )
 
 

@@ -2,21 +2,24 @@
 
 import pytest
 from smallint import SmallInt
+
 from tactile.calibration import Calibration, CalibrationError
 
-GOOD = """
-board 00ff
-plan F3 F4 F5 F6 F7 F8
-made 9 10000 20
-touch 300 200
-position -4096 -4096 0 0 4096 4096
-force 0 0 0 0 0 8192
-fit 8192 -8192 0 0 0 0
-x 0 0 5
-x 100000 8000 5
-f 1000 200 9000
-f 100000 6000 90
-""".split("\n")
+GOOD = [
+    "",
+    "board 00ff",
+    "plan F3 F4 F5 F6 F7 F8",
+    "made 9 10000 20",
+    "touch 300 200",
+    "position -4096 -4096 0 0 4096 4096",
+    "force 0 0 0 0 0 8192",
+    "fit 8192 -8192 0 0 0 0",
+    "x 0 0 5",
+    "x 100000 8000 5",
+    "f 1000 200 9000",
+    "f 100000 6000 90",
+    "",
+]
 
 
 def changed(old, new):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from smallint import SmallInt, small
+
 from tactile import decode
 from tactile.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
 from tactile.log2 import ONE
@@ -23,10 +24,10 @@ def weights(draw):
 
 
 @given(weights(), logs)
-def test_dot_is_the_exact_sum_rounded_down(w, l):
+def test_dot_is_the_exact_sum_rounded_down(w, values):
     assume(sum(map(abs, w)) <= WEIGHT_SUM_MAX)
-    exact = Fraction(sum(a * b for a, b in zip(w, l)), ONE_Q13)
-    result = decode.dot(small(w), small(l))
+    exact = Fraction(sum(a * b for a, b in zip(w, values)), ONE_Q13)
+    result = decode.dot(small(w), small(values))
     assert exact - 1 < result <= exact
 
 

@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from tactile import exposure
 
 STEP_US = 2.78  # DS000504

@@ -8,6 +8,7 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
+
 from tactile import frame
 from tactile.decode import Decode
 
@@ -72,9 +73,7 @@ def reading(**fields):
 
 def test_a_touch_frame_is_these_26_bytes():
     made, port = framer()
-    made.touch(
-        2, reading(flags=9, contrast=-2, brightness=3, position_um=42_500, force_mN=3000)
-    )
+    made.touch(2, reading(flags=9, contrast=-2, brightness=3, position_um=42_500, force_mN=3000))
     payload = struct.pack("<BHIBiiiH", 0x21, 0, 0, 9, -2, 3, 42_500, 3000)
     payload += struct.pack("<H", binascii.crc_hqx(payload, 0xFFFF))
     assert len(payload) == 24

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt, small
+
 from tactile import log2
 
 

@@ -4,6 +4,7 @@ import random
 
 import pytest
 from smallint import SmallInt
+
 from tactile.pacing import Pacing
 
 WRAP = 1 << 30
@@ -89,7 +90,7 @@ def test_a_stall_loses_samples_but_never_misdates_one():
         run.poll(late_us=rng.choice([0] * 50 + [500, 2_000, 9_000, 15_000, 200_000]))
     indices = [index for index, _ in run.samples]
     assert len(set(indices)) == len(indices)
-    assert all(-50 <= error <= 2000 for _, error in run.samples)
+    assert all(-200 <= error <= 2000 for _, error in run.samples)
     assert run.pacing.missed >= indices[-1] - len(indices)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from tactile.calibration import ONE_Q13
 from tactile.log2 import ONE as ONE_Q20
 

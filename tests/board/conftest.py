@@ -1,0 +1,59 @@
+"""A virtual board in simulated time: real firmware in a real MicroPython."""
+
+from __future__ import annotations
+
+import pytest
+
+from spots.board import Board
+from spots.connect import upload
+from spots.frames import Spectrum, Touch
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Held, Press
+
+
+class Rig:
+    """A board, the link under it, and a stage that holds a press."""
+
+    def __init__(self, sensor, calibration=None, folder=None, scenario=None, seed=0):
+        self.held = Held()
+        self.link = LockstepLink(sensor, scenario or self.held, seed, folder)
+        self.board = Board(self.link)
+        if calibration:
+            upload(self.board, calibration)
+
+    def press(self, position_mm, force_mN):
+        self.held.press = Press(position_mm, force_mN, 4.0)
+
+    def release(self):
+        self.held.press = None
+
+    def readings(self, count, kind=Touch):
+        """Return the next `count` frames of a kind, after those that are under way."""
+        self.board.command("stream " + ("touch" if kind is Touch else "spectrum"))
+        self.settle()
+        frames = (frame for frame in self.board.frames() if isinstance(frame, kind))
+        return [next(frames) for _ in range(count)]
+
+    def settle(self, seconds=0.15):
+        for _ in self.board.frames(seconds):
+            pass
+
+    def spectra(self, count):
+        return self.readings(count, Spectrum)
+
+    def close(self):
+        self.board.close()
+
+
+@pytest.fixture
+def rig(sensor, request):
+    """Return a function that makes calibrated or bare rigs, closed at the end."""
+    made = []
+
+    def make(**options):
+        made.append(Rig(options.pop("sensor", sensor), **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()

@@ -1,0 +1,150 @@
+"""The command protocol on the real firmware: one line, one reply; a bad line changes nothing."""
+
+import pytest
+
+from spots import SpotsError
+from spots.connect import upload
+from tactile.settings import checksum
+
+
+def test_hello_tells_who_it_is(rig):
+    info = rig().board.info
+    assert info["protocol"] == 1
+    assert info["board"] == "virtual"
+    assert info["runtime"].startswith("micropython 1.")
+    assert info["plan"] == ["F3", "F4", "F5", "F6", "F7", "F8"]
+    assert (info["exposure_us"], info["gain"], info["led_mA"]) == (10_000, 9, 20)
+    assert info["calibration"] is None
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("dance", "no such command; there are auto, cal, dark"),
+        ("set", "say what to set"),
+        ("set gain=99", "0 to 10"),
+        ("set gain=3 colour=red", "no setting is called 'colour'"),
+        ("stream", "touch, spectrum"),
+        ("stream touch off", "off alone"),
+        ("stream sideways", "touch, spectrum"),
+        ("cal end 0000", "cal begin"),
+        ("cal", "cal begin"),
+    ],
+)
+def test_a_bad_line_changes_nothing(rig, line, says):
+    made = rig()
+    before = made.board.command("get")
+    with pytest.raises(SpotsError, match=says):
+        made.board.command(line)
+    assert made.board.command("get") == before
+
+
+@pytest.mark.parametrize(
+    ("raw", "says"),
+    [(b"\xffhello\n", "printable ASCII"), (b"x" * 300 + b"\n", "at most 255"), (b" \n", "empty")],
+)
+def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, says):
+    made = rig()
+    made.board._link.write(raw)
+    made.settle(0.05)
+    assert says in made.board._replies[-1].content["error"]
+    assert made.board.command("hello")["protocol"] == 1
+
+
+def test_lines_in_one_piece_get_one_reply_each(rig):
+    made = rig()
+    made.board._link.write(b"sync\nget\r\nhello\n")
+    made.settle(0.1)
+    assert [reply.content["re"] for reply in made.board._replies] == ["sync", "get", "hello"]
+
+
+def test_settings_take_effect_on_the_sensor(rig):
+    made = rig()
+    reply = made.board.command("set exposure_us=2780 gain=5 led_mA=50 plan=F1,F2,F3,F4,CLEAR,NIR")
+    assert reply["exposure_us"] == 2780
+    made.press(5.0, 5000.0)
+    frames = made.spectra(100)
+    assert frames[-1].gain == 5
+    assert made.link.chip._led_mA() == 50
+    step_us = (frames[-1].t_us - frames[0].t_us) / 99
+    assert step_us == pytest.approx(2780, rel=2e-3)
+    assert made.board.stats.lost == 0
+    assert made.board.command("get")["missed"] == 0
+
+
+def test_a_calibration_is_taken_only_whole(rig, calibration):
+    made = rig(calibration=calibration)
+    before = made.board.command("hello")["calibration"]
+    assert before == checksum(calibration)
+    for lines, code in (
+        (calibration[:-1], checksum(calibration)),  # truncated
+        (calibration[:-40], checksum(calibration[:-40])),  # whole but senseless
+        (["nonsense 1", *calibration], checksum(["nonsense 1", *calibration])),
+    ):
+        made.board.command("cal begin")
+        for line in lines:
+            made.board.command("cal " + line)
+        with pytest.raises(SpotsError, match="refuses"):
+            made.board.command("cal end " + code)
+        assert made.board.command("hello")["calibration"] == before
+    made.board.command("cal clear")
+    assert made.board.command("hello")["calibration"] is None
+
+
+def test_a_calibration_for_something_else_is_refused_with_what_to_do(rig, calibration):
+    made = rig()
+    foreign = ["board 0000" if line.startswith("board") else line for line in calibration]
+    with pytest.raises(SpotsError, match="made on board 0000"):
+        upload(made.board, foreign)
+    made.board.command("set gain=8")
+    with pytest.raises(SpotsError, match="made at gain=9 exposure_us=10000"):
+        upload(made.board, calibration)
+
+
+def test_a_setting_that_leaves_the_calibration_says_so_and_coming_back_restores_it(
+    rig, calibration
+):
+    made = rig(calibration=calibration)
+    assert "calibrate anew" in made.board.command("set exposure_us=20000")["note"]
+    made.press(42.0, 3000.0)
+    assert all(not r.touching and r.flags & 1 << 6 for r in made.readings(5))
+    assert "note" not in made.board.command("set exposure_us=10000")
+    assert all(r.trusted for r in made.readings(5))
+
+
+def test_what_was_saved_survives_a_reboot_and_what_was_not_does_not(rig, calibration, tmp_path):
+    made = rig(folder=tmp_path)
+    made.board.command("set average=4")
+    upload(made.board, calibration)
+    made.board.command("save")
+    made.board.command("set gain=2")
+    made.board.command("reboot")
+    made.settle(0.5)
+    info = made.board.command("hello")
+    assert (info["gain"], info["average"]) == (9, 4)
+    assert info["calibration"] == checksum(calibration)
+
+
+def test_damaged_files_on_the_board_give_the_defaults(rig, tmp_path):
+    (tmp_path / "settings.txt").write_text("gain=3\ncrc 0000\n")
+    (tmp_path / "calibration.txt").write_bytes(b"\xff\x00")
+    info = rig(folder=tmp_path).board.info
+    assert info["gain"] == 9
+    assert info["calibration"] is None
+
+
+def test_a_request_that_is_interrupted_is_answered(rig):
+    made = rig()
+    made.board._link.write(b"auto\nset gain=5\n")
+    made.settle(0.1)
+    replies = [reply.content for reply in made.board._replies]
+    assert [reply["re"] for reply in replies] == ["auto", "set"]
+    assert "before this ended" in replies[0]["error"]
+
+
+def test_one_request_at_a_time(rig):
+    made = rig()
+    made.board._link.write(b"dark\ndark\n")
+    made.settle(0.3)
+    replies = [reply.content for reply in made.board._replies]
+    assert sorted("error" in reply for reply in replies) == [False, True]

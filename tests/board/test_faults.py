@@ -1,0 +1,76 @@
+"""What goes wrong on the bus, and that the board comes back."""
+
+import errno
+
+import numpy as np
+import pytest
+
+from spots import SpotsError
+
+
+class Cut:
+    """A bus whose device stops answering on demand."""
+
+    def __init__(self, bus):
+        self._bus = bus
+        self.cut = False
+        self.clock = bus.clock
+
+    def write(self, *arguments):
+        self._fail()
+        return self._bus.write(*arguments)
+
+    def write_read(self, *arguments):
+        self._fail()
+        return self._bus.write_read(*arguments)
+
+    def _fail(self):
+        if self.cut:
+            self.clock.spend_us(50)
+            raise OSError(errno.ENODEV, "cut")
+
+
+def test_a_sensor_that_is_unplugged_and_plugged_in_again(rig, calibration):
+    made = rig(calibration=calibration)
+    made.link.bus = Cut(made.link.bus)
+    made.press(42.0, 3000.0)
+    made.readings(5)
+    made.link.bus.cut = True
+    made.settle(2.0)
+    assert [line["log"] for line in made.board.log] == ["error"]  # once, not a flood
+    assert made.board.command("get")["fault"]
+    made.link.bus.cut = False
+    made.settle(0.5)
+    assert [line["text"] for line in made.board.log][-1] == "the sensor is back"
+    readings = made.readings(20)
+    assert all(r.trusted for r in readings)
+    assert np.mean([r.position_um for r in readings]) == pytest.approx(42_000, abs=200)
+
+
+def test_a_chip_that_stops_sampling_is_started_again(rig):
+    made = rig()
+    made.readings(5)
+    made.link.chip.write(bytes((0x80, 0x01)))  # as a brown-out of the chip would
+    made.settle(0.5)
+    assert "stopped sampling" in made.board.log[0]["text"]
+    assert len(made.readings(10)) == 10
+
+
+def test_another_chip_at_the_address_is_not_taken_for_ours(rig):
+    made = rig()
+    made.link.chip._main[0x92] = 0x10
+    made.link.chip.write(bytes((0x80, 0x01)))
+    made.settle(1.0)
+    assert "no AS7341 (ID 0x10)" in made.board.command("get")["fault"]
+
+
+def test_a_crash_of_the_firmware_is_one_sentence(rig, tmp_path):
+    made = rig(folder=tmp_path)
+    (tmp_path / "main.py").write_text("raise ValueError('boom')\n")
+    with pytest.raises(SpotsError, match="virtual board stopped: ValueError: boom"):
+        _reboot(made)
+
+
+def _reboot(made):
+    made.board.command("reboot")
+    made.settle(1.0)

@@ -1,0 +1,156 @@
+"""From a press on the strip to a position on the host, through the whole firmware."""
+
+import numpy as np
+import pytest
+from sensors import replaced
+
+from spots.sim.files import Ambient, ScenarioFile, load
+from spots.sim.scenario import Scenario
+from tactile import decode
+
+
+@pytest.mark.parametrize("position_mm", [5.0, 42.5, 80.0])
+@pytest.mark.parametrize("force_mN", [1000.0, 4000.0])
+def test_a_held_press_is_where_and_as_hard_as_it_is(rig, calibration, position_mm, force_mN):
+    made = rig(calibration=calibration)
+    made.press(position_mm, force_mN)
+    readings = made.readings(50)
+    assert all(reading.trusted for reading in readings)
+    assert np.mean([r.position_um for r in readings]) == pytest.approx(1000 * position_mm, abs=100)
+    assert np.mean([r.force_mN for r in readings]) == pytest.approx(force_mN, rel=0.03)
+
+
+def test_force_does_not_move_the_position(rig, calibration):
+    made = rig(calibration=calibration)
+    places = []
+    for force_mN in (1500.0, 9000.0):
+        made.press(30.0, force_mN)
+        places.append(np.mean([r.position_um for r in made.readings(50)]))
+    assert places[0] == pytest.approx(places[1], abs=60)
+
+
+def test_no_press_is_no_touch_and_no_position(rig, calibration):
+    made = rig(calibration=calibration)
+    for reading in made.readings(20):
+        assert not reading.touching
+        assert reading.flags & decode.TOO_DARK
+        assert (reading.position_um, reading.force_mN) == (0, 0)
+
+
+def test_samples_come_at_the_exposure_one_frame_each(rig, calibration):
+    made = rig(calibration=calibration)
+    readings = made.readings(200)
+    times_us = np.array([r.t_us for r in readings])
+    assert np.diff(times_us).mean() == pytest.approx(3597 * 2.78, rel=1e-3)
+    assert [r.sequence for r in readings] == list(
+        range(readings[0].sequence, readings[0].sequence + 200)
+    )
+    assert made.board.stats.lost == made.board.stats.bad_crc == 0
+
+
+def test_time_stamps_are_those_of_the_scenario(rig, calibration):
+    made = rig(calibration=calibration, scenario=Scenario(load(ScenarioFile, "demo")))
+    assert made.board._clock.uncertainty_s < 0.001
+    sliding = [r for r in made.readings(450) if r.trusted and 2.9 < r.time_s < 3.5]
+    assert len(sliding) > 50
+    # At 85 mm/s a stamp 1 ms late would put the finger 85 um off.
+    truth = Scenario(load(ScenarioFile, "demo"))
+    errors = [r.position_um - 1000 * truth.presses(r.time_s)[0].position_mm for r in sliding]
+    assert abs(np.mean(errors)) < 50
+
+
+def test_averaging_lowers_rate_and_noise_and_moves_nothing(rig, calibration):
+    made = rig(calibration=calibration)
+    made.press(60.0, 2500.0)
+    single = made.readings(200)
+    made.board.command("set average=16")
+    averaged = made.readings(40)
+    steps_us = np.diff([r.t_us for r in averaged])
+    assert steps_us.mean() == pytest.approx(16 * 3597 * 2.78, rel=1e-2)
+    ratio = np.std([r.position_um for r in averaged]) / np.std([r.position_um for r in single])
+    assert ratio < 0.5
+    assert np.mean([r.position_um for r in averaged]) == pytest.approx(
+        np.mean([r.position_um for r in single]),
+        abs=60,  # each has its own dark frame, in quarters of a count
+    )
+
+
+def test_steady_light_from_outside_is_subtracted(rig, calibration):
+    lamp = Ambient(steps=[(0.0, 15.0)])
+    made = rig(calibration=calibration)
+    made.held.ambient_uW_cm2 = Scenario(ScenarioFile(seconds=10.0, ambient=lamp)).ambient_uW_cm2
+    made.board.command("dark")
+    assert min(made.board.command("get")["dark"]) > 100
+    made.press(42.5, 4000.0)
+    readings = made.readings(50)
+    assert all(r.trusted and r.flags & decode.DARK_SUBTRACTED for r in readings)
+    assert np.mean([r.position_um for r in readings]) == pytest.approx(42_500, abs=150)
+
+
+def test_a_lamp_switched_on_is_learned_while_idle_and_not_while_touched(rig, calibration):
+    made = rig(calibration=calibration)
+    lamp = Scenario(ScenarioFile(seconds=1e6, ambient=Ambient(steps=[(0.0, 1.0)])))
+    made.held.ambient_uW_cm2 = lamp.ambient_uW_cm2
+    made.press(42.5, 4000.0)
+    made.board.command("stream touch")
+    made.settle(15.0)
+    assert max(made.board.command("get")["dark"]) <= 8
+    made.release()
+    made.settle(15.0)
+    assert min(made.board.command("get")["dark"]) > 8
+
+
+def test_dark_frames_are_marked_and_keep_the_touch(rig, calibration):
+    made = rig(calibration=calibration)
+    made.press(42.5, 4000.0)
+    made.readings(5)
+    made.board._link.write(b"dark\n")
+    frames = (frame for frame in made.board.frames(0.2))
+    readings = [frame for frame in frames if frame.time_s > 0]
+    dark = [reading for reading in readings if reading.flags & decode.LED_OFF]
+    assert len(dark) == 6  # four dark ones, and one at either end that is neither
+    assert all(reading.touching and not reading.trusted for reading in dark)
+    assert all(reading.trusted for reading in readings if reading not in dark)
+
+
+def test_a_saturated_reading_says_so(rig, sensor):
+    bright = replaced(sensor, led={"irradiance_uW_cm2_per_mA": 100.0})
+    made = rig(sensor=bright)
+    made.press(5.0, 9000.0)
+    assert all(r.flags & decode.SATURATED for r in made.spectra(10))
+    assert made.board.command("get")["saturation"] in ("digital", "analog")
+
+
+def test_a_press_too_light_for_its_place_is_no_touch(rig, sensor, calibration):
+    made = rig(calibration=calibration)
+    made.press(80.0, sensor.contact.threshold_mN + 20)
+    assert not any(r.touching for r in made.readings(50))
+
+
+def test_the_led_can_be_off(rig, calibration):
+    made = rig(calibration=calibration)
+    made.press(42.5, 4000.0)
+    made.board.command("set led_mA=0")
+    for frame in made.spectra(10):
+        assert frame.flags & decode.LED_OFF
+        assert max(frame.counts) <= 2
+
+
+@pytest.mark.parametrize("irradiance", [1.0, 4.0, 14.0, 60.0, 400.0])
+def test_auto_fills_the_converter_to_60_to_90_percent(rig, sensor, irradiance):
+    made = rig(sensor=replaced(sensor, led={"irradiance_uW_cm2_per_mA": irradiance}))
+    made.press(2.0, 10_000.0)
+    made.board.command("auto", timeout_s=20)
+    full_scale = made.board.command("get")["full_scale"]
+    peak = max(np.mean([frame.counts for frame in made.spectra(20)], axis=0))
+    assert 0.58 < peak / full_scale < 0.92
+
+
+def test_auto_without_light_changes_nothing_and_says_why(rig):
+    made = rig()
+    before = made.board.command("get")
+    with pytest.raises(Exception, match="too dark"):
+        made.board.command("auto", timeout_s=60)
+    after = made.board.command("get")
+    for name in ("gain", "led_mA", "exposure_us"):
+        assert after[name] == before[name]

@@ -1,0 +1,106 @@
+"""Settings are taken whole or not at all, and a save survives a cut of power at every step."""
+
+import os
+
+import pytest
+
+from tactile import settings
+
+
+def made():
+    return settings.Settings(led_max_mA=100)
+
+
+def test_defaults_are_within_their_own_limits():
+    fresh = made()
+    fresh.change(fresh.lines())
+    assert fresh.values == made().values
+
+
+def test_the_exposure_becomes_what_the_chip_can_do():
+    fresh = made()
+    fresh.change(["exposure_us=12345"])
+    assert fresh.values["exposure_us"] == 12346  # 4441 steps of 2.78 us
+    fresh.change(fresh.lines())
+    assert fresh.values["exposure_us"] == 12346
+
+
+@pytest.mark.parametrize(
+    ("word", "says"),
+    [
+        ("gain=11", "0 to 10"),
+        ("gain=-1", "0 to 10"),
+        ("gain=", "whole number"),
+        ("gain=9.5", "whole number"),
+        ("gain", "whole number"),
+        ("exposure_us=0", "1000 to 1000000"),
+        ("average=65", "1 to 64"),
+        ("led_mA=101", "0 to 100"),
+        ("led_mA=3", "whole number"),
+        ("plan=F1,F2", "six different"),
+        ("plan=F1,F2,F3,F4,F5,F9", "F9"),
+        ("colour=red", "there are average, exposure_us, gain, led_mA, plan"),
+        ("", "there are"),
+    ],
+)
+def test_a_bad_setting_is_named_and_nothing_is_taken(word, says):
+    fresh = made()
+    with pytest.raises(ValueError, match=says):
+        fresh.change(["gain=3", word])
+    assert fresh.values == made().values
+
+
+def test_no_current_is_allowed_for_it_means_off():
+    fresh = made()
+    fresh.change(["led_mA=0"])
+    assert fresh.values["led_mA"] == 0
+
+
+def test_what_was_saved_is_loaded(tmp_path):
+    path = str(tmp_path / "f")
+    settings.save_lines(path, ["a", "b c"])
+    settings.save_lines(path, ["d"])
+    assert settings.load_lines(path) == ["d"]
+
+
+def test_nothing_saved_is_nothing_loaded(tmp_path):
+    assert settings.load_lines(str(tmp_path / "f")) is None
+
+
+@pytest.mark.parametrize("damage", [b"", b"d\n", b"d\ncrc 0000\n", b"\xff\xfe"])
+def test_a_damaged_file_gives_way_to_the_last_good_one(tmp_path, damage):
+    path = tmp_path / "f"
+    settings.save_lines(str(path), ["a"])
+    settings.save_lines(str(path), ["b"])
+    path.write_bytes(damage)
+    assert settings.load_lines(str(path)) == ["a"]
+
+
+class PowerCutError(Exception):
+    pass
+
+
+def test_a_cut_at_any_step_of_a_save_leaves_the_old_or_the_new(tmp_path, monkeypatch):
+    for steps in range(4):
+        path = str(tmp_path / str(steps))
+        settings.save_lines(path, ["one"])
+        settings.save_lines(path, ["two"])
+        left = [steps]
+
+        def cut(operation, left=left):
+            def maybe(*names):
+                if left[0] == 0:
+                    raise PowerCutError
+                left[0] -= 1
+                operation(*names)
+
+            return maybe
+
+        with monkeypatch.context() as patch:
+            patch.setattr(settings.os, "rename", cut(os.rename))
+            patch.setattr(settings.os, "remove", cut(os.remove))
+            try:
+                settings.save_lines(path, ["three"])
+            except PowerCutError:
+                pass
+        assert settings.load_lines(path) in (["two"], ["three"])

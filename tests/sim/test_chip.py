@@ -1,0 +1,259 @@
+"""The simulated AS7341 does what the datasheet says, register by register."""
+
+import numpy as np
+import pytest
+
+from spots.sim.as7341 import AS7341, AUTO_ZERO_US, DIODES, Noise, Quirks
+from spots.sim.bus import Bus, SimulatedClock
+
+ADDRESS = 0x39
+SILENT = Noise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
+
+
+class Lamp:
+    """Counts at gain 1x per ms: 1 for F1, 2 for F2 ... while the LED is on, by its current."""
+
+    def __init__(self, rate=1.0):
+        self.rate = rate
+
+    def collect(self, start_us, end_us, led_mA):
+        level = self.rate * led_mA / 20 * (end_us - start_us) / 1000
+        return {diode: level * (i + 1) for i, diode in enumerate(DIODES)}
+
+
+class Bench:
+    """A chip on a 400 kHz bus with helpers to set it up byte by byte."""
+
+    def __init__(self, lamp=None, noise=SILENT, **quirks):
+        self.clock = SimulatedClock()
+        rng = np.random.default_rng(0)
+        self.chip = AS7341(lamp or Lamp(), noise, rng, Quirks(**quirks))
+        self.bus = Bus(self.chip, self.clock)
+        self.clock.spend_us(1000)
+
+    def write(self, register, *values):
+        self.bus.write(ADDRESS, bytes((register, *values)))
+
+    def read(self, register, size=1):
+        return self.bus.write_read(ADDRESS, bytes((register,)), size)
+
+    def run(self, map_bytes, astep=3596, gain=6, led=0x08):
+        """One-pass set-up with the LED at 4 + 2 * led mA."""
+        self.write(0x80, 0x01)
+        self.write(0xA9, 0x10)
+        self.write(0x70, 0x08)
+        self.write(0x74, 0x80 | led)
+        self.write(0xA9, 0x00)
+        self.write(0x81, 0)
+        self.write(0xCA, astep & 0xFF, astep >> 8)
+        self.write(0xAA, gain)
+        self.write(0xF9, 0x08)
+        self.write(0xAF, 0x10)
+        self.write(0x00, *map_bytes)
+        self.write(0x80, 0x11)
+        self.clock.spend_us(1000)
+        assert not self.read(0x80)[0] & 0x10
+        self.write(0x80, 0x03)
+
+    def wait(self, us):
+        self.clock.spend_us(us)
+
+    def sample(self):
+        burst = self.read(0x93, 14)
+        return burst[0], burst[1], np.frombuffer(burst[2:], "<u2").tolist()
+
+
+# F1 to F4, CLEAR, NIR and F5 to F8, CLEAR, NIR as ams AN000666 prints them.
+F1_F4 = bytes(
+    [0x30, 0x01, 0, 0, 0, 0x42, 0, 0, 0x50, 0, 0, 0, 0x20, 0x04, 0, 0x30, 0x01, 0x50, 0, 6]
+)
+F5_F8 = bytes(
+    [0, 0, 0, 0x40, 0x02, 0, 0x10, 0x03, 0x50, 0x10, 0x03, 0, 0, 0, 0x24, 0, 0, 0x50, 0, 6]
+)
+
+
+def test_identity_and_reset_values():
+    bench = Bench()
+    assert bench.read(0x92)[0] >> 2 == 9
+    assert bench.read(0xCA, 2) == b"\xe7\x03"
+    assert bench.read(0xAA) == b"\x09"
+
+
+def test_it_does_not_answer_right_after_power_on_nor_at_other_addresses():
+    bench = Bench()
+    bench.clock.time_us = 100.0
+    fresh = Bus(AS7341(Lamp(), SILENT, np.random.default_rng(0)), SimulatedClock(100.0))
+    with pytest.raises(OSError, match="acknowledge"):
+        fresh.write_read(ADDRESS, b"\x92", 1)
+    with pytest.raises(OSError, match="acknowledge"):
+        bench.bus.write_read(0x38, b"\x92", 1)
+
+
+def test_wire_time_of_the_transfers():
+    bench = Bench()
+    before = bench.clock.now_us()
+    bench.read(0x93, 14)
+    assert bench.clock.now_us() - before == pytest.approx((3 + 9 * 17) * 2.5)
+    before = bench.clock.now_us()
+    bench.write(0x93, 0x08)
+    assert bench.clock.now_us() - before == pytest.approx((2 + 9 * 3) * 2.5)
+    assert bench.bus.ledger.transactions == 2
+    assert bench.bus.ledger.wire_bytes == 17 + 3
+
+
+def test_the_led_registers_are_in_bank_1_and_the_others_in_bank_0():
+    bench = Bench()
+    assert bench.read(0x74) == b"\x00"
+    bench.write(0xA9, 0x10)
+    assert bench.read(0x74) == b"\x04"
+    assert bench.read(0x92) == b"\x00"
+    bench.write(0xCA, 1)
+    bench.write(0xA9, 0x00)
+    assert bench.read(0xCA) == b"\xe7"
+
+
+@pytest.mark.parametrize(("image", "first"), [(F1_F4, 1), (F5_F8, 5)])
+def test_a_map_routes_its_diodes_to_the_six_converters(image, first):
+    bench = Bench(Lamp(0.1))
+    bench.run(image)
+    bench.wait(AUTO_ZERO_US + 10_100)
+    _, _, counts = bench.sample()
+    clear, nir = 9, 10
+    ideal = [0.1 * 10 * 32 * n for n in (first, first + 1, first + 2, first + 3, clear, nir)]
+    assert counts == pytest.approx(ideal, abs=1)
+
+
+def test_the_map_takes_effect_only_when_the_command_runs():
+    bench = Bench()
+    bench.run(F1_F4)
+    bench.write(0x00, *F5_F8)
+    bench.wait(40_000)
+    assert bench.sample()[2][0] == pytest.approx(10 * 32, abs=1)
+
+
+def test_each_sample_raises_aint_once_and_writing_1_clears_it():
+    bench = Bench()
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 5_000)
+    assert not bench.sample()[0] & 0x08
+    bench.wait(6_000)
+    assert bench.sample()[0] & 0x08
+    assert bench.sample()[0] & 0x08
+    bench.write(0x93, 0x08)
+    assert not bench.sample()[0] & 0x08
+    bench.wait(10_000)
+    assert bench.sample()[0] & 0x08
+
+
+@pytest.mark.parametrize("clears", [True, False])
+def test_avalid_may_or_may_not_clear_on_read(clears):
+    bench = Bench(avalid_clears_on_read=clears)
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 11_000)
+    assert bench.read(0xA3)[0] & 0x40
+    bench.sample()
+    assert bool(bench.read(0xA3)[0] & 0x40) is not clears
+
+
+def test_counts_change_only_where_astatus_is_read():
+    lamp = Lamp()
+    bench = Bench(lamp)
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 11_000)
+    assert bench.read(0x95, 12) == bytes(12)
+    first = bench.sample()[2]
+    lamp.rate = 0.5
+    bench.wait(30_000)
+    assert np.frombuffer(bench.read(0x95, 12), "<u2").tolist() == first
+    assert bench.sample()[2] == pytest.approx([c / 2 for c in first], abs=1)
+
+
+@pytest.mark.parametrize(("every_start", "pause"), [(True, AUTO_ZERO_US), (False, 0)])
+def test_auto_zero_may_or_may_not_come_at_every_start(every_start, pause):
+    bench = Bench(auto_zero_at_every_start=every_start)
+    bench.run(F1_F4)
+    bench.wait(30_000)
+    bench.write(0x80, 0x01)
+    samples = bench.chip.samples
+    bench.write(0x80, 0x03)
+    bench.wait(pause + 9_500)
+    bench.sample()
+    assert bench.chip.samples == samples
+    bench.wait(1_000)
+    bench.sample()
+    assert bench.chip.samples == samples + 1
+
+
+def test_full_scale_is_the_number_of_steps_and_is_flagged():
+    bench = Bench(Lamp(100.0))
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 11_000)
+    status, astatus, counts = bench.sample()
+    assert max(counts) == 3597
+    assert status & 0x80
+    assert astatus & 0x80
+    assert bench.read(0xA3)[0] & 0x18
+
+
+def test_astatus_tells_the_gain():
+    bench = Bench(Lamp(0.1))
+    bench.run(F1_F4, gain=7)
+    bench.wait(AUTO_ZERO_US + 11_000)
+    assert bench.sample()[1] == 7
+
+
+def test_the_led_needs_its_select_bit_and_its_current_starts_at_4_mA():
+    bench = Bench()
+    bench.run(F1_F4, led=0)  # 4 mA
+    bench.wait(AUTO_ZERO_US + 11_000)
+    assert bench.sample()[2][0] == pytest.approx(10 * 32 * 4 / 20, abs=1)
+    bench.write(0xA9, 0x10)
+    bench.write(0x70, 0x00)
+    bench.write(0xA9, 0x00)
+    bench.wait(30_000)
+    assert bench.sample()[2] == [0] * 6
+
+
+def test_light_switched_within_a_sample_counts_for_its_part():
+    bench = Bench()
+    bench.run(F1_F4)
+    start = bench.clock.now_us() + AUTO_ZERO_US
+    bench.write(0xA9, 0x10)
+    bench.wait(start + 5_000 - bench.clock.now_us())
+    bench.write(0x74, 0x08)
+    bench.write(0xA9, 0x00)
+    bench.wait(6_000)
+    assert bench.sample()[2][0] == pytest.approx(5 * 32, rel=0.02)
+
+
+def test_samples_follow_each_other_without_a_gap():
+    bench = Bench()
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 1_000_000)
+    bench.sample()
+    assert bench.chip.samples == 100
+    assert bench.chip.integrating_us == pytest.approx(100 * 3597 * 2.78)
+
+
+def test_noise_has_the_size_that_is_asked_for():
+    noise = Noise(read_counts=3.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
+    bench = Bench(noise=noise)
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US)
+    rows = []
+    for _ in range(2000):
+        bench.wait(10_000)
+        rows.append(bench.sample()[2])
+    assert np.std(rows, axis=0) == pytest.approx(3.0, rel=0.1)
+
+
+def test_shot_noise_is_the_root_of_the_electrons():
+    noise = Noise(read_counts=0.0, electrons_per_count_1x=32.0, dark_counts_512x=0.0)
+    bench = Bench(Lamp(0.5), noise=noise)
+    bench.run(F1_F4)  # at 32x a count is one electron
+    bench.wait(AUTO_ZERO_US)
+    rows = []
+    for _ in range(2000):
+        bench.wait(10_000)
+        rows.append(bench.sample()[2])
+    assert np.std(rows, axis=0) == pytest.approx(np.sqrt(np.mean(rows, axis=0)), rel=0.1)
