@@ -43,6 +43,11 @@ def led_code(led_mA):
     return max(0, led_mA - LED_MIN_MA) >> 1
 
 
+def actual_mA(led_mA):
+    """Return the current that the driver makes of `led_mA`; 0 is off."""
+    return LED_MIN_MA + 2 * led_code(led_mA) if led_mA else 0
+
+
 # The search aims between these, in 1/1024 of full scale: 60 % to 90 %. The least LED current
 # grows by half in its first step, so the band must not be narrower than a factor of 1.5.
 _FULL = 1024
@@ -60,12 +65,15 @@ class Search:
     ----------
     gain, led_mA, exposure_us : int
         The setting to begin with.
+    led_max_mA : int
+        What the LED stands.
     """
 
-    def __init__(self, gain, led_mA, exposure_us):
+    def __init__(self, gain, led_mA, exposure_us, led_max_mA):
         self.gain = gain
-        self.led_mA = led_mA
+        self.led_mA = actual_mA(max(LED_MIN_MA, led_mA))
         self.exposure_us = exposure_us
+        self._led_max_mA = actual_mA(led_max_mA)
         self._tries = 24
 
     def step(self, peak, full_scale, saturated):
@@ -98,8 +106,9 @@ class Search:
             while self.gain < GAIN_MAX and level * 2 < _HIGH:
                 self.gain += 1
                 level *= 2
-        elif self.led_mA < LED_MAX_MA:
-            self.led_mA = min(LED_MAX_MA, max(self.led_mA + 2, self.led_mA * _AIM // level))
+        elif self.led_mA < self._led_max_mA:
+            wanted_mA = actual_mA(self.led_mA * _AIM // level)
+            self.led_mA = min(self._led_max_mA, max(self.led_mA + 2, wanted_mA))
         elif self.exposure_us < MAX_US:
             self.exposure_us = min(MAX_US, max(self.exposure_us, 182_000) * _AIM // level)
         else:
@@ -111,7 +120,8 @@ class Search:
             self.gain -= 1
         elif self.led_mA > LED_MIN_MA:
             factor = _FULL // 2 if saturated else _AIM
-            self.led_mA = max(LED_MIN_MA, min(self.led_mA - 2, self.led_mA * factor // _FULL))
+            wanted_mA = actual_mA(self.led_mA * factor // _FULL)
+            self.led_mA = max(LED_MIN_MA, min(self.led_mA - 2, wanted_mA))
         elif self.gain > 0:
             self.gain -= 1
         else:

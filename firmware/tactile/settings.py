@@ -37,14 +37,14 @@ class Settings:
     """
 
     def __init__(self, led_max_mA):
-        self._led_max_mA = led_max_mA
+        self.led_max_mA = led_max_mA
         self.values = {name: limits[2] for name, limits in LIMITS.items()}
         self.values["plan"] = DEFAULT_PLAN
 
     def change(self, words):
         """Take assignments such as ``gain=9``: all of them, or none.
 
-        An exposure becomes the nearest that the chip can do.
+        Exposure and LED current become what the chip makes of them.
 
         Raises
         ------
@@ -67,6 +67,8 @@ class Settings:
         if "exposure_us" in checked:
             nearest = exposure.registers(checked["exposure_us"])
             checked["exposure_us"] = exposure.actual_us(*nearest)
+        if "led_mA" in checked:
+            checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         self.values.update(checked)
 
     def lines(self):
@@ -78,7 +80,7 @@ class Settings:
     def _number(self, name, text):
         low, high, _ = LIMITS[name]
         if name == "led_mA":
-            high = min(high, self._led_max_mA)
+            high = min(high, self.led_max_mA)
         try:
             value = int(text)
         except ValueError:

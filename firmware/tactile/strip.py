@@ -79,7 +79,7 @@ class Strip:
     def request_search(self, done):
         """Search gain, LED current and exposure; then call ``done(outcome, Search)``."""
         s = self.settings.values
-        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"])
+        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
         self._on_search = done
         self._dark_wanted = True
 

@@ -48,8 +48,11 @@ class Strip:
         return min(round(ideal), full_scale), full_scale, ideal >= full_scale
 
 
+LED_MAX_MA = 100
+
+
 def search(strip, gain=9, led_mA=20, exposure_us=10_000):
-    made = exposure.Search(gain, led_mA, exposure_us)
+    made = exposure.Search(gain, led_mA, exposure_us, LED_MAX_MA)
     for _ in range(40):
         outcome = made.step(*strip.read(made))
         if outcome != exposure.AGAIN:
@@ -60,18 +63,20 @@ def search(strip, gain=9, led_mA=20, exposure_us=10_000):
 @given(
     st.floats(-6.5, -0.5),
     st.integers(0, 10),
-    st.integers(4, 258),
+    st.integers(0, LED_MAX_MA),
     st.sampled_from([2780, 10_000, 100_000, 400_000]),
 )
 def test_the_brightest_channel_ends_at_60_to_90_percent(exponent, gain, led_mA, exposure_us):
     strip = Strip(10**exponent)
     outcome, made = search(strip, gain, led_mA, exposure_us)
+    assert made.led_mA <= LED_MAX_MA
+    assert exposure.actual_mA(made.led_mA) == made.led_mA
     peak, full_scale, saturated = strip.read(made)
     if outcome == exposure.DONE:
         assert not saturated
         assert 0.6 <= peak / full_scale <= 0.9
     elif outcome == exposure.TOO_DARK:
-        assert (made.gain, made.led_mA) == (exposure.GAIN_MAX, exposure.LED_MAX_MA)
+        assert (made.gain, made.led_mA) == (exposure.GAIN_MAX, LED_MAX_MA)
     else:
         assert (made.gain, made.led_mA) == (0, exposure.LED_MIN_MA)
 

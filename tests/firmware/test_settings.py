@@ -50,6 +50,12 @@ def test_a_bad_setting_is_named_and_nothing_is_taken(word, says):
     assert fresh.values == made().values
 
 
+def test_the_current_becomes_what_the_chip_makes_of_it():
+    fresh = made()
+    fresh.change(["led_mA=21"])
+    assert fresh.values["led_mA"] == 20
+
+
 def test_no_current_is_allowed_for_it_means_off():
     fresh = made()
     fresh.change(["led_mA=0"])
