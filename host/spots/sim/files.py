@@ -58,6 +58,8 @@ class Contact(_Struct):
 
     threshold_mN: NotNegative
     half_mN: Positive
+    early_share: Annotated[float, msgspec.Meta(ge=0, lt=0.1)] = 0.0
+    early_mN: Positive = 50.0
 
 
 class Converter(_Struct):
@@ -73,6 +75,29 @@ class Converter(_Struct):
     clock_error_percent: Annotated[float, msgspec.Meta(ge=-6, le=6)] = 0.0
 
 
+class Stretch(_Struct):
+    """What stretching and bending do to the guides, see `optics.Optics.press`."""
+
+    poisson_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.45
+    bend_loss_percent: Annotated[float, msgspec.Meta(ge=0, lt=100)] = 5.0
+
+
+class Surroundings(_Struct):
+    """Steady light from outside, on top of a scenario's."""
+
+    irradiance_uW_cm2: NotNegative = 0.0
+    flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    flicker_hz: Positive = 100.0
+
+
+class Joint(_Struct):
+    """A sliding indenter that a joint moves along the strip."""
+
+    radius_mm: Positive = 25.0
+    force_mN: Positive = 4000.0
+    play_deg: NotNegative = 0.02
+
+
 class SensorFile(_Struct):
     """A strip and the chip at its end."""
 
@@ -81,6 +106,9 @@ class SensorFile(_Struct):
     dye: Dye
     contact: Contact
     converter: Converter
+    stretch: Stretch = Stretch()
+    surroundings: Surroundings = Surroundings()
+    joint: Joint = Joint()
 
 
 class Touch(_Struct):
@@ -104,9 +132,14 @@ class Ambient(_Struct):
 
 
 class ScenarioFile(_Struct):
-    """What happens to the strip; it repeats after `seconds`."""
+    """What happens to the strip; it repeats after `seconds`.
+
+    Positions are those on the strip as it is, stretched or not.
+    """
 
     seconds: Positive
+    strain_percent: Annotated[float, msgspec.Meta(ge=0, le=50)] = 0.0
+    bend_deg: Annotated[float, msgspec.Meta(ge=0, le=360)] = 0.0
     touch: list[Touch] = []
     ambient: Ambient | None = None
 

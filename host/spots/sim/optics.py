@@ -70,16 +70,27 @@ class Optics:
 
     def __init__(self, sensor: SensorFile):
         self._led = sensor.led
-        self._decay = decay_per_mm(sensor.dye)
+        self._stretch = sensor.stretch
+        self._clear = sensor.dye.clear_per_mm
+        self._dyed = decay_per_mm(sensor.dye) - sensor.dye.clear_per_mm
         self._lit = _SENSITIVITY * led_spectrum(sensor.led)
         self._flat = _SENSITIVITY.mean(axis=1)
 
-    def press(self, position_mm: float, width_mm: float) -> np.ndarray:
-        """Return the rates of a full contact at `position_mm`, for 1 uW/cm2 of source."""
-        half = self._decay * width_mm / 2
+    def press(
+        self, position_mm: float, width_mm: float, strain: float = 0.0, bend_deg: float = 0.0
+    ) -> np.ndarray:
+        """Return the rates of a full contact at `position_mm`, for 1 uW/cm2 of source.
+
+        Stretching thins the dye, since the volume grows (paper, section III.C); bending costs
+        light, the same at every wavelength and place.
+        """
+        volume = (1 + strain) * (1 - self._stretch.poisson_ratio * strain) ** 2
+        decay = self._clear + self._dyed / volume
+        half = decay * width_mm / 2
         # The mean of exp(-k x) over the contact; sinh(h)/h without 0/0.
         spread = 1 + half**2 / 6 + half**4 / 120
-        return self._lit @ (np.exp(-self._decay * position_mm) * spread)
+        kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
+        return kept * (self._lit @ (np.exp(-decay * position_mm) * spread))
 
     def source_uW_cm2(self, led_mA: float) -> float:
         """Return what a full contact at the sensor's own end sends into it."""

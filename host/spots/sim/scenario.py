@@ -24,6 +24,8 @@ class Scenario:
     def __init__(self, file: ScenarioFile):
         self._file = file
         self._times = [[point[0] for point in touch.points] for touch in file.touch]
+        self.strain = file.strain_percent / 100
+        self.bend_deg = file.bend_deg
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the fingers that touch with any force at `time_s`."""
@@ -42,22 +44,37 @@ class Scenario:
         if ambient is None:
             return 0.0
         level = _step(ambient, start_s % self._file.seconds)
-        omega = 2 * math.pi * ambient.flicker_hz
-        swing = (math.sin(omega * end_s) - math.sin(omega * start_s)) / (omega * (end_s - start_s))
-        return level * (1 + ambient.flicker_percent / 100 * swing)
+        return level * flicker(ambient.flicker_percent, ambient.flicker_hz, start_s, end_s)
 
 
 class Held:
-    """A scenario that a stage sets by hand: one press, held until it is moved."""
+    """A scenario that a stage sets by hand: one press, held until it is moved.
+
+    Attributes
+    ----------
+    press : Press or None
+    strain : float
+        Elongation over length at rest.
+    bend_deg : float
+    """
 
     def __init__(self):
         self.press: Press | None = None
+        self.strain = 0.0
+        self.bend_deg = 0.0
 
     def presses(self, time_s: float) -> list[Press]:
         return [self.press] if self.press else []
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         return 0.0
+
+
+def flicker(percent: float, frequency_hz: float, start_s: float, end_s: float) -> float:
+    """Return the mean over an interval of light that swings about 1 by so many per cent."""
+    omega = 2 * math.pi * frequency_hz
+    swing = (math.sin(omega * end_s) - math.sin(omega * start_s)) / (omega * (end_s - start_s))
+    return 1 + percent / 100 * swing
 
 
 def _between(touch: Touch, i: int, time_s: float) -> Press:

@@ -9,6 +9,7 @@ import numpy as np
 from .as7341 import AS7341, Noise, Quirks
 from .files import Contact, SensorFile
 from .optics import Optics
+from .scenario import flicker
 
 # A moving finger is followed in steps of at most this within one integration.
 _STEP_US = 2_500.0
@@ -17,10 +18,14 @@ _STEP_US = 2_500.0
 def coupling(contact: Contact, force_mN: float) -> float:
     """Return the share of full contact at a force: 0 below the threshold, towards 1 above it.
 
-    Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A).
+    Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A). A
+    little may couple across the closing gap before contact.
     """
-    over = (force_mN - contact.threshold_mN) / contact.half_mN
-    return over / (1 + over) if over > 0 else 0.0
+    over_mN = force_mN - contact.threshold_mN
+    if over_mN <= 0:
+        return contact.early_share * math.exp(over_mN / contact.early_mN)
+    over = over_mN / contact.half_mN
+    return contact.early_share + (1 - contact.early_share) * over / (1 + over)
 
 
 class World:
@@ -49,16 +54,25 @@ class World:
             for i in range(steps):
                 rates += self._lit((start_us + (i + 0.5) * step_us) * 1e-6) / steps
             rates *= self._optics.source_uW_cm2(led_mA) * self._led_level(start_us, duration_us)
-        ambient = self._scenario.ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
-        rates += self._optics.ambient(ambient)
+        rates += self._optics.ambient(self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6))
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
+    def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
+        around = self._sensor.surroundings
+        steady = around.irradiance_uW_cm2 * flicker(
+            around.flicker_percent, around.flicker_hz, start_s, end_s
+        )
+        return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
+
     def _lit(self, time_s: float) -> np.ndarray:
+        strain, bend_deg = self._scenario.strain, self._scenario.bend_deg
         rates = np.zeros(len(self._optics.names))
         for press in self._scenario.presses(time_s):
             share = coupling(self._sensor.contact, press.force_mN)
             if share > 0:
-                rates += share * self._optics.press(press.position_mm, press.width_mm)
+                rates += share * self._optics.press(
+                    press.position_mm, press.width_mm, strain, bend_deg
+                )
         return rates
 
     def _led_level(self, start_us: float, duration_us: float) -> float:
