@@ -120,7 +120,10 @@ class App:
         if not self.calibration_lines:
             return None
         sensor = self.strip.sensor
-        calibration = Calibration(self.calibration_lines)
+        try:
+            calibration = Calibration(self.calibration_lines, self.settings.values["strain_ppm"])
+        except CalibrationError as error:
+            return str(error)
         reason = calibration.mismatch(
             self.uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )

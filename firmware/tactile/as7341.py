@@ -123,7 +123,7 @@ class AS7341:
         self._bus.write(self._clear)
         self._write(_ENABLE, _PON | _SP_EN)
         now = self._clock.ticks_us()
-        self._settled = now
+        self._settled = self._clock.ticks_add(now, -self.exposure_us)  # lit all along
         self.complete = now
         self.pacing.start(now, self.exposure_us)
 
@@ -188,7 +188,8 @@ class AS7341:
             if count >= self.full_scale:
                 saturated = True
         self.saturated = saturated
-        began = clock.ticks_add(self.complete, -self.exposure_us)
+        # As early as it may have begun: the oscillator is trusted to a sixteenth.
+        began = clock.ticks_add(self.complete, -(self.exposure_us + (self.exposure_us >> 4)))
         self.steady = clock.ticks_diff(began, self._settled) >= 0
         return True
 

@@ -1,16 +1,23 @@
 """A calibration as the board holds it: lines of integers, checked before they are believed.
 
-One statement a line, in any order, each once except the knots::
+One statement a line; weights are Q13, logarithms Q20::
 
     board 4552a1f0             the board it was made on
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
-    position 1 -2 ...          six weights w, Q13, sum 0
-    force 1 -2 ...             six weights v, Q13, sum 8192
-    fit 1 -2 ...               six weights u, Q13, sum 0
-    x -123456 85000 77         knot: contrast (Q20) -> position in um, expected fit (Q20)
-    f 123456 1000 900          knot: brightness (Q20) -> force in mN, tolerance of the fit (Q12)
+    coarse 1 -2 ...            six weights, sum 0: a contrast that tells the segment
+    fit 1 -2 ...               six weights, sum 0: what one press cannot do
+    segment 1 -2 ... 3 4 ...   twelve weights, for each segment of the strip in turn: six for the
+                               position (sum 0), six for the force (sum 8192)
+    f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
+    strain 0                   what follows holds at this strain, in ppm
+    from -99999                where the coarse contrast enters the next segment
+    x -123456 85000 77 -5      knot of that segment: contrast -> position in um, expected fit,
+                               brightness to take off here
+
+Strains ascend from 0 and have the same number of knots, so that the board can go from one to the
+next in straight lines. Segments follow the ascending coarse contrast.
 """
 
 from .smux import CHANNELS, PIXELS
@@ -19,68 +26,80 @@ ONE_Q13 = 1 << 13
 # Keeps every sum of decode.dot inside 31 bits.
 WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
+STRAIN_MAX_PPM = 500_000
+# No logarithm or contrast lies farther out; leaves room for the differences of two.
+_LOG_MAX = 1 << 28
 _SMALL = 1 << 30
+_STRAIN_Q = 12
 
 # name: how many integers follow
-_FIELDS = {"made": 3, "touch": 2, "position": 6, "force": 6, "fit": 6}
+_ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
+_MANY = {"segment": 12, "f": 3}
 
 
 class CalibrationError(ValueError):
     """A calibration that must not be used; the text says why."""
 
 
+class Segment:
+    """A stretch of the strip with weights and tables of its own.
+
+    Attributes
+    ----------
+    position, force : tuple of int
+        Six weights each, Q13.
+    contrasts, positions_um, fits, offsets : tuple of int
+        The knots.
+    """
+
+    def __init__(self, weights, knots):
+        self.position = weights[:CHANNELS]
+        self.force = weights[CHANNELS:]
+        self.contrasts, self.positions_um, self.fits, self.offsets = knots
+
+
 class Calibration:
-    """A checked calibration; attributes are named as the lines of the module's text.
+    """A checked calibration.
 
     Parameters
     ----------
     lines : iterable of str
         The statements.
+    strain_ppm : int
+        The strain to use it at; between two known ones in straight lines.
 
     Raises
     ------
     CalibrationError
-        If a statement is missing, twice there, unknown or out of range.
+        If a statement is missing, unknown or out of range, or the strain is.
     """
 
-    def __init__(self, lines):
+    def __init__(self, lines, strain_ppm=0):
         self.board = self.plan = None
-        x_knots = []
-        f_knots = []
-        seen = {}
+        seen = {"segment": [], "f": []}
+        strains = []
         for line in lines:
             words = line.split()
-            if not words:
-                continue
-            name = words[0]
-            if name == "x":
-                x_knots.append(_integers(line, 3))
-            elif name == "f":
-                f_knots.append(_integers(line, 3))
-            elif name in seen:
-                raise CalibrationError("'%s' is there twice" % name)
-            elif name == "board" and len(words) == 2:
-                self.board = seen[name] = words[1]
-            elif name == "plan":
-                self.plan = seen[name] = tuple(words[1:])
-            elif name in _FIELDS:
-                seen[name] = _integers(line, _FIELDS[name])
-            else:
-                raise CalibrationError("'%s' is no line of a calibration" % line[:40])
-        for name in ("board", "plan") + tuple(_FIELDS):
+            if words:
+                _take(line, words, seen, strains)
+        for name in ("board", "plan") + tuple(_ONCE):
             if name not in seen:
                 raise CalibrationError("the line '%s' is missing" % name)
-        if len(set(self.plan)) != CHANNELS or any(d not in PIXELS for d in self.plan):
-            raise CalibrationError("'plan' needs six different diodes")
+        self.board = seen["board"]
+        self.plan = seen["plan"]
         self.gain, self.exposure_us, self.led_mA = seen["made"]
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
             raise CalibrationError("'touch' needs 0 < end <= begin")
-        self.position = _weights("position", seen["position"], 0)
-        self.force = _weights("force", seen["force"], ONE_Q13)
+        self.coarse = _weights("coarse", seen["coarse"], 0)
         self.fit = _weights("fit", seen["fit"], 0)
-        self.contrasts, self.positions_um, self.fits = _table("x", x_knots)
-        self.brightnesses, self.forces_mN, self.tolerances = _table("f", f_knots)
+        self.brightnesses, self.forces_mN, self.tolerances = _table("f", seen["f"])
+        self.strains_ppm = _strains(strains, seen["segment"])
+        self.bounds, tables = _between(strains, strain_ppm)
+        self.segments = tuple(
+            Segment(weights, _table("x", knots)) for weights, knots in zip(seen["segment"], tables)
+        )
+        self.length_um = max(max(segment.positions_um) for segment in self.segments)
 
     def mismatch(self, board, plan, gain, exposure_us, led_mA):
         """Return why this calibration does not hold for such readings, or None."""
@@ -97,14 +116,50 @@ class Calibration:
         return None
 
 
+def _take(line, words, seen, strains):
+    name = words[0]
+    if name in _MANY:
+        values = _integers(line, _MANY[name])
+        if name == "segment":
+            _weights("segment", values[:CHANNELS], 0)
+            _weights("segment", values[CHANNELS:], ONE_Q13)
+        seen[name].append(values)
+    elif name == "strain":
+        strains.append((_integers(line, 1)[0], [], []))
+    elif name in ("from", "x"):
+        if not strains:
+            raise CalibrationError("'%s' comes after a line 'strain'" % name)
+        _, bounds, tables = strains[-1]
+        if name == "from":
+            bounds.append(_integers(line, 1)[0])
+            tables.append([])
+        elif not tables:
+            raise CalibrationError("'x' comes after a line 'from'")
+        else:
+            tables[-1].append(_integers(line, 4))
+    elif name in seen:
+        raise CalibrationError("'%s' is there twice" % name)
+    elif name == "board" and len(words) == 2:
+        seen[name] = words[1]
+    elif name == "plan":
+        seen[name] = tuple(words[1:])
+        if len(seen[name]) != CHANNELS or len(set(seen[name])) != CHANNELS:
+            raise CalibrationError("'plan' needs six different diodes")
+        if any(diode not in PIXELS for diode in seen[name]):
+            raise CalibrationError("'plan' needs six different diodes")
+    elif name in _ONCE:
+        seen[name] = _integers(line, _ONCE[name])
+    else:
+        raise CalibrationError("'%s' is no line of a calibration" % line[:40])
+
+
 def _integers(line, count):
-    words = line.split()[1:]
     try:
-        values = tuple(int(word) for word in words)
+        values = tuple(int(word) for word in line.split()[1:])
     except ValueError:
         values = ()
-    if len(values) != count or any(not -_SMALL <= v < _SMALL for v in values):
-        raise CalibrationError("'%s' needs %d integers of 31 bits" % (line[:40], count))
+    if len(values) != count or any(not -_LOG_MAX <= v <= _LOG_MAX for v in values):
+        raise CalibrationError("'%s' needs %d integers up to 2**28" % (line[:40], count))
     return values
 
 
@@ -119,13 +174,56 @@ def _weights(name, weights, total):
 def _table(name, knots):
     if not 2 <= len(knots) <= KNOTS_MAX:
         raise CalibrationError("'%s' needs 2 to %d knots" % (name, KNOTS_MAX))
+    rises = knots[1][1] > knots[0][1]
     for a, b in zip(knots, knots[1:]):
         step = b[0] - a[0]
         if step <= 0:
             raise CalibrationError("the knots of '%s' must ascend" % name)
-        if any(step * (abs(b[i] - a[i]) + 1) >= _SMALL for i in (1, 2)):
+        if a[1] == b[1] or (b[1] > a[1]) != rises:
+            raise CalibrationError("the table of '%s' is not monotone" % name)
+        if any(step * (abs(b[i] - a[i]) + 1) >= _SMALL for i in range(1, len(a))):
             raise CalibrationError("the knots of '%s' lie too far apart" % name)
-    rising = [b[1] > a[1] for a, b in zip(knots, knots[1:])]
-    if any(r != rising[0] for r in rising) or any(a[1] == b[1] for a, b in zip(knots, knots[1:])):
-        raise CalibrationError("the table of '%s' is not monotone" % name)
-    return tuple(tuple(knot[i] for knot in knots) for i in range(3))
+    return tuple(tuple(knot[i] for knot in knots) for i in range(len(knots[0])))
+
+
+def _strains(strains, segments):
+    ppm = tuple(strain for strain, _, _ in strains)
+    if not ppm or ppm[0] != 0 or any(b <= a for a, b in zip(ppm, ppm[1:])):
+        raise CalibrationError("'strain' needs ascending values from 0")
+    if ppm[-1] > STRAIN_MAX_PPM:
+        raise CalibrationError("'strain' ends at %d" % STRAIN_MAX_PPM)
+    sizes = [len(table) for table in strains[0][2]]
+    for _, bounds, tables in strains:
+        if len(tables) != len(segments) or not segments:
+            raise CalibrationError("each 'strain' needs one 'from' for each 'segment'")
+        if [len(table) for table in tables] != sizes:
+            raise CalibrationError("each 'strain' needs the same number of knots")
+        if any(b <= a for a, b in zip(bounds, bounds[1:])):
+            raise CalibrationError("the values of 'from' must ascend")
+        for table in tables:
+            _table("x", table)
+    return ppm
+
+
+def _between(strains, strain_ppm):
+    """Return bounds and knots at a strain."""
+    last = len(strains) - 1
+    if not 0 <= strain_ppm <= strains[last][0]:
+        raise CalibrationError("the calibration goes up to strain_ppm=%d" % strains[last][0])
+    i = 0
+    while i < last and strains[i + 1][0] <= strain_ppm:
+        i += 1
+    if strains[i][0] == strain_ppm:
+        return strains[i][1], strains[i][2]
+    (low, bounds_a, tables_a), (high, bounds_b, tables_b) = strains[i], strains[i + 1]
+    share = ((strain_ppm - low) << _STRAIN_Q) // (high - low)
+
+    def mix(a, b):
+        return a + (((b - a) * share) >> _STRAIN_Q)
+
+    bounds = [mix(a, b) for a, b in zip(bounds_a, bounds_b)]
+    tables = [
+        [tuple(mix(a, b) for a, b in zip(p, q)) for p, q in zip(table_a, table_b)]
+        for table_a, table_b in zip(tables_a, tables_b)
+    ]
+    return bounds, tables

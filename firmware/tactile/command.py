@@ -9,7 +9,7 @@ from .exposure import DONE, TOO_DARK
 from .settings import checksum
 
 LINE_MAX = 255
-CALIBRATION_LINES_MAX = 300
+CALIBRATION_LINES_MAX = 400
 
 
 class LineReader:
@@ -103,7 +103,7 @@ class Commands:
         reply["sensors"] = 1
         calibration = app.strip.decode.calibration
         reply["calibration"] = app.calibration_id
-        reply["length_um"] = calibration and max(calibration.positions_um)
+        reply["length_um"] = calibration and calibration.length_um
         return reply
 
     def _get(self, words):
@@ -122,8 +122,8 @@ class Commands:
         if not words:
             raise ValueError("say what to set, as in: set exposure_us=10000 gain=9")
         app = self._app
-        app.settings.change(words)
-        app.restart()
+        if app.settings.change(words):
+            app.restart()
         reply = app.settings_now()
         note = app.apply_calibration()
         if note:

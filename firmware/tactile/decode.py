@@ -1,9 +1,11 @@
-"""Counts to position and force: six logarithms, three dot products, two tables.
+"""Counts to position and force: six logarithms, four dot products, tables.
 
-With L_i = log2(counts_i - dark_i), ln of Eq. 1 of the paper is linear in the filtering length x
-and the logarithm of the coupled light. Weights that add up to 0 leave x (the position contrast),
-weights that add up to 1 and cancel the decay leave the light (the brightness). A third set tells
-whether one press can have made this spectrum. Integers of 31 bits only, allocates nothing.
+With L_i = log2(counts_i - dark_i), Eq. 1 of the paper is linear in the filtering length x and the
+logarithm of the coupled light. Weights that add up to 0 leave x (the position contrast), weights
+that add up to 1 and cancel the decay leave the light (the brightness). What is best changes along
+the strip, as the counts do: a coarse contrast chooses the segment whose weights are used. One more
+set tells whether one press can have made this spectrum. Integers of 31 bits only, allocates
+nothing.
 """
 
 from .log2 import log2_q20
@@ -48,6 +50,14 @@ def segment(knots, value):
         else:
             low = middle
     return low
+
+
+def below(bounds, value):
+    """Return the last i with bounds[i] <= value, or 0."""
+    i = len(bounds) - 1
+    while i > 0 and value < bounds[i]:
+        i -= 1
+    return i
 
 
 def interpolate(knots, values, i, at):
@@ -122,22 +132,20 @@ class Decode:
 
     def _estimate(self, calibration, samples):
         logs = self._logs
-        self.contrast = dot(calibration.position, logs)
-        self.brightness = dot(calibration.force, logs) - log2_q20(samples * DARK_SAMPLES)
-        if self.brightness < calibration.brightnesses[0]:
+        self.contrast = dot(calibration.coarse, logs)
+        part = calibration.segments[below(calibration.bounds, self.contrast)]
+        contrast = dot(part.position, logs)
+        i = segment(part.contrasts, contrast)
+        brightness = dot(part.force, logs) - log2_q20(samples * DARK_SAMPLES)
+        brightness -= interpolate(part.contrasts, part.offsets, i, contrast)
+        self.brightness = brightness
+        if brightness < calibration.brightnesses[0]:
             return TOO_DARK
-        i = segment(calibration.brightnesses, self.brightness)
-        self.force_mN = interpolate(
-            calibration.brightnesses, calibration.forces_mN, i, self.brightness
-        )
-        tolerance = interpolate(
-            calibration.brightnesses, calibration.tolerances, i, self.brightness
-        )
-        i = segment(calibration.contrasts, self.contrast)
-        self.position_um = interpolate(
-            calibration.contrasts, calibration.positions_um, i, self.contrast
-        )
-        expected = interpolate(calibration.contrasts, calibration.fits, i, self.contrast)
+        self.position_um = interpolate(part.contrasts, part.positions_um, i, contrast)
+        expected = interpolate(part.contrasts, part.fits, i, contrast)
+        i = segment(calibration.brightnesses, brightness)
+        self.force_mN = interpolate(calibration.brightnesses, calibration.forces_mN, i, brightness)
+        tolerance = interpolate(calibration.brightnesses, calibration.tolerances, i, brightness)
         if abs(dot(calibration.fit, logs) - expected) >> 8 > tolerance:
             return MISFIT
         return 0

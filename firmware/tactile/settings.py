@@ -7,6 +7,7 @@ good copy; at every moment of a save at least one whole file is there.
 import os
 
 from . import exposure
+from .calibration import STRAIN_MAX_PPM
 from .decode import AVERAGE_MAX
 from .frame import crc16
 from .smux import smux_map
@@ -19,7 +20,10 @@ LIMITS = {
     "gain": (0, exposure.GAIN_MAX, exposure.DEFAULT_GAIN),
     "led_mA": (0, exposure.LED_MAX_MA, exposure.DEFAULT_LED_MA),
     "average": (1, AVERAGE_MAX, 1),
+    "strain_ppm": (0, STRAIN_MAX_PPM, 0),
 }
+# A change of these needs no new start of the sensor.
+_DECODING = ("average", "strain_ppm")
 
 
 class Settings:
@@ -46,6 +50,11 @@ class Settings:
 
         Exposure and LED current become what the chip makes of them.
 
+        Returns
+        -------
+        bool
+            Whether the sensor has to be started anew.
+
         Raises
         ------
         ValueError
@@ -70,6 +79,7 @@ class Settings:
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         self.values.update(checked)
+        return any(name not in _DECODING for name in checked)
 
     def lines(self):
         """Return the settings as assignments, as `change` takes them."""

@@ -1,7 +1,9 @@
 """From presses at known places and forces to the integers of a calibration.
 
-Works in L_i = log2 of the dark-subtracted counts, in which Eq. 2 of the paper says that every
-channel is a straight line of the position plus the same brightness.
+Works in L_i = log2 of the dark-subtracted counts. Near any place, Eq. 1 of the paper makes them a
+straight line of position and logarithm of the light, and generalised least squares with the noise
+of each channel gives the best linear estimate of both: its two rows are the weights of that
+segment of the strip.
 """
 
 from __future__ import annotations
@@ -9,109 +11,138 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import Chebyshev
 
 from tactile.calibration import ONE_Q13
 from tactile.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
+from .presses import Conditions, Noise, Presses
 
-_POSITION_KNOTS = 33
-_POLYNOMIAL_DEGREE = 5
+SEGMENTS = 5
+_KNOTS = 9  # of a segment
+_OVERLAP = 0.25  # of a segment, that its table reaches into its neighbours
+_CURVE_DEGREE = 7
+_FORCE_DEGREE = 7
+_FORCE_KNOTS = 48
+PLACES_MIN = 12
+FORCES_MIN = 10
 # Where a touch begins: the position is good to this at the worst place of the strip.
 _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
-_ROUNDING_VARIANCE = 1 / 12
+_Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 
 
-@dataclass(frozen=True)
-class Presses:
-    """Readings of presses that were held.
-
-    Attributes
-    ----------
-    position_um : numpy.ndarray, shape (n,)
-    force_mN : numpy.ndarray, shape (n,)
-    counts : numpy.ndarray, shape (n, 6)
-        Means of the dark-subtracted counts.
-    variance : numpy.ndarray, shape (n, 6)
-        Variance of a single sample.
-    """
-
-    position_um: np.ndarray
-    force_mN: np.ndarray
-    counts: np.ndarray
-    variance: np.ndarray
-
-    @property
-    def logs(self) -> np.ndarray:
-        """log2 of the counts, shape (n, 6)."""
-        return np.log2(self.counts)
-
-    def log_variance(self) -> np.ndarray:
-        """Variance of the log2 of a single sample, shape (n, 6), rounding included."""
-        variance = np.maximum(self.variance, _ROUNDING_VARIANCE)
-        return variance / (self.counts * np.log(2)) ** 2
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """What a calibration belongs to, as the board's ``hello`` tells it."""
-
-    board: str
-    plan: tuple[str, ...]
-    gain: int
-    exposure_us: int
-    led_mA: int
-
-
-def fit(along: Presses, pressed: Presses, conditions: Conditions) -> list[str]:
+def fit(
+    along: dict[int, Presses], pressed: Presses, noise: Noise, conditions: Conditions
+) -> list[str]:
     """Return the lines of a calibration, see `tactile.calibration`.
 
     Parameters
     ----------
-    along : Presses
-        One firm force at places along the whole strip.
+    along : dict of int to Presses
+        By strain in ppm, 0 among them: one firm force at places along the whole strip. Places
+        are those on the strip as it is stretched.
     pressed : Presses
-        Ascending forces, each at the same few places.
+        Ascending forces, each at the same few places, at no strain.
+    noise : Noise
+        Of the sensor at these conditions.
     conditions : Conditions
 
     Raises
     ------
     SpotsError
-        If the readings are too few or too dark for a calibration.
+        If the readings are too few, too dark, saturated or not monotone.
     """
-    if len(along.position_um) < 2 * _POLYNOMIAL_DEGREE:
-        raise SpotsError(f"a calibration needs presses at {2 * _POLYNOMIAL_DEGREE} places or more")
-    if (along.counts <= 0).any():
-        raise SpotsError("a press was too dark to use: press harder, or raise exposure or gain")
-    slope = np.polyfit(along.position_um / 1000, along.logs, 1)[0]
-    noise = along.log_variance().mean(axis=0)
-    position = _position_weights(slope, noise)
-    force = _force_weights(along.logs, noise)
-    test = _fit_weights(slope, noise)
-    pressed = _lit(pressed)
+    _check(along[0], pressed, conditions)
+    curves = {strain: Curves(presses) for strain, presses in sorted(along.items())}
+    rest = curves[0]
+    coarse, _ = _weights(rest, noise, rest.x_um)
+    test = _fit_weights(rest, noise)
+    parts = [_weights(rest, noise, part) for part in _parts(rest)]
     lines = [
         "board " + conditions.board,
         "plan " + " ".join(conditions.plan),
         f"made {conditions.gain} {conditions.exposure_us} {conditions.led_mA}",
-        _statement("position", position),
-        _statement("force", force),
+        _statement("coarse", coarse),
         _statement("fit", test),
     ]
-    knots = _position_knots(along, position, test)
-    forces, brightnesses = _force_table(pressed, force)
-    begin = _touch_force_mN(pressed, position, knots)
-    end = max(round(_TOUCH_HYSTERESIS * begin), round(forces[0]) + 1)
+    lines += [_statement("segment", [*position, *force]) for position, force in parts]
+    firm = rest.logs(_middle(rest)) @ _part_at(rest, parts, _middle(rest))[1] * _Q13_TO_Q20
+    blocks = []
+    for strain, curve in curves.items():
+        blocks.append(f"strain {strain}")
+        for (position, force), part in zip(parts, _parts(curve)):
+            blocks.append(f"from {round(float(curve.logs(part[0]) @ coarse) * _Q13_TO_Q20)}")
+            blocks += _knots(curve, part, position, force, test, firm)
+    forces, brightnesses = _force_table(rest, parts, pressed, firm)
+    begin = _touch_force_mN(rest, parts, noise, forces, brightnesses, firm)
+    end = max(round(_TOUCH_HYSTERESIS * begin), round(float(forces[0])) + 1)
     lines.append(f"touch {max(begin, end)} {end}")
-    lines += [_statement("x", knot) for knot in knots]
-    tolerances = _tolerances(pressed, position, test, knots)
-    lines += [_statement("f", map(round, knot)) for knot in zip(brightnesses, forces, tolerances)]
-    return lines
+    tolerances = _tolerances(along[0], rest, noise, test, brightnesses, firm)
+    for knot in zip(brightnesses, forces, tolerances):
+        lines.append(_statement("f", knot))
+    return lines + blocks
 
 
-def _statement(name: str, integers) -> str:
-    return " ".join([name, *(str(int(value)) for value in integers)])
+class Curves:
+    """log2 of the counts along the strip, smoothed channel by channel.
+
+    Attributes
+    ----------
+    x_um : numpy.ndarray
+        The two ends.
+    """
+
+    def __init__(self, along: Presses):
+        x = along.position_um
+        self.x_um = np.array([x.min(), x.max()])
+        degree = min(_CURVE_DEGREE, len(x) // 2)
+        self._curves = [Chebyshev.fit(x, log, degree) for log in along.logs.T]
+        self._slopes = [curve.deriv() for curve in self._curves]
+
+    def logs(self, x_um) -> np.ndarray:
+        """Return L at places, shape (..., 6)."""
+        return np.stack([curve(np.asarray(x_um, float)) for curve in self._curves], axis=-1)
+
+    def slopes(self, x_um) -> np.ndarray:
+        """Return dL/dx per um at places, shape (..., 6)."""
+        return np.stack([slope(np.asarray(x_um, float)) for slope in self._slopes], axis=-1)
+
+
+def _check(along: Presses, pressed: Presses, conditions: Conditions) -> None:
+    if len(np.unique(along.position_um)) < PLACES_MIN:
+        raise SpotsError(f"a calibration needs presses at {PLACES_MIN} places or more")
+    if len(np.unique(pressed.force_mN)) < FORCES_MIN:
+        raise SpotsError(f"a calibration needs {FORCES_MIN} forces or more")
+    dark = (along.counts < 1).any(axis=1)
+    if dark.any():
+        where = along.position_um[dark][0] / 1000
+        raise SpotsError(f"the press at {where:g} mm is too dark: press harder, or raise the gain")
+    for presses in (along, pressed):
+        full = presses.saturated
+        if full.any():
+            where = presses.position_um[full][0] / 1000
+            raise SpotsError(f"the press at {where:g} mm is saturated: run 'auto', or lower the gain")
+
+
+def _statement(name: str, values) -> str:
+    return " ".join([name, *(str(round(float(value))) for value in values)])
+
+
+def _middle(curve: Curves) -> float:
+    return float(curve.x_um.mean())
+
+
+def _parts(curve: Curves) -> list[np.ndarray]:
+    borders = np.linspace(*curve.x_um, SEGMENTS + 1)
+    return [borders[k : k + 2] for k in range(SEGMENTS)]
+
+
+def _part_at(curve: Curves, parts, x_um: float):
+    share = (x_um - curve.x_um[0]) / np.ptp(curve.x_um)
+    return parts[min(max(int(share * SEGMENTS), 0), SEGMENTS - 1)]
 
 
 def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
@@ -121,80 +152,96 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
     return rounded
 
 
-def _position_weights(slope: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    # Least variance for a unit of slope, under sum w = 0.
-    inverse = 1 / noise
-    weights = inverse * (slope - (inverse @ slope) / inverse.sum())
-    return _weights_q13(2 * weights / np.abs(weights).sum(), 0)
+def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights for position and force that are best in the middle of a part."""
+    middle = float(np.mean(part))
+    counts = 2.0 ** curve.logs(middle)
+    information = 1 / noise.log_variance(counts)
+    # The slope over the whole part, so that the force cancels there on average.
+    slope = curve.logs(part[1]) - curve.logs(part[0])
+    design = np.stack([np.ones_like(slope), slope / np.abs(slope).max()], axis=1)
+    weighted = design * information[:, None]
+    force, position = np.linalg.solve(design.T @ weighted, weighted.T)
+    return (
+        _weights_q13(2 * position / np.abs(position).sum(), 0),
+        _weights_q13(force, ONE_Q13),
+    )
 
 
-def _force_weights(logs: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    # Least variance of the brightness over the whole strip at one force, under sum v = 1: what is
-    # left of the decay and of its curvature counts as noise.
-    spread = np.cov(logs.T) + np.diag(noise)
-    weights = np.linalg.solve(spread, np.ones(len(noise)))
-    return _weights_q13(weights / weights.sum(), ONE_Q13)
-
-
-def _fit_weights(slope: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
     # Light of two places adds up to more than any one place gives, in second order by slope**2:
     # the generalised least squares estimate of that part, blind to brightness and position.
+    slope = curve.logs(curve.x_um[1]) - curve.logs(curve.x_um[0])
     design = np.stack([np.ones_like(slope), slope, slope**2], axis=1)
-    weighted = design / noise[:, None]
+    information = 1 / noise.log_variance(2.0 ** curve.logs(_middle(curve)))
+    weighted = design * information[:, None]
     weights = np.linalg.solve(design.T @ weighted, weighted.T)[2]
     return _weights_q13(2 * weights / np.abs(weights).sum(), 0)
 
 
-def _position_knots(along: Presses, position: np.ndarray, test: np.ndarray) -> np.ndarray:
-    x = along.position_um
-    centre, half = (x.max() + x.min()) / 2, (x.max() - x.min()) / 2
-    at = np.linspace(x.min(), x.max(), _POSITION_KNOTS)
-
-    def smooth(weights):
-        values = along.logs @ weights * (ONE_Q20 / ONE_Q13)
-        polynomial = np.polyfit((x - centre) / half, values, _POLYNOMIAL_DEGREE)
-        return np.polyval(polynomial, (at - centre) / half)
-
-    knots = np.round(np.stack([smooth(position), at, smooth(test)], axis=1)).astype(int)
-    return knots[np.argsort(knots[:, 0])]
-
-
-def _lit(pressed: Presses) -> Presses:
-    keep = (pressed.counts > 1).all(axis=1)
-    dark = pressed.force_mN[~keep]
-    if len(dark):  # a force counts only where every place saw it
-        keep &= pressed.force_mN > dark.max()
-    if len(np.unique(pressed.force_mN[keep])) < 2:
-        raise SpotsError("no force gave light at every place: press harder, or raise the gain")
-    return Presses(*(array[keep] for array in vars(pressed).values()))
+def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]:
+    reach = _OVERLAP * np.ptp(part)
+    x = np.linspace(part[0] - reach, part[1] + reach, _KNOTS).clip(*curve.x_um)
+    x = np.unique(x)
+    x = np.linspace(x[0], x[-1], _KNOTS)
+    logs = curve.logs(x)
+    contrast, fits = logs @ position * _Q13_TO_Q20, logs @ test * _Q13_TO_Q20
+    offset = logs @ force * _Q13_TO_Q20 - firm
+    order = np.argsort(contrast)
+    if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
+        raise SpotsError(
+            f"the response is not monotone near {np.mean(part) / 1000:.0f} mm: check the order of "
+            "the presses, and that the dye suits the length"
+        )
+    rows = np.stack([contrast, x, fits, offset], axis=1)[order]
+    return [_statement("x", row) for row in rows]
 
 
-def _force_table(pressed: Presses, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    brightness = pressed.logs @ force * (ONE_Q20 / ONE_Q13)
-    forces = np.unique(pressed.force_mN)
-    means = np.array([brightness[pressed.force_mN == f].mean() for f in forces])
-    if (np.diff(means) <= 0).any():
+def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return forces and brightnesses of the knots, from the lowest force that gave light."""
+    lit = pressed.lit_everywhere()
+    brightness = np.array([
+        (log - rest.logs(x)) @ _part_at(rest, parts, x)[1] * _Q13_TO_Q20 + firm
+        for x, log in zip(lit.position_um, lit.logs)
+    ])
+    forces = np.unique(lit.force_mN)
+    means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
+    if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the light does not grow with the force: check strip, LED and saturation")
-    return forces, means
+    degree = min(_FORCE_DEGREE, len(forces) // 2)
+    curve = Chebyshev.fit(means, np.log(forces), degree)
+    knots = np.linspace(means[0], means[-1], _FORCE_KNOTS)
+    values = np.exp(curve(knots))
+    if (np.diff(values) <= 0).any():
+        raise SpotsError("the force response is too noisy to be a table: take more forces")
+    return values, knots
 
 
-def _touch_force_mN(pressed: Presses, position: np.ndarray, knots: np.ndarray) -> int:
-    # Position noise at each force, at the worst place: that of the contrast over its slope there.
-    um_per_contrast = np.abs(np.diff(knots[:, 1]) / np.diff(knots[:, 0])).max()
-    sigma_q20 = np.sqrt(pressed.log_variance() @ position.astype(float) ** 2) / ONE_Q13 * ONE_Q20
-    for f in np.unique(pressed.force_mN):
-        if sigma_q20[pressed.force_mN == f].max() * um_per_contrast <= _TOUCH_SIGMA_UM:
-            return round(f)
-    raise SpotsError(
-        "the position is too noisy at every force: raise exposure, gain or LED current"
-    )
+def _position_sigma_um(rest: Curves, parts, noise: Noise, x_um: float, logs: np.ndarray) -> float:
+    position, _ = _part_at(rest, parts, x_um)
+    variance = noise.log_variance(2.0**logs)
+    return float(np.sqrt(variance @ position**2) / abs(rest.slopes(x_um) @ position))
 
 
-def _tolerances(pressed, position, test, knots) -> list[int]:
+def _touch_force_mN(rest, parts, noise, forces, brightnesses, firm) -> int:
+    places = np.linspace(*rest.x_um, 21)
+    for force, brightness in zip(forces, brightnesses):
+        dimmer = (brightness - firm) / ONE_Q20
+        sigmas = [
+            _position_sigma_um(rest, parts, noise, x, rest.logs(x) + dimmer) for x in places
+        ]
+        if max(sigmas) <= _TOUCH_SIGMA_UM:
+            return round(float(force))
+    raise SpotsError("the position is too noisy at every force: raise exposure, gain or LED current")
+
+
+def _tolerances(along: Presses, rest: Curves, noise, test, brightnesses, firm) -> list[float]:
     # At each force: how far a single press was off at worst, and noise, which falls as light grows.
-    scale = ONE_Q20 / ONE_Q13
-    expected = np.interp(pressed.logs @ position * scale, knots[:, 0], knots[:, 2])
-    residual = np.abs(pressed.logs @ test * scale - expected)
-    sigma = np.sqrt(pressed.log_variance() @ test.astype(float) ** 2) * scale
-    off = residual + _MISFIT_SIGMAS * sigma
-    return [1 + round(off[pressed.force_mN == f].max() / 2**8) for f in np.unique(pressed.force_mN)]
+    off = np.abs((along.logs - rest.logs(along.position_um)) @ test).max() / ONE_Q13
+    logs = rest.logs(np.linspace(*rest.x_um, 21))
+    tolerances = []
+    for brightness in brightnesses:
+        counts = 2.0 ** (logs + (brightness - firm) / ONE_Q20)
+        sigma = np.sqrt(noise.log_variance(counts) @ test.astype(float) ** 2).max() / ONE_Q13
+        tolerances.append(1 + (off + _MISFIT_SIGMAS * sigma) * 2**12)
+    return tolerances

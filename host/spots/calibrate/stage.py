@@ -1,4 +1,4 @@
-"""A calibration run on the simulated stage: real firmware, simulated time, known presses."""
+"""A stage that presses the simulated strip: real firmware, simulated time, known presses."""
 
 from __future__ import annotations
 
@@ -7,64 +7,104 @@ from functools import lru_cache
 import numpy as np
 
 from ..board import Board
-from ..frames import Spectrum
 from ..sim.files import SensorFile
 from ..sim.lockstep import LockstepLink
 from ..sim.scenario import Held, Press
-from .fit import Conditions, Presses, fit
+from .fit import fit
+from .presses import Noise, Presses
+from .reader import Reader
 
-_FIRM_MN = 6000.0
-_PLACES = 25
-_FORCES_MN = np.geomspace(200.0, 10_000.0, 24)
-_FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
-_SAMPLES = 16
-_SETTLE_SAMPLES = 3
+FIRM_MN = 6000.0
+PLACES = 33
+FORCES = 30
+FULL_MN = 10_000.0
+FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
 _WIDTH_MM = 4.0
 
 
+class Stage:
+    """A simulated strip under an indenter, read through the firmware.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    seed : int
+        Of the noise.
+    settings : str
+        What to `set` first, such as ``exposure_us=100000``.
+    """
+
+    def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
+        self.sensor = sensor
+        self.held = Held()
+        self.board = Board(LockstepLink(sensor, self.held, seed))
+        if settings:
+            self.board.command("set " + settings)
+        self.reader = Reader(self.board)
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.board.close()
+
+    @property
+    def length_um(self) -> float:
+        """Length of the strip as it is stretched now."""
+        return 1000 * self.sensor.length_mm * (1 + self.held.strain)
+
+    def press(self, position_um: float, force_mN: float) -> None:
+        """Hold a press there from now on."""
+        self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
+
+    def release(self) -> None:
+        """Touch nothing from now on."""
+        self.held.press = None
+
+    def read(self, places_um, forces_mN, samples: int) -> Presses:
+        """Press at each place with each force and return the readings."""
+        rows = []
+        for force_mN in forces_mN:
+            for place_um in places_um:
+                self.press(place_um, force_mN)
+                r = self.reader.read(samples)
+                rows.append((place_um, force_mN, r.counts, r.variance, r.saturated))
+        self.release()
+        return Presses(*(np.array(column) for column in zip(*rows)))
+
+    def along(self, places: int = PLACES, samples: int = 24) -> Presses:
+        """Press firmly at places along the whole strip."""
+        return self.read(np.linspace(0, self.length_um, places), [FIRM_MN], samples)
+
+    def pressed(self, samples: int = 8) -> Presses:
+        """Press at a few places with forces from the least that gives light there up to full."""
+        places_um = [share * self.length_um for share in FORCE_PLACES]
+        forces_mN = np.geomspace(self._least_mN(max(places_um)), FULL_MN, FORCES)
+        return self.read(places_um, forces_mN, samples)
+
+    def _least_mN(self, place_um: float) -> float:
+        # By halving: the least force under which every channel counts.
+        low_mN, high_mN = 1.0, FULL_MN
+        while high_mN > 1.02 * low_mN:
+            middle_mN = (low_mN * high_mN) ** 0.5
+            self.press(place_um, middle_mN)
+            if self.reader.read(4).dark:
+                low_mN = middle_mN
+            else:
+                high_mN = middle_mN
+        return high_mN
+
+
 @lru_cache(maxsize=8)
-def calibrate(sensor: SensorFile) -> tuple[str, ...]:
-    """Return the lines of a calibration of a simulated sensor at its board's settings.
+def calibrate(sensor: SensorFile, settings: str = "") -> tuple[str, ...]:
+    """Return the lines of a calibration of a simulated sensor.
 
     Raises
     ------
     SpotsError
         If the sensor's readings do not allow a calibration.
     """
-    held = Held()
-    with Board(LockstepLink(sensor, held)) as board:
-        dark = np.array(board.command("dark")["dark"]) / 4
-        board.command("stream spectrum")
-        length_um = 1000 * sensor.length_mm
-
-        def read(places_um, forces_mN):
-            return _read(board, held, dark, places_um, forces_mN)
-
-        along = read(np.linspace(0, length_um, _PLACES), [_FIRM_MN])
-        pressed = read([share * length_um for share in _FORCE_PLACES], _FORCES_MN)
-        info = board.info
-        conditions = Conditions(
-            info["id"], tuple(info["plan"]), info["gain"], info["exposure_us"], info["led_mA"]
-        )
-    return tuple(fit(along, pressed, conditions))
-
-
-def _read(board, held, dark, places_um, forces_mN) -> Presses:
-    rows = []
-    for force_mN in forces_mN:
-        for place_um in places_um:
-            held.press = Press(place_um / 1000, force_mN, _WIDTH_MM)
-            counts = _samples(board) - dark
-            rows.append((place_um, force_mN, counts.mean(axis=0), counts.var(axis=0, ddof=1)))
-    held.press = None
-    return Presses(*(np.array(column) for column in zip(*rows)))
-
-
-def _samples(board: Board) -> np.ndarray:
-    counts = []
-    for frame in board.frames():
-        if isinstance(frame, Spectrum) and not frame.flags & 0x80:
-            counts.append(frame.counts)
-            if len(counts) == _SETTLE_SAMPLES + _SAMPLES:
-                return np.array(counts[_SETTLE_SAMPLES:], dtype=float)
-    raise AssertionError("frames() without an end ended")
+    with Stage(sensor, settings=settings) as stage:
+        along, pressed = stage.along(), stage.pressed()
+        noise = Noise.of(along, pressed)
+        return tuple(fit({0: along}, pressed, noise, stage.reader.conditions))

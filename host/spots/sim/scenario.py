@@ -21,6 +21,8 @@ class Press:
 class Scenario:
     """A scenario file, played over and over."""
 
+    still = False
+
     def __init__(self, file: ScenarioFile):
         self._file = file
         self._times = [[point[0] for point in touch.points] for touch in file.touch]
@@ -56,7 +58,11 @@ class Held:
     strain : float
         Elongation over length at rest.
     bend_deg : float
+    still : bool
+        Whether nothing moves while light is collected.
     """
+
+    still = True
 
     def __init__(self):
         self.press: Press | None = None

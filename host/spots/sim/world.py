@@ -47,7 +47,7 @@ class World:
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
         """Return the counts at gain 1x by diode that an ideal converter would make."""
         duration_us = end_us - start_us
-        steps = max(1, math.ceil(duration_us / _STEP_US))
+        steps = 1 if self._scenario.still else math.ceil(duration_us / _STEP_US)
         step_us = duration_us / steps
         rates = np.zeros(len(self._optics.names))
         if led_mA > 0:

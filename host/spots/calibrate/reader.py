@@ -1,0 +1,90 @@
+"""Dark-subtracted counts of a held press, read from any board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..board import Board
+from ..frames import Spectrum
+from .presses import Conditions, own_variance
+
+_LED_OFF, _SATURATED = 0x80, 0x02
+_DARK_SAMPLES = 4
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A held press.
+
+    Attributes
+    ----------
+    counts : numpy.ndarray, shape (6,)
+        Means of the dark-subtracted counts.
+    variance : numpy.ndarray, shape (6,)
+        Variance of a single sample, without what is common to all channels.
+    drift : float
+        Change of the brightness from the first to the second half, in units of log2.
+    saturated : bool
+    """
+
+    counts: np.ndarray
+    variance: np.ndarray
+    drift: float
+    saturated: bool
+
+    @property
+    def dark(self) -> bool:
+        """Whether a channel saw less than a count."""
+        return bool((self.counts < 1).any())
+
+
+class Reader:
+    """Reads spectra from a board. Call `set_up` again after a change of its settings.
+
+    Parameters
+    ----------
+    board : Board
+        Not pressed while it is set up.
+    """
+
+    def __init__(self, board: Board):
+        self.board = board
+        self.set_up()
+
+    def set_up(self) -> None:
+        """Take note of the board's settings and of a dark frame."""
+        self.info = self.board.command("hello")
+        dark = self.board.command("dark", timeout_s=30)["dark"]
+        self._dark = np.array(dark) / _DARK_SAMPLES
+        self.board.command("stream spectrum")
+
+    @property
+    def conditions(self) -> Conditions:
+        """What a calibration made now belongs to."""
+        i = self.info
+        return Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
+
+    def samples(self, count: int) -> tuple[np.ndarray, bool]:
+        """Return counts whose integration begins from now on, shape (count, 6), and clipping."""
+        begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
+        rows, clipped = [], False
+        for frame in self.board.frames():
+            if not isinstance(frame, Spectrum) or frame.flags & _LED_OFF or frame.time_s < begun_s:
+                continue
+            rows.append(frame.counts)
+            clipped |= bool(frame.flags & _SATURATED)
+            if len(rows) == count:
+                break
+        return np.array(rows, dtype=float) - self._dark, clipped
+
+    def read(self, count: int) -> Reading:
+        """Return a reading over `count` samples, 2 or more."""
+        samples, clipped = self.samples(count)
+        mean = samples.mean(axis=0)
+        lit = bool((mean > 1).all())
+        halves = np.maximum(samples.sum(axis=1), 1)
+        drift = np.log2(halves[count // 2 :].mean() / halves[: count // 2].mean())
+        variance = own_variance(samples) if lit else np.zeros_like(mean)
+        return Reading(mean, variance, float(drift), clipped)
