@@ -7,11 +7,14 @@ what a sample costs is the firmware's own. Used by the benchmark and by the test
 from tactile.app import App
 
 _AINT = 0x08
-_PERIOD = 1 << 30
+_SP_EN = 0x02
+_DARK_WINDOW_US = 200_000
+_HALF = 1 << 29
+_MASK = _HALF - 1 + _HALF  # 2**30 itself is no small int on a 32-bit board
 
 
 class Clock:
-    """Ticks that advance when someone sleeps or a transfer takes place."""
+    """Ticks that advance when someone sleeps; transfers and arithmetic take no time."""
 
     def __init__(self):
         self.now = 0
@@ -20,21 +23,29 @@ class Clock:
         return self.now
 
     def ticks_add(self, ticks, delta):
-        return (ticks + delta) & (_PERIOD - 1)
+        return (ticks - _HALF + delta & _MASK) ^ _HALF
 
     def ticks_diff(self, end, start):
-        return ((end - start + (_PERIOD >> 1)) & (_PERIOD - 1)) - (_PERIOD >> 1)
+        return (end - start & _MASK ^ _HALF) - _HALF
 
     def sleep_us(self, us):
-        self.now = (self.now + us) & (_PERIOD - 1)
+        self.now = self.ticks_add(self.now, us)
 
 
 class Bus:
-    """Registers of a chip that always has a new sample."""
+    """Registers of a chip that samples without a gap, by the clock, always the same counts.
 
-    def __init__(self):
+    Parameters
+    ----------
+    clock : Clock
+    """
+
+    def __init__(self, clock):
         self.registers = bytearray(256)
         self.registers[0x92] = 0x24
+        self._clock = clock
+        self._period_us = 0
+        self._end = 0
 
     def counts(self, values):
         """Let every sample from now on be these six counts."""
@@ -44,15 +55,36 @@ class Bus:
 
     def read_into(self, register, buffer):
         registers = self.registers
-        registers[0x93] = _AINT
+        if self._period_us:
+            self._sample()
         for i in range(len(buffer)):
             buffer[i] = registers[register + i]
 
     def write(self, buffer):
+        registers = self.registers
         register = buffer[0]
+        if register == 0x93:
+            registers[0x93] &= ~buffer[1]
+            return
         for i in range(1, len(buffer)):
-            self.registers[register + i - 1] = buffer[i]
-        self.registers[0x80] &= 0xEF  # a SMUX command is done at once
+            registers[register + i - 1] = buffer[i]
+        registers[0x80] &= 0xEF  # a SMUX command is done at once
+        if register == 0x80:
+            self._start(registers[0x80] & _SP_EN)
+
+    def _start(self, running):
+        r = self.registers
+        steps = (r[0x81] + 1) * ((r[0xCA] | r[0xCB] << 8) + 1)
+        self._period_us = (steps * 278 + 50) // 100 if running else 0
+        self._end = self._clock.ticks_add(self._clock.now, self._period_us)
+
+    def _sample(self):
+        clock = self._clock
+        over_us = clock.ticks_diff(clock.now, self._end)
+        if over_us >= 0:
+            self.registers[0x93] |= _AINT
+            cycles = over_us // self._period_us + 1
+            self._end = clock.ticks_add(self._end, cycles * self._period_us)
 
 
 class Serial:
@@ -81,21 +113,24 @@ class BoardConfig:
     LED_MAX_MA = 100
 
 
-def app(calibration=()):
+def app(calibration=(), serial=None):
     """Return (App, Bus, Clock, Serial), past the dark window, streaming readings and spectra.
 
     Parameters
     ----------
     calibration : sequence of str
         Lines of a calibration made on board ``00`` at the default settings.
+    serial : object, optional
+        A port in place of `Serial`.
     """
-    bus, clock, serial = Bus(), Clock(), Serial()
+    clock = Clock()
+    bus, serial = Bus(clock), serial or Serial()
     made = App(BoardConfig, "canned", "00", bus, clock, serial)
     made.step()
     made.use_calibration(list(calibration))
     strip = made.strip
     strip.stream_touch = strip.stream_spectrum = True
     bus.counts((1, 0, 2, 1, 0, 1))
-    for _ in range(40):
+    while clock.now < _DARK_WINDOW_US:
         made.step()
     return made, bus, clock, serial
