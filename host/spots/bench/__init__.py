@@ -1,0 +1,44 @@
+"""``spots bench``: driver, firmware and host against their obvious peers."""
+
+from __future__ import annotations
+
+import sys
+
+from .report import report
+
+__all__ = ["report", "run"]
+
+
+def run() -> dict:
+    """Run every part of the benchmark; what it is about to do goes to a terminal's stderr.
+
+    Returns
+    -------
+    dict
+        ``driver``, ``firmware`` and ``host``, each as the module of that name describes it, and
+        the versions that were measured.
+
+    Raises
+    ------
+    SpotsError
+        If Adafruit's driver or MicroPython is not installed.
+    """
+    from ..sim.files import SensorFile, load
+    from ..sim.vm import micropython_command
+    from . import driver, firmware, host
+    from .adafruit import published
+
+    published()
+    micropython_command()
+    sensor = load(SensorFile, "default")
+    _say("driver: our firmware and Adafruit's driver on the simulated sensor")
+    on_the_bus = driver.run(sensor)
+    _say("firmware: integers and floats in MicroPython")
+    on_the_board, stream = firmware.run(sensor)
+    _say("host: frames and lines of JSON")
+    return {"driver": on_the_bus, "firmware": on_the_board, "host": host.run(stream)}
+
+
+def _say(what: str) -> None:
+    if sys.stderr.isatty():
+        print(f"bench: {what} ...", file=sys.stderr, flush=True)

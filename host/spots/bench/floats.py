@@ -1,0 +1,94 @@
+"""Runs in MicroPython: the reading of a TOUCH frame as one writes it first, with floats.
+
+The peer of the firmware's integers: the same registers and calibration, in the idioms of most
+makers' scripts. Written to be ordinary, not to be slow; it leaves out the check that one press
+made the spectrum, the hysteresis of the touch, and any protection of what it sends.
+"""
+
+import json
+import math
+import struct
+
+from tactile.calibration import ONE_Q13, Calibration
+
+_STATUS = 0x93
+_CLEAR = b"\x93\x08"
+_LN_2 = math.log(2)
+_Q20 = float(1 << 20)
+
+
+class FloatPath:
+    """Registers to a line of JSON, or to a packed struct, by way of floats.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The calibration, see `tactile.calibration`.
+    dark : sequence of float
+        Dark counts of the six channels.
+    bus, clock, serial : object
+        As in `canned`.
+    """
+
+    def __init__(self, lines, dark, bus, clock, serial):
+        calibration = Calibration(lines)
+        self._dark = dark
+        self._bus = bus
+        self._clock = clock
+        self._serial = serial
+        self._raw = bytearray(14)
+        self._position = [weight / ONE_Q13 for weight in calibration.position]
+        self._force = [weight / ONE_Q13 for weight in calibration.force]
+        self._contrasts = [contrast / _Q20 for contrast in calibration.contrasts]
+        self._positions_um = calibration.positions_um
+        self._brightnesses = [brightness / _Q20 for brightness in calibration.brightnesses]
+        self._forces_mN = calibration.forces_mN
+        self._touch_mN = calibration.touch_on_mN
+
+    def read(self):
+        """Return the six counts of the chip's newest sample."""
+        self._bus.read_into(_STATUS, self._raw)
+        self._bus.write(_CLEAR)
+        return struct.unpack_from("<6H", self._raw, 2)
+
+    def estimate(self, counts):
+        """Return (time s, contrast, brightness, position mm, force N, touching)."""
+        logs = [math.log(count - dark) / _LN_2 for count, dark in zip(counts, self._dark)]
+        contrast = sum(weight * log for weight, log in zip(self._position, logs))
+        brightness = sum(weight * log for weight, log in zip(self._force, logs))
+        force_mN = _interpolate(self._brightnesses, self._forces_mN, brightness)
+        return (
+            self._clock.ticks_us() / 1e6,
+            contrast,
+            brightness,
+            _interpolate(self._contrasts, self._positions_um, contrast) / 1000,
+            force_mN / 1000,
+            force_mN >= self._touch_mN,
+        )
+
+    def send_json(self, counts):
+        """Send a reading as a line of JSON."""
+        time_s, contrast, brightness, position_mm, force_N, touching = self.estimate(counts)
+        reading = {
+            "time_s": round(time_s, 6),
+            "contrast": round(contrast, 5),
+            "brightness": round(brightness, 5),
+            "position_mm": round(position_mm, 3),
+            "force_N": round(force_N, 3),
+            "touching": touching,
+        }
+        line = (json.dumps(reading) + "\n").encode()
+        self._serial.write(line, len(line))
+
+    def send_struct(self, counts):
+        """Send a reading as five floats and a flag, unframed and unchecked."""
+        data = struct.pack("<5fB", *self.estimate(counts))
+        self._serial.write(data, len(data))
+
+
+def _interpolate(xs, ys, x):
+    i = 0
+    while i < len(xs) - 2 and x >= xs[i + 1]:
+        i += 1
+    share = (x - xs[i]) / (xs[i + 1] - xs[i])
+    return ys[i] + min(max(share, 0.0), 1.0) * (ys[i + 1] - ys[i])

@@ -1,0 +1,106 @@
+"""The benchmark's figures as tables for people."""
+
+from __future__ import annotations
+
+import io
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+_WIDTH = 100
+_PATHS = {
+    "spots": "spots, a TOUCH frame",
+    "float_json": "floats, a line of JSON",
+    "float_struct": "floats, a packed struct",
+}
+
+
+def report(results: dict) -> str:
+    """Return the results of `run` as text."""
+    tables = _driver(results["driver"]), _firmware(results["firmware"]), _host(results["host"])
+    return "\n\n".join(_text(table) for table in tables)
+
+
+def _text(table: Table) -> str:
+    console = Console(file=io.StringIO(), width=_WIDTH, color_system=None)
+    console.print(table)
+    return "\n".join(line.rstrip() for line in console.file.getvalue().rstrip().splitlines())
+
+
+def _table(title: str, caption: str, first: str, *others: str) -> Table:
+    table = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, title_justify="left")
+    table.caption_justify = "left"
+    table.add_column(first)
+    for name in others:
+        table.add_column(name, justify="right")
+    return table
+
+
+def _driver(results: dict) -> Table:
+    table = _table(
+        "Driver: a reading over a 400 kHz bus, simulated time",
+        "",
+        "integration",
+        "channels",
+        "transactions",
+        "wire bytes",
+        "bus ms",
+        "Hz",
+        "integrating",
+    )
+    ratios = []
+    for at in results["integrations"]:
+        for name in ("spots", "adafruit"):
+            cost = at[name]
+            table.add_row(
+                f"{at['integration_ms']:g} ms, {name}",
+                str(cost["channels"]),
+                f"{cost['transactions_per_reading']:.1f}",
+                f"{cost['wire_bytes_per_reading']:.1f}",
+                f"{cost['bus_ms_per_reading']:.2f}",
+                f"{cost['rate_Hz']:.1f}",
+                f"{cost['integrating_fraction']:.1%}",
+            )
+        ratios.append(
+            f"At {at['integration_ms']:g} ms {at['rate_ratio']:.1f} times the rate; "
+            f"{at['rate_ratio_if_auto_zero_once']:.1f} times if the chip zeroes itself only once."
+        )
+    table.caption = "\n".join(ratios)
+    return table
+
+
+def _firmware(results: dict) -> Table:
+    table = _table(
+        "Firmware: a sample in MicroPython on this machine",
+        "Floats run in hardware here, which favours their times; heap is counted in 64-bit words.",
+        "path",
+        "heap bytes",
+        "bytes sent",
+        "VM us",
+        "of these from counts on",
+    )
+    for name, label in _PATHS.items():
+        cost = results[name]
+        table.add_row(
+            label,
+            f"{cost['heap_bytes_per_sample']:.0f}",
+            f"{cost['wire_bytes_per_sample']:.1f}",
+            f"{cost['vm_us_per_sample']:.1f}",
+            f"{cost['vm_us_per_sample_from_counts']:.1f}",
+        )
+    return table
+
+
+def _host(results: dict) -> Table:
+    table = _table(
+        "Host: readings decoded on this machine",
+        f"{results['rate_ratio']:.2f} times the rate of JSON.",
+        "format",
+        "bytes",
+        "readings/s",
+    )
+    for name, label in {"spots": "spots, checked frames", "json": "lines of JSON"}.items():
+        cost = results[name]
+        table.add_row(label, f"{cost['bytes_per_reading']:.1f}", f"{cost['readings_per_s']:,}")
+    return table

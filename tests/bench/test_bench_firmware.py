@@ -1,0 +1,44 @@
+"""In MicroPython: bytes are the same on every machine, times are only there."""
+
+from __future__ import annotations
+
+import pytest
+
+PATHS = ("spots", "float_json", "float_struct")
+FLOATS = PATHS[1:]
+
+
+def test_a_sample_of_ours_takes_no_heap(results):
+    assert results["firmware"]["spots"]["heap_bytes_per_sample"] == 0
+
+
+@pytest.mark.parametrize("path", FLOATS)
+def test_a_sample_in_floats_takes_heap(results, path):
+    assert results["firmware"][path]["heap_bytes_per_sample"] > 0
+
+
+def test_a_touch_frame_is_26_bytes_on_the_wire(results):
+    assert results["firmware"]["spots"]["wire_bytes_per_sample"] == 26
+
+
+def test_a_line_of_json_is_several_times_as_long(results):
+    assert results["firmware"]["float_json"]["wire_bytes_per_sample"] > 3 * 26
+
+
+def test_both_paths_find_the_same_positions(results):
+    # Else the peer would be timed at another job.
+    assert results["firmware"]["largest_position_difference_um"] <= 1
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("time", ["vm_us_per_sample", "vm_us_per_sample_from_counts"])
+def test_every_path_has_its_time(results, path, time):
+    assert results["firmware"][path][time] > 0
+
+
+@pytest.mark.parametrize("path", FLOATS)
+def test_ratios_are_those_of_the_times(results, path):
+    ours, theirs = results["firmware"]["spots"], results["firmware"][path]
+    for suffix in ("", "_from_counts"):
+        ratio = theirs["vm_us_per_sample" + suffix] / ours["vm_us_per_sample" + suffix]
+        assert theirs["vm_time_ratio_to_spots" + suffix] == pytest.approx(ratio, rel=0.01)

@@ -1,0 +1,63 @@
+"""On the host: the same readings as frames and as JSON."""
+
+from __future__ import annotations
+
+import pytest
+
+from spots.bench import host
+from spots.frames import Decoder
+from tactile import frame
+
+
+class Sink(bytearray):
+    def write(self, buffer, size):
+        self += buffer[:size]
+        return True
+
+
+class Reading:
+    flags, contrast, brightness, position_um, force_mN = 1, 3 << 20, -(5 << 20), 42_500, 3_000
+
+
+class Time:
+    low, high = 1, 2
+
+
+@pytest.fixture
+def stream():
+    sink = Sink()
+    framer = frame.Framer(sink, Time)
+    for _ in range(32):
+        framer.touch(0, Reading)
+    return bytes(sink)
+
+
+def test_readings_are_counted_and_weighed(results):
+    figures = results["host"]
+    assert figures["spots"]["bytes_per_reading"] == 26
+    assert figures["json"]["bytes_per_reading"] > 4 * 26
+    for name in ("spots", "json"):
+        assert figures[name]["readings_per_s"] > 0
+    assert figures["rate_ratio"] == pytest.approx(
+        figures["spots"]["readings_per_s"] / figures["json"]["readings_per_s"], rel=0.01
+    )
+
+
+def test_lines_hold_the_fields_of_the_frames(stream):
+    figures = host.run(stream)
+    touches = Decoder().feed(stream)
+    assert len(touches) == 32
+    line = host._line(touches[5])
+    assert line.startswith(b'{"sensor":0,"sequence":5,"t_us":131073,"flags":1,')
+    assert b'"position_um":42500,"force_mN":3000}\n' in line
+    assert figures["json"]["bytes_per_reading"] == pytest.approx(len(line), abs=1)
+
+
+def test_a_decoder_that_drops_readings_gets_no_rate(stream, monkeypatch):
+    class Lossy(Decoder):
+        def feed(self, data):
+            return super().feed(data)[1:]
+
+    monkeypatch.setattr(host, "_decode", lambda pieces: sum(len(Lossy().feed(p)) for p in pieces))
+    with pytest.raises(AssertionError, match="readings decoded of"):
+        host.run(stream)
