@@ -17,7 +17,8 @@ class I2C:
     """An I2C controller whose wires end in the simulator. Transfers allocate nothing."""
 
     def __init__(self, id, *, scl, sda, freq=400_000, timeout=50_000):
-        pass
+        khz = freq // 1000
+        _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, 0)
 
     def readfrom_mem_into(self, addr, memaddr, buf):
         _simulator.call(_simulator.READ, addr, memaddr, len(buf), buf)

@@ -160,7 +160,7 @@ class AS7341:
         if register in (0x61, 0x62):
             return self._count_byte(register - 0x61)
         if 0x63 <= register <= 0x65:
-            return int(self._integration_us() / STEP_US) >> (8 * (register - 0x63)) & 0xFF
+            return self._steps() >> (8 * (register - 0x63)) & 0xFF
         if register <= 0x6F:
             return self._count_byte(2 + register - 0x66)
         return self._bank1[register]
@@ -220,13 +220,15 @@ class AS7341:
 
     # Integration.
 
-    def _integration_us(self) -> float:
+    def _steps(self) -> int:
         astep = self._main[0xCA] | self._main[0xCB] << 8
-        return (self._main[0x81] + 1) * (astep + 1) * self._step_us
+        return (self._main[0x81] + 1) * (astep + 1)
+
+    def _integration_us(self) -> float:
+        return self._steps() * self._step_us
 
     def _full_scale(self) -> int:
-        astep = self._main[0xCA] | self._main[0xCB] << 8
-        return min(65535, (self._main[0x81] + 1) * (astep + 1))
+        return min(65535, self._steps())
 
     def _auto_zero_at_start(self) -> float:
         wanted = self._main[0xD6] != 0

@@ -26,6 +26,8 @@ def answer(request: bytes, bus: Bus, fd: int) -> None:
     try:
         if request[:1] == b"S":
             bus.clock.spend_us(request[1] | request[2] << 8 | request[3] << 16)
+        elif request[:1] == b"F":
+            bus.frequency_hz = 1000 * (request[1] | request[2] << 8)
         elif request[:1] == b"R":
             data = bus.write_read(request[1], request[2:3], request[3])
         else:
