@@ -5,88 +5,133 @@ from smallint import SmallInt
 
 from tactile.calibration import Calibration, CalibrationError
 
-GOOD = [
-    "",
-    "board 00ff",
-    "plan F3 F4 F5 F6 F7 F8",
-    "made 9 10000 20",
-    "touch 300 200",
-    "position -4096 -4096 0 0 4096 4096",
-    "force 0 0 0 0 0 8192",
-    "fit 8192 -8192 0 0 0 0",
-    "x 0 0 5",
-    "x 100000 8000 5",
-    "f 1000 200 9000",
-    "f 100000 6000 90",
-    "",
-]
+GOOD = """\
+board 00ff
+plan F3 F4 F5 F6 F7 F8
+made 9 10000 20
+touch 300 200
+coarse -4096 -4096 0 0 4096 4096
+fit 8192 -8192 0 0 0 0
+segment -8192 0 0 0 0 8192 0 0 0 0 0 8192
+segment 0 -8192 0 0 0 8192 0 0 0 0 8192 0
+f 1000 200 900
+f 100000 6000 90
+strain 0
+from 0
+x 0 0 5 100
+x 100000 8000 5 200
+from 90000
+x 90000 7000 5 0
+x 200000 16000 5 -100
+strain 100000
+from 0
+x 0 0 5 300
+x 80000 8800 5 400
+from 70000
+x 70000 7700 5 0
+x 160000 17600 5 100
+""".splitlines()
 
 
 def changed(old, new):
-    return [line.replace(old, new) for line in GOOD]
+    return "\n".join(GOOD).replace(old, new, 1).split("\n")
 
 
 def test_the_real_one_is_good(calibration):
     made = Calibration(calibration)
     assert made.plan == ("F3", "F4", "F5", "F6", "F7", "F8")
-    assert (made.positions_um[0], made.positions_um[-1]) == (0, 85_000)
+    assert made.length_um == 85_000
+    assert min(min(part.positions_um) for part in made.segments) == 0
 
 
-def test_the_order_of_the_statements_does_not_matter():
-    knots = [line for line in GOOD if line[:2] in ("x ", "f ")]
-    others = [line for line in GOOD if line not in knots]
-    assert vars(Calibration(knots + others[::-1])) == vars(Calibration(GOOD))
+def test_segments_have_weights_and_tables_of_their_own():
+    first, second = Calibration(GOOD).segments
+    assert first.position == (-8192, 0, 0, 0, 0, 8192)
+    assert second.force == (0, 0, 0, 0, 8192, 0)
+    assert second.contrasts == (90_000, 200_000)
+    assert second.offsets == (0, -100)
+
+
+def test_a_known_strain_is_its_own_block():
+    made = Calibration(GOOD, 100_000)
+    assert made.bounds == [0, 70_000]
+    assert made.segments[1].positions_um == (7700, 17_600)
+    assert made.length_um == 17_600
+
+
+def test_between_two_strains_everything_goes_in_straight_lines():
+    made = Calibration(GOOD, 50_000)
+    assert made.bounds == [0, 80_000]
+    assert made.segments[0].contrasts == (0, 90_000)
+    assert made.segments[0].positions_um == (0, 8400)
+    assert made.segments[0].offsets == (200, 300)
+
+
+@pytest.mark.parametrize("strain_ppm", [-1, 100_001])
+def test_a_strain_beyond_the_known_ones_is_refused(strain_ppm):
+    with pytest.raises(CalibrationError, match="up to strain_ppm=100000"):
+        Calibration(GOOD, strain_ppm)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("fit 8192 -8192 0 0 0 0", "", "missing"),
+        ("fit 8192 -8192 0 0 0 0\n", "", "missing"),
         ("touch 300 200", "touch 200 300", "begin"),
         ("touch 300 200", "touch 300 0", "begin"),
         ("touch 300 200", "touch 300", "2 integers"),
         ("touch 300 200", "touch 300 many", "2 integers"),
-        ("made 9 10000 20", "made 9 10000 20\nx", "3 integers"),
-        ("position -4096", "position -4095", "add up to 0"),
-        ("force 0 0 0 0 0 8192", "force 0 0 0 0 0 8193", "add up to 8192"),
+        ("x 0 0 5 100", "x 0 0 5", "4 integers"),
+        ("coarse -4096", "coarse -4095", "add up to 0"),
+        ("0 8192\nsegment", "0 8193\nsegment", "add up to 8192"),
         ("fit 8192 -8192", "fit 80000 -80000", "too large"),
-        ("x 100000 8000 5", "x 0 8000 5", "ascend"),
-        ("x 100000 8000 5", "x 100000 0 5", "monotone"),
-        ("x 100000 8000 5", "x 1000000 8000 5", "too far apart"),
-        ("x 100000 8000 5", "x 1073741824 8000 5", "31 bits"),
-        ("x 100000 8000 5", "", "2 to 128"),
+        ("x 100000 8000", "x 0 8000", "ascend"),
+        ("x 100000 8000", "x 100000 0", "monotone"),
+        ("x 100000 8000", "x 1000000 8000", "too far apart"),
+        ("x 100000 8000", "x 268435457 8000", "up to 2"),
+        ("x 100000 8000 5 200\n", "", "same number of knots|2 to 128"),
+        ("from 90000", "from 0", "must ascend"),
+        ("segment -8192", "# -8192", "no line"),
+        ("segment 0 -8192 0 0 0 8192 0 0 0 0 8192 0\n", "", "one 'from' for each"),
+        ("strain 0\n", "", "after a line 'strain'"),
+        ("strain 0\nfrom 0\n", "strain 0\n", "after a line 'from'"),
+        ("strain 0\n", "strain 5\n", "ascending values from 0"),
+        ("strain 100000", "strain 0", "ascending values from 0"),
+        ("strain 100000", "strain 600000", "ends at"),
         ("board 00ff", "board 00ff\ncolour red", "no line"),
         ("board 00ff", "board", "no line"),
+        ("board 00ff", "board 00ff\nboard 00ff", "twice"),
         ("plan F3", "plan F4", "six different"),
         ("plan F3", "plan F9", "six different"),
     ],
 )
 def test_a_bad_line_is_named(old, new, says):
+    assert changed(old, new) != GOOD
     with pytest.raises(CalibrationError, match=says):
-        Calibration("\n".join(changed(old, new)).split("\n"))
-
-
-def test_twice_is_once_too_often():
-    with pytest.raises(CalibrationError, match="twice"):
-        Calibration([*GOOD, "touch 300 200"])
+        Calibration(changed(old, new))
 
 
 def test_every_accepted_number_is_a_small_int(calibration):
+    def check(value):
+        if isinstance(value, int):
+            SmallInt(value)
+        elif isinstance(value, (tuple, list)):
+            for part in value:
+                check(part)
+
     made = Calibration(calibration)
-    for value in vars(made).values():
-        for number in value if isinstance(value, tuple) else (value,):
-            if isinstance(number, int):
-                SmallInt(number)
+    for owner in (made, *made.segments):
+        check(list(vars(owner).values()))
 
 
 @pytest.mark.parametrize(
     ("board", "plan", "gain", "exposure_us", "led_mA", "says"),
     [
-        ("11", GOOD[2], 9, 10000, 20, "board"),
+        ("11", GOOD[1], 9, 10000, 20, "board"),
         ("00ff", "plan F2 F4 F5 F6 F7 F8", 9, 10000, 20, "channels"),
-        ("00ff", GOOD[2], 8, 10000, 20, "gain=9"),
-        ("00ff", GOOD[2], 9, 20000, 20, "exposure_us=10000"),
-        ("00ff", GOOD[2], 9, 10000, 30, "led_mA=20"),
+        ("00ff", GOOD[1], 8, 10000, 20, "gain=9"),
+        ("00ff", GOOD[1], 9, 20000, 20, "exposure_us=10000"),
+        ("00ff", GOOD[1], 9, 10000, 30, "led_mA=20"),
     ],
 )
 def test_a_mismatch_says_what_to_do(board, plan, gain, exposure_us, led_mA, says):
@@ -95,4 +140,4 @@ def test_a_mismatch_says_what_to_do(board, plan, gain, exposure_us, led_mA, says
 
 
 def test_a_match_says_nothing():
-    assert Calibration(GOOD).mismatch("00ff", GOOD[2].split()[1:], 9, 10000, 20) is None
+    assert Calibration(GOOD).mismatch("00ff", GOOD[1].split()[1:], 9, 10000, 20) is None

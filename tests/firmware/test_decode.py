@@ -131,10 +131,11 @@ def test_without_a_calibration_nothing_is_claimed():
 def test_touch_has_hysteresis(decoder, calibration):
     begin, end = decoder.calibration.touch_on_mN, decoder.calibration.touch_off_mN
     seen = []
-    for share in (100, 30, 22, 17, 14, 9, 14, 17, 22, 30):  # of a firm press, in 1/100
+    shares = list(range(60, 2, -1))  # of a firm press, in 1/100
+    for share in shares + shares[::-1]:
         decoder.update([count * share // 100 for count in LIT], 1, NO_DARK, 0)
         seen.append((decoder.force_mN, decoder.touching))
-    down, up = seen[:6], seen[6:]
+    down, up = seen[: len(shares)], seen[len(shares) :]
     assert any(end <= force < begin and touching for force, touching in down)
     assert any(end <= force < begin and not touching for force, touching in up)
     assert all(touching == (force >= end) for force, touching in down)
