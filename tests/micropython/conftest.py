@@ -1,0 +1,125 @@
+"""The machines that the scripts of this tier run in.
+
+Two real MicroPythons, one with words of 64 bits and one of 32, and CPython to compare them with.
+Each gets the firmware's package and the same scripts, unchanged, in a folder of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tactile
+from spots.bench import canned
+from spots.sim.vm import micropython_command
+
+HERE = Path(__file__).parent
+WASM = HERE.parent / "wasm"
+WASM_PACKAGE = WASM / "node_modules" / "@micropython" / "micropython-webassembly-pyscript"
+TIMEOUT_S = 60
+# About what an RP2040 leaves to a program; twice that where a word is twice as long. The unix port
+# stops there, WebAssembly's heap only begins with it and grows.
+HEAP_32_BYTES = 192 * 1024
+HEAP_64_BYTES = 2 * HEAP_32_BYTES
+
+
+class Machine:
+    """Something that runs a script in a folder of its own."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        clean = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(HERE / "scripts", folder, ignore=clean, dirs_exist_ok=True)
+        shutil.copytree(Path(tactile.__file__).parent, folder / "tactile", ignore=clean)
+        shutil.copy(canned.__file__, folder)
+
+    def slip(self, module: str, code: str) -> None:
+        """Add code to the end of one of the firmware's modules, for this machine alone."""
+        path = self.folder / "tactile" / f"{module}.py"
+        path.write_text(path.read_text(encoding="utf-8") + code, encoding="utf-8")
+
+    def run(self, script: str, given: dict | None = None) -> list[str]:
+        """Return the lines that a script prints.
+
+        Parameters
+        ----------
+        script : str
+            Module in the folder ``scripts``.
+        given : dict, optional
+            What it finds in given.json.
+
+        Raises
+        ------
+        RuntimeError
+            If it ends with an exception; the text holds the traceback.
+        """
+        (self.folder / "given.json").write_text(json.dumps(given), encoding="utf-8")
+        process = subprocess.Popen(
+            self.command(script),
+            cwd=self.folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            said, complained = process.communicate(timeout=TIMEOUT_S)
+        except BaseException:
+            # The commands are launchers: to end one alone would leave the machine running.
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            raise
+        if process.returncode:
+            raise RuntimeError(said[-2000:] + complained[-2000:])
+        return said.splitlines()
+
+    def command(self, script: str) -> list[str]:
+        raise NotImplementedError
+
+
+class CPython(Machine):
+    def __init__(self, folder: Path):
+        super().__init__(folder)
+        shutil.copy(HERE / "cpython" / "micropython.py", folder)
+
+    def command(self, script: str) -> list[str]:
+        return [sys.executable, "-B", f"{script}.py"]
+
+
+class Unix64(Machine):
+    def command(self, script: str) -> list[str]:
+        return [*micropython_command(), "-X", f"heapsize={HEAP_64_BYTES}", f"{script}.py"]
+
+
+class Wasm32(Machine):
+    def command(self, script: str) -> list[str]:
+        places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
+        node = shutil.which("node", path=os.pathsep.join(places))
+        if node is None or not WASM_PACKAGE.is_dir():
+            pytest.fail("node or MicroPython for WebAssembly is missing; 'make test' gets both")
+        return [node, str(WASM / "run.mjs"), str(self.folder), script, str(HEAP_32_BYTES)]
+
+
+@pytest.fixture(params=[Unix64, Wasm32], ids=["unix64", "wasm32"])
+def machine(request, tmp_path):
+    """A MicroPython."""
+    return request.param(tmp_path / "micropython")
+
+
+@pytest.fixture
+def machine_bits(machine):
+    """Bits of a machine's words."""
+    return 32 if isinstance(machine, Wasm32) else 64
+
+
+@pytest.fixture(scope="session")
+def cpython(tmp_path_factory):
+    """CPython."""
+    return CPython(tmp_path_factory.mktemp("cpython"))

@@ -1,0 +1,19 @@
+"""Runs one of the trials while the heap is locked and prints its results, a case a line.
+
+Reads from given.json: ``trial``, the ``cases`` and how many results (``width``) each of them has.
+"""
+
+import json
+from array import array
+
+import trials
+from locked import locked
+
+with open("given.json") as file:
+    given = json.load(file)
+cases = given["cases"]
+width = given["width"]
+results = array("i", bytes(4 * width * len(cases)))
+locked(getattr(trials, given["trial"]), cases, results)
+for i in range(len(results)):
+    print(results[i], end="\n" if (i + 1) % width == 0 else " ")

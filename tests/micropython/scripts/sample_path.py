@@ -1,0 +1,110 @@
+"""Runs the firmware's loop through scenes and prints the bytes that it sent, a scene a line.
+
+Reads from given.json: ``settings``, ``calibrations``, ``scenes`` (see `play`), ``port_bytes`` for
+what the port is to keep, and ``lock``: whether the heap is locked meanwhile. The last line tells
+how many bytes more are allocated after the scenes than before.
+"""
+
+import gc
+import json
+from binascii import hexlify
+
+import canned
+from locked import locked
+
+from tactile.calibration import Calibration
+
+_ASTATUS = 0x94
+_ASAT = 0x80
+_LED = 0x74
+_LED_ON = 0x80
+# A board that has run so long that its ticks and its time wrap while the scenes are played.
+_AGE_US = (1 << 32) - 1_000_000
+_STALL_US = 1 << 28  # board time has to be asked for at least that often
+_WARM_UP_US = 150_000
+_PIECE_BYTES = 64
+
+
+class Port:
+    """A serial port that keeps all that is written while it `takes`."""
+
+    def __init__(self, size):
+        self.kept = bytearray(size)
+        self.size = 0
+        self.takes = True
+
+    def write(self, buffer, size):
+        if self.takes:
+            for i in range(size):
+                self.kept[self.size + i] = buffer[i]
+            self.size += size
+        return self.takes
+
+    def read(self):
+        return -1
+
+
+def step_for(lasts_us, lit, dark):
+    """Step for some time; the counts are dark while the LED is off."""
+    until = clock.ticks_add(clock.now, lasts_us)
+    while clock.ticks_diff(until, clock.now) > 0:
+        bus.counts(lit if bus.registers[_LED] & _LED_ON else dark)
+        app.step()
+
+
+def play(scenes, ends):
+    """Step through the scenes; note how many bytes were sent up to the end of each."""
+    for i in range(len(scenes)):
+        scene = scenes[i]
+        strip.decode.calibration = calibrations[scene["calibration"]]
+        strip.settings.values["average"] = scene["average"]
+        if scene["request_dark"]:
+            strip.request_dark(None)
+        bus.registers[_ASTATUS] = _ASAT if scene["saturated"] else 0
+        port.takes = scene["port_takes"]
+        clock.sleep_us(scene["stall_us"])
+        step_for(1000 * scene["lasts_ms"], scene["lit"], scene["dark"])
+        ends[i] = port.size
+
+
+def allocated_by(scenes, ends):
+    """Play the scenes and return how many bytes they left allocated."""
+    count = getattr(gc, "mem_alloc", int)  # CPython does not count: always 0
+    gc.collect()
+    before = count()
+    if given["lock"]:
+        locked(play, scenes, ends)
+    else:
+        gc.disable()
+        play(scenes, ends)
+    return count() - before
+
+
+with open("given.json") as file:
+    given = json.load(file)
+port = Port(given["port_bytes"])
+app, bus, clock, _ = canned.app((), port)
+strip = app.strip
+calibrations = [Calibration(lines) if lines else None for lines in given["calibrations"]]
+first = given["scenes"][0]
+left_us = _AGE_US - clock.now
+while left_us > 0:
+    stall_us = max(0, min(_STALL_US, left_us) - _WARM_UP_US)
+    clock.sleep_us(stall_us)
+    step_for(_WARM_UP_US, first["lit"], first["dark"])
+    left_us -= stall_us + _WARM_UP_US
+app.settings.change(given["settings"])
+app.restart()
+step_for(_WARM_UP_US, first["lit"], first["dark"])
+
+port.size = 0
+ends = [0] * len(given["scenes"])
+allocated = allocated_by(given["scenes"], ends)
+begin = 0
+for end in ends:
+    while begin < end:
+        piece = min(_PIECE_BYTES, end - begin)
+        print(hexlify(port.kept[begin : begin + piece]).decode(), end="")
+        begin += piece
+    print()
+print(allocated)

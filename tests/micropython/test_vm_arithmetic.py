@@ -1,0 +1,187 @@
+"""The firmware's arithmetic in a real MicroPython: the integers of CPython, without the heap.
+
+Each trial runs while the heap is locked: in the 32-bit machine it ends in MemoryError as soon as
+one value passes 31 bits. Arguments go to the ends of what calibration and chip allow.
+"""
+
+import itertools
+import random
+
+import pytest
+
+from tactile.calibration import KNOTS_MAX, ONE_Q13, WEIGHT_SUM_MAX, Calibration, CalibrationError
+from tactile.frame import HEADER_SIZE, TEXT_MAX
+from tactile.log2 import LIMIT, ONE
+from tactile.settings import LIMITS
+
+CHANNELS = 6
+LOG_MAX = 24 * ONE
+SMALL_MIN, SMALL_MAX = -(1 << 30), (1 << 30) - 1
+TICKS = 1 << 30
+# No contrast and no brightness lies farther out than this: weights that add up to 8 in
+# absolute value, times the largest logarithm, less that of 64 samples of 4.
+READING_MAX = 5 * LOG_MAX
+
+
+@pytest.fixture
+def rng():
+    return random.Random(7341)
+
+
+@pytest.fixture
+def compare(machine, cpython):
+    """Let both run a trial on the same cases; each case has `width` results."""
+
+    def run(trial, cases, width=1):
+        given = {"trial": trial, "cases": cases, "width": width}
+        expected = cpython.run("compute", given)
+        assert len(expected) == len(cases)
+        assert machine.run("compute", given) == expected
+
+    return run
+
+
+def test_log2(compare, rng):
+    edges = {(1 << bits) + near for bits in range(25) for near in (-1, 0, 1)}
+    edges |= {LIMIT + 2, SMALL_MAX}
+    drawn = {rng.randint(1, LIMIT) for _ in range(1500)}
+    drawn |= {int(2 ** rng.uniform(0, 24)) for _ in range(1500)}
+    compare("log2", sorted((edges | drawn) - {0}))
+
+
+def weights_of(rng, total):
+    """Return six weights that add up to `total` and have the largest legal sum without signs."""
+    positive = (WEIGHT_SUM_MAX + total) // 2
+    signs = rng.sample([1, 1, 1, -1, -1, -1], CHANNELS)
+    weights = [0] * CHANNELS
+    for sign, left in ((1, positive), (-1, WEIGHT_SUM_MAX - positive)):
+        places = [i for i in range(CHANNELS) if signs[i] == sign]
+        cuts = sorted(rng.randint(0, left) for _ in places[1:])
+        for place, (a, b) in zip(places, itertools.pairwise([0, *cuts, left])):
+            weights[place] = sign * (b - a)
+    assert sum(weights) == total
+    assert sum(map(abs, weights)) == WEIGHT_SUM_MAX
+    return weights
+
+
+def test_dot(compare, rng):
+    cases = []
+    for total in (0, ONE_Q13):
+        half = (WEIGHT_SUM_MAX + total) // 2
+        lone = [half, half - WEIGHT_SUM_MAX, 0, 0, 0, 0]
+        for ends in itertools.product((0, 8191, LOG_MAX - 1, LOG_MAX), repeat=2):
+            cases.append((lone, [*ends, *[LOG_MAX] * 4]))
+        for _ in range(100):
+            cases.append(
+                (weights_of(rng, total), [rng.randint(0, LOG_MAX) for _ in range(CHANNELS)])
+            )
+    compare("dot", cases)
+
+
+def a_table(rng, knots):
+    """Return knots and values whose steps are as far apart as a calibration may have them."""
+    at = [-rng.randint(0, 1 << 26)]
+    values = [rng.randint(-(1 << 20), 1 << 20)]
+    direction = rng.choice((1, -1))
+    for _ in range(knots - 1):
+        step = int(2 ** rng.uniform(0, 27 - knots.bit_length()))
+        values.append(values[-1] + direction * min(SMALL_MAX // step - 1, 1 << 22))
+        at.append(at[-1] + step)
+    return at, values
+
+
+LIMIT_TABLES = {
+    "the longest step": ([-(1 << 28), (1 << 28) - 1], [1, 0]),
+    "the steepest step": ([0, 1], [-(1 << 29), (1 << 29) - 2]),
+    "the largest square": ([0, 32767], [32767, 0]),
+    "knots that begin at the least integer": ([SMALL_MIN, SMALL_MIN + 1000], [0, 1000]),
+    "knots that end at the largest integer": ([SMALL_MAX - 1000, SMALL_MAX], [0, 1000]),
+    "values that begin at the least integer": ([0, 1000], [SMALL_MIN, SMALL_MIN + 1000]),
+    "values that end at the largest integer": ([0, 1000], [SMALL_MAX, SMALL_MAX - 1000]),
+}
+
+
+def accepted(calibration, knots, values):
+    """Whether a calibration may hold this table."""
+    lines = [line for line in calibration if not line.startswith("x ")]
+    lines += ["x %d %d %d" % (knot, value, value) for knot, value in zip(knots, values)]
+    try:
+        Calibration(lines)
+    except CalibrationError:
+        return False
+    return True
+
+
+def readings(rng, knots):
+    """Return where to look: at the knots, next to them, between them and as far as light goes."""
+    some = rng.sample(knots, min(len(knots), 5))
+    found = [knot + near for knot in some for near in (-1, 0, 1)]
+    found += [rng.randint(knots[0], knots[-1]) for _ in range(20 - len(found))]
+    found += [-READING_MAX, READING_MAX]
+    return [min(max(at, -READING_MAX), READING_MAX) for at in found]
+
+
+def test_tables(compare, calibration, rng):
+    tables = [a_table(rng, knots) for knots in [2] * 10 + [3] * 10 + [33] * 3 + [KNOTS_MAX]]
+    assert all(accepted(calibration, *table) for table in tables)
+    cases = [(*table, readings(rng, table[0])) for table in tables]
+    compare("table", cases, width=2 * len(cases[0][2]))
+
+
+@pytest.mark.parametrize("name", LIMIT_TABLES)
+def test_a_table_at_the_limit_works_if_a_calibration_may_hold_it(compare, calibration, rng, name):
+    knots, values = LIMIT_TABLES[name]
+    if accepted(calibration, knots, values):
+        at = readings(rng, knots)
+        compare("table", [(knots, values, at)], width=2 * len(at))
+
+
+def messages(rng):
+    """Return payloads of the lengths at which something changes, from no zero to only zeros."""
+    lengths = [0, 1, 2, 24, 253, 254, 255, 256, 508, HEADER_SIZE + TEXT_MAX + 2]
+    for length in lengths:
+        yield [rng.randint(1, 255) for _ in range(length)]
+        yield [rng.choice((0, 0, 255)) for _ in range(length)]
+    yield [0] * 24
+
+
+def test_crc16(compare, rng):
+    compare("crc16", list(messages(rng)))
+
+
+def test_cobs(compare, rng):
+    compare("cobs", list(messages(rng)), width=516)
+
+
+def test_board_time(compare, rng):
+    longest_us = 1 << 28
+    steps = [longest_us] * 40 + [-longest_us] * 5 + [1, -1, 0]
+    steps += [rng.choice((10_000, -5000, rng.randint(0, longest_us))) for _ in range(500)]
+    ticks = [step % TICKS for step in itertools.accumulate(steps)]
+    compare("time32", ticks, width=2)
+
+
+STALLS_US = [500, 2000, 9000, 200_000, 1_100_000, 1 << 28]
+
+
+@pytest.mark.parametrize(
+    ("exposures_us", "polls", "stalls_us"),
+    [((1000, 2780, 10_000, 1_000_000), 100, STALLS_US), ((10_000, 1_000_000), 400, [])],
+    ids=["stalls", "a steady board"],
+)
+def test_pacing(compare, rng, exposures_us, polls, stalls_us):
+    assert exposures_us[-1] == LIMITS["exposure_us"][1]
+    cases = []
+    for nominal_us, error_percent in itertools.product(exposures_us, (-6, 0, 6)):
+        true_us = nominal_us * (100 + error_percent) // 100
+        begins = (TICKS - rng.randint(0, 40 * nominal_us)) % TICKS
+        punctual_us = [rng.randint(0, 300) for _ in range(40)]
+        late_us = [rng.choice(punctual_us + stalls_us) for _ in range(polls)]
+        cases.append((nominal_us, true_us, begins, late_us))
+    compare("pacing", cases, width=4 * polls)
+
+
+def test_a_float_on_the_way_to_the_same_integer_is_found(machine):
+    machine.slip("log2", "\n_log2 = log2_q20\ndef log2_q20(n):\n    return int(_log2(n) * 1.0)\n")
+    with pytest.raises(RuntimeError, match="MemoryError"):
+        machine.run("compute", {"trial": "log2", "cases": [1000], "width": 1})

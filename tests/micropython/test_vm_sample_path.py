@@ -1,0 +1,228 @@
+"""The whole loop in a real MicroPython, from registers to framed bytes, while the heap is locked.
+
+What would allocate ends in MemoryError; what comes out must be, byte for byte, what CPython makes
+of the same scenes.
+"""
+
+import pytest
+
+from spots.frames import Decoder, Spectrum, Touch
+from tactile.calibration import Calibration, CalibrationError
+from tactile.decode import (
+    DARK_SUBTRACTED,
+    DROPPED,
+    LED_OFF,
+    MISFIT,
+    NOT_CALIBRATED,
+    SATURATED,
+    TOO_DARK,
+    TOUCHING,
+)
+from tactile.exposure import MAX_US
+from tactile.strip import DARK_EVERY_US, IDLE_US
+
+# Presses of the default sensor at its two ends, and what more and less light would give.
+NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
+FEEBLE = [count // 3 for count in FAR]
+TWO_FINGERS = [(near + far) // 2 for near, far in zip(NEAR, FAR)]
+DARK = [3, 4, 3, 5, 4, 4]
+NONE, FULL = [0] * 6, [65_535] * 6
+UNEVEN = [65_535, 1] * 3
+
+UNCALIBRATED, REAL, LEAST, LARGEST = range(4)
+DARK_WINDOW_MS = 150  # more than one takes, at 10 ms a sample
+
+
+def scene(flags, lit, calibration=REAL, lasts_ms=60, average=1, **other):
+    """Return what the script is to play, and the flags that the last reading must have."""
+    usual = {"dark": DARK, "request_dark": False, "saturated": False}
+    usual |= {"port_takes": True, "stall_us": 0}
+    made = {"lit": lit, "calibration": calibration, "lasts_ms": lasts_ms, "average": average}
+    return {**usual, **made, **other}, flags
+
+
+SCENES = {
+    "no calibration": scene(NOT_CALIBRATED, NEAR, UNCALIBRATED, lasts_ms=1500),
+    "a dark window on request": scene(TOUCHING, NEAR, request_dark=True, lasts_ms=DARK_WINDOW_MS),
+    "a finger near the sensor": scene(TOUCHING, NEAR),
+    "a finger at the far end": scene(TOUCHING, FAR),
+    "a feeble touch": scene(TOUCHING, FEEBLE),
+    "a finger, averaged": scene(TOUCHING, NEAR, average=64, lasts_ms=1500),
+    "two fingers": scene(TOUCHING | MISFIT, TWO_FINGERS),
+    "analog saturation": scene(TOUCHING | SATURATED, NEAR, saturated=True),
+    "as much light as fits": scene(TOUCHING | SATURATED | MISFIT, FULL),
+    "nobody": scene(TOO_DARK, DARK),
+    "less light than in the dark": scene(TOO_DARK, NONE),
+    "a channel without light": scene(TOO_DARK, [*NEAR[:5], 0]),
+    "a port that takes nothing": scene(None, NEAR, port_takes=False),
+    "a port that takes again": scene(TOUCHING, NEAR),
+    "a stall of three samples": scene(TOUCHING, FAR, stall_us=30_000),
+    "a stall of minutes": scene(TOUCHING, FAR, stall_us=1 << 28),
+    "a stall of minutes again": scene(TOUCHING, FAR, stall_us=1 << 28),
+    "a finger that never left meanwhile": scene(TOUCHING, FAR, stall_us=1 << 28),
+    "a finger for a long time": scene(
+        TOUCHING, NEAR, average=64, lasts_ms=DARK_EVERY_US // 1000 + 1000
+    ),
+    "the dark window when it lifts": scene(
+        TOO_DARK, DARK, lasts_ms=IDLE_US // 1000 + DARK_WINDOW_MS, dark=NONE
+    ),
+    "a finger after that": scene(TOUCHING, NEAR),
+    "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST),
+    "the largest table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN[::-1], LARGEST),
+    "the largest table, averaged": scene(
+        TOUCHING | SATURATED | MISFIT, UNEVEN, LARGEST, average=64, lasts_ms=1500
+    ),
+}
+WITH_DARK_WINDOW = {"a dark window on request", "the dark window when it lifts", "nobody for long"}
+AFTER_A_GAP = {
+    "a port that takes again",
+    "a stall of three samples",
+    "a stall of minutes",
+    "a stall of minutes again",
+    "a finger that never left meanwhile",
+}
+
+# An exposure and an average as long as they get.
+LONG_SCENES = {
+    "nobody for long": scene(TOO_DARK, DARK, lasts_ms=25_000),
+    "a finger for longer": scene(TOUCHING, NEAR, average=64, lasts_ms=75_000),
+}
+
+
+def farthest(calibration, largest):
+    """Return a calibration with the largest weights and the farthest tables that are allowed."""
+    kept = [line for line in calibration if line.split()[0] in ("board", "plan", "made", "touch")]
+    kept += ["position 32768 -32768 0 0 0 0", "force 36864 -28672 0 0 0 0"]
+    kept += ["fit -32768 32768 0 0 0 0"]
+    for bits in range(30, 20, -1):
+        ends = [-(1 << bits), 9 - (1 << bits)]
+        tables = ["f %d 1 9" % ends[0], "f %d 70000 9" % ends[1]]
+        if largest:
+            ends = [~ends[1], ~ends[0]]
+        tables += ["x %d %d %d" % (end, end, ~end) for end in ends]
+        try:
+            Calibration(kept + tables)
+        except CalibrationError:
+            continue
+        return kept + tables
+    raise AssertionError("no calibration of this form is allowed")
+
+
+@pytest.fixture(scope="module")
+def given(calibration):
+    calibrations = [None, calibration, farthest(calibration, False), farthest(calibration, True)]
+    return {
+        "settings": ["exposure_us=10000"],
+        "calibrations": calibrations,
+        "scenes": [played for played, _ in SCENES.values()],
+        "port_bytes": 40_000,
+        "lock": True,
+    }
+
+
+@pytest.fixture(scope="module")
+def given_long(given):
+    settings = ["exposure_us=%d" % MAX_US, "average=64"]
+    return {**given, "settings": settings, "scenes": [played for played, _ in LONG_SCENES.values()]}
+
+
+def frames_of(lines, scenes):
+    """Return, by scene, its readings and its spectra."""
+    decoder = Decoder()
+    frames = {name: decoder.feed(bytes.fromhex(line)) for name, line in zip(scenes, lines)}
+    assert decoder.stats.bad_crc == 0
+    return {
+        name: tuple([f for f in found if isinstance(f, kind)] for kind in (Touch, Spectrum))
+        for name, found in frames.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def expected(cpython, given):
+    return cpython.run("sample_path", given)
+
+
+@pytest.fixture(scope="module")
+def expected_long(cpython, given_long):
+    return cpython.run("sample_path", given_long)
+
+
+@pytest.fixture(scope="module")
+def frames(expected, expected_long):
+    return {**frames_of(expected, SCENES), **frames_of(expected_long, LONG_SCENES)}
+
+
+def test_the_loop_allocates_nothing_and_sends_the_bytes_of_cpython(machine, given, expected):
+    assert machine.run("sample_path", given) == expected
+
+
+def test_nor_does_it_at_the_longest_exposure_and_average(machine, given_long, expected_long):
+    assert machine.run("sample_path", given_long) == expected_long
+
+
+def test_no_byte_more_is_allocated_when_the_heap_is_open(machine, given):
+    assert machine.run("sample_path", {**given, "lock": False})[-1] == "0"
+
+
+@pytest.mark.parametrize("name", [*SCENES, *LONG_SCENES])
+def test_every_scene_is_what_its_name_says(frames, name):
+    played, flags = {**SCENES, **LONG_SCENES}[name]
+    readings, spectra = frames[name]
+    assert len(readings) == len(spectra)
+    assert bool(readings) == played["port_takes"]
+    if not readings:
+        return
+    assert readings[-1].flags & ~DARK_SUBTRACTED == flags
+    assert list(spectra[-1].counts) == played["lit"]
+    assert any(reading.flags & LED_OFF for reading in readings) == (name in WITH_DARK_WINDOW)
+    assert bool(readings[0].flags & DROPPED) == (name in AFTER_A_GAP)
+
+
+# Same results, on a detour by what the loop must not have.
+SLIPS = {
+    "a float": """
+_interpolate = interpolate
+def interpolate(knots, values, i, at):
+    return int(_interpolate(knots, values, i, at) * 1.0)
+""",
+    "a list": """
+_dot = dot
+def dot(weights, logs):
+    return _dot(weights, list(logs))
+""",
+    "a tuple": """
+_log2 = log2_q20
+def log2_q20(n):
+    return (_log2(n),)[0]
+""",
+}
+PRODUCT_OF_MORE_THAN_31_BITS = """
+def dot(weights, logs):
+    total = 0
+    for i in range(CHANNELS):
+        total += weights[i] * logs[i]
+    return total >> 13
+"""
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_what_allocates_is_found(machine, given, slip):
+    machine.slip("decode", SLIPS[slip])
+    with pytest.raises(RuntimeError, match="MemoryError"):
+        machine.run("sample_path", given)
+
+
+def test_what_leaves_a_small_integer_is_found_by_the_machine_of_32_bits(
+    machine, machine_bits, given, expected
+):
+    machine.slip("decode", PRODUCT_OF_MORE_THAN_31_BITS)
+    if machine_bits == 32:
+        with pytest.raises(RuntimeError, match="MemoryError"):
+            machine.run("sample_path", given)
+    else:
+        assert machine.run("sample_path", given) == expected
+
+
+def test_what_stays_allocated_is_counted(machine, given):
+    machine.slip("decode", SLIPS["a list"])
+    assert int(machine.run("sample_path", {**given, "lock": False})[-1]) > 0

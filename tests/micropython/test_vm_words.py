@@ -1,0 +1,5 @@
+"""That the two machines differ in what they are there for: the width of their small integers."""
+
+
+def test_a_small_integer_is_one_bit_and_its_sign_short_of_a_word(machine, machine_bits):
+    assert machine.run("words") == [str(machine_bits - 2)]
