@@ -177,6 +177,7 @@ class App:
                 gc.collect()
 
     def _find_sensor(self):
+        self._time.set(self._clock.ticks_us())  # or it would lose its turns meanwhile
         try:
             self.strip.start()
         except (OSError, SensorError) as error:

@@ -142,6 +142,7 @@ class AS7341:
         finally:
             self._write(_CFG0, 0)
         self.led_on = on
+        self.steady = False
         self._settled = self._clock.ticks_us()
 
     def remaining_us(self):
@@ -188,9 +189,11 @@ class AS7341:
             if count >= self.full_scale:
                 saturated = True
         self.saturated = saturated
-        # As early as it may have begun: the oscillator is trusted to a sixteenth.
-        began = clock.ticks_add(self.complete, -(self.exposure_us + (self.exposure_us >> 4)))
-        self.steady = clock.ticks_diff(began, self._settled) >= 0
+        if not self.steady:
+            # Asked only until it is: ticks that lie too far back compare wrongly. As early as it
+            # may have begun, the oscillator being trusted to a sixteenth.
+            began = clock.ticks_add(self.complete, -self.exposure_us - (self.exposure_us >> 4))
+            self.steady = clock.ticks_diff(began, self._settled) >= 0
         return True
 
     def saturation(self):

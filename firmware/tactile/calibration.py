@@ -27,6 +27,7 @@ ONE_Q13 = 1 << 13
 WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
+FORCE_MAX_MN = 65_535
 # No logarithm or contrast lies farther out; leaves room for the differences of two.
 _LOG_MAX = 1 << 28
 _SMALL = 1 << 30
@@ -94,6 +95,8 @@ class Calibration:
         self.coarse = _weights("coarse", seen["coarse"], 0)
         self.fit = _weights("fit", seen["fit"], 0)
         self.brightnesses, self.forces_mN, self.tolerances = _table("f", seen["f"])
+        if not 0 <= self.forces_mN[0] < self.forces_mN[-1] <= FORCE_MAX_MN:
+            raise CalibrationError("the forces of 'f' must rise from 0 or more to 65535 or less")
         self.strains_ppm = _strains(strains, seen["segment"])
         self.bounds, tables = _between(strains, strain_ppm)
         self.segments = tuple(

@@ -124,7 +124,7 @@ class Framer:
             decode.contrast,
             decode.brightness,
             decode.position_um,
-            min(decode.force_mN, 0xFFFF),
+            decode.force_mN,
         )
         return self._send(_TOUCH_SIZE)
 

@@ -148,6 +148,8 @@ class Strip:
     def _dark_due(self):
         if self._dark_wanted:
             return True
+        if self._samples:
+            return False  # never in the middle of an average, however long it is
         return self._dark_age_us >= DARK_EVERY_US and self._idle_us >= IDLE_US
 
     def _start_blink(self, sensor):

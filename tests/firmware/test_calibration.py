@@ -91,6 +91,8 @@ def test_a_strain_beyond_the_known_ones_is_refused(strain_ppm):
         ("x 100000 8000", "x 268435457 8000", "up to 2"),
         ("x 100000 8000 5 200\n", "", "same number of knots|2 to 128"),
         ("from 90000", "from 0", "must ascend"),
+        ("f 1000 200 900", "f 1000 -200 900", "forces of 'f'"),
+        ("f 100000 6000 90", "f 10000 70000 90", "forces of 'f'"),
         ("segment -8192", "# -8192", "no line"),
         ("segment 0 -8192 0 0 0 8192 0 0 0 0 8192 0\n", "", "one 'from' for each"),
         ("strain 0\n", "", "after a line 'strain'"),

@@ -88,12 +88,6 @@ def test_a_spectrum_frame_carries_six_counts():
     assert struct.unpack("<BHIBB6H", payload[:-2]) == (2, 0, 0, 8, 9, 1, 65_535, 3, 4, 5, 6)
 
 
-def test_a_force_too_large_for_its_field_is_its_largest():
-    made, port = framer()
-    made.touch(0, reading(force_mN=70_000))
-    assert cobs.decode(port.sent[0][:-1])[20:22] == b"\xff\xff"
-
-
 def test_a_dropped_frame_is_counted_numbered_and_flagged():
     made, port = framer()
     made.touch(0, reading(flags=0))

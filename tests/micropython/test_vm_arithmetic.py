@@ -103,8 +103,10 @@ LIMIT_TABLES = {
 
 def accepted(calibration, knots, values):
     """Whether a calibration may hold this table."""
-    lines = [line for line in calibration if not line.startswith("x ")]
-    lines += ["x %d %d %d" % (knot, value, value) for knot, value in zip(knots, values)]
+    tables = ("segment ", "strain ", "from ", "x ")
+    lines = [line for line in calibration if not line.startswith(tables)]
+    lines += ["segment 0 0 0 0 0 0 8192 0 0 0 0 0", "strain 0", "from 0"]
+    lines += ["x %d %d %d %d" % (knot, value, value, value) for knot, value in zip(knots, values)]
     try:
         Calibration(lines)
     except CalibrationError:

@@ -92,14 +92,15 @@ LONG_SCENES = {
 def farthest(calibration, largest):
     """Return a calibration with the largest weights and the farthest tables that are allowed."""
     kept = [line for line in calibration if line.split()[0] in ("board", "plan", "made", "touch")]
-    kept += ["position 32768 -32768 0 0 0 0", "force 36864 -28672 0 0 0 0"]
-    kept += ["fit -32768 32768 0 0 0 0"]
+    kept += ["coarse 32768 -32768 0 0 0 0", "fit -32768 32768 0 0 0 0"]
+    kept += ["segment 32768 -32768 0 0 0 0 36864 -28672 0 0 0 0"]
     for bits in range(30, 20, -1):
         ends = [-(1 << bits), 9 - (1 << bits)]
-        tables = ["f %d 1 9" % ends[0], "f %d 70000 9" % ends[1]]
+        tables = ["f %d 1 9" % ends[0], "f %d 65535 9" % ends[1], "strain 0"]
         if largest:
             ends = [~ends[1], ~ends[0]]
-        tables += ["x %d %d %d" % (end, end, ~end) for end in ends]
+        tables += ["from %d" % ends[0]]
+        tables += ["x %d %d %d %d" % (end, end, ~end, -abs(end)) for end in ends]
         try:
             Calibration(kept + tables)
         except CalibrationError:

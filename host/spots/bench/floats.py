@@ -37,11 +37,19 @@ class FloatPath:
         self._clock = clock
         self._serial = serial
         self._raw = bytearray(14)
-        self._position = [weight / ONE_Q13 for weight in calibration.position]
-        self._force = [weight / ONE_Q13 for weight in calibration.force]
-        self._contrasts = [contrast / _Q20 for contrast in calibration.contrasts]
-        self._positions_um = calibration.positions_um
-        self._brightnesses = [brightness / _Q20 for brightness in calibration.brightnesses]
+        self._coarse = _weights(calibration.coarse)
+        self._bounds = _logs(calibration.bounds)
+        self._segments = [
+            (
+                _weights(part.position),
+                _weights(part.force),
+                _logs(part.contrasts),
+                part.positions_um,
+                _logs(part.offsets),
+            )
+            for part in calibration.segments
+        ]
+        self._brightnesses = _logs(calibration.brightnesses)
         self._forces_mN = calibration.forces_mN
         self._touch_mN = calibration.touch_on_mN
 
@@ -54,14 +62,19 @@ class FloatPath:
     def estimate(self, counts):
         """Return (time s, contrast, brightness, position mm, force N, touching)."""
         logs = [math.log(count - dark) / _LN_2 for count, dark in zip(counts, self._dark)]
-        contrast = sum(weight * log for weight, log in zip(self._position, logs))
-        brightness = sum(weight * log for weight, log in zip(self._force, logs))
+        i = len(self._bounds) - 1
+        coarse = _dot(self._coarse, logs)
+        while i > 0 and coarse < self._bounds[i]:
+            i -= 1
+        position, force, contrasts, positions_um, offsets = self._segments[i]
+        contrast = _dot(position, logs)
+        brightness = _dot(force, logs) - _interpolate(contrasts, offsets, contrast)
         force_mN = _interpolate(self._brightnesses, self._forces_mN, brightness)
         return (
             self._clock.ticks_us() / 1e6,
             contrast,
             brightness,
-            _interpolate(self._contrasts, self._positions_um, contrast) / 1000,
+            _interpolate(contrasts, positions_um, contrast) / 1000,
             force_mN / 1000,
             force_mN >= self._touch_mN,
         )
@@ -84,6 +97,18 @@ class FloatPath:
         """Send a reading as five floats and a flag, unframed and unchecked."""
         data = struct.pack("<5fB", *self.estimate(counts))
         self._serial.write(data, len(data))
+
+
+def _weights(integers):
+    return [weight / ONE_Q13 for weight in integers]
+
+
+def _logs(integers):
+    return [log / _Q20 for log in integers]
+
+
+def _dot(weights, logs):
+    return sum(weight * log for weight, log in zip(weights, logs))
 
 
 def _interpolate(xs, ys, x):
