@@ -108,7 +108,11 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         end()
         raise
     board.when_closed(end)
-    upload(board, calibration)
+    try:
+        upload(board, calibration)
+    except BaseException:
+        board.close()
+        raise
     return board, start["started_s"]
 
 

@@ -8,10 +8,14 @@ from contextlib import nullcontext
 from rich.console import Console
 
 from .board import Board
+from .calibrate.stage import calibrate
 from .connect import open_virtual, upload
 from .frames import Touch
 from .link import Link
 from .score import Score
+from .sim.files import ScenarioFile, SensorFile, load
+from .sim.lockstep import LockstepLink
+from .sim.scenario import Scenario
 from .view import Pace, View, live, plain
 
 _PLAIN_LINES_PER_S = 4
@@ -50,9 +54,6 @@ def demo(
     quiet : bool
         Show nothing.
     """
-    from .sim.files import ScenarioFile, load
-    from .sim.scenario import Scenario
-
     truth = Scenario(load(ScenarioFile, scenario))
     if fast:
         board, link = open_fast(sensor, truth, seed)
@@ -68,12 +69,8 @@ def demo(
     return summary
 
 
-def open_fast(sensor: str, truth, seed: int) -> tuple[Board, _Hashing]:
+def open_fast(sensor: str, truth: Scenario, seed: int) -> tuple[Board, _Hashing]:
     """Open a calibrated virtual board in simulated time, and the link that hashes its stream."""
-    from .calibrate.stage import calibrate
-    from .sim.files import SensorFile, load
-    from .sim.lockstep import LockstepLink
-
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
     link = _Hashing(LockstepLink(file, truth, seed))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -10,8 +11,12 @@ from .frames import LinkStats, Touch
 from .sim.scenario import Scenario
 
 
+# Percentiles are those of so many last readings, and memory is bounded.
+_LATENCIES = 10_000
+
+
 class Score:
-    """Takes readings as they come.
+    """Takes readings as they come, for as long as one likes.
 
     Parameters
     ----------
@@ -24,9 +29,9 @@ class Score:
     def __init__(self, scenario: Scenario, started_s: float):
         self._scenario = scenario
         self._started_s = started_s
-        self._position_errors_um: list[float] = []
-        self._force_errors_mN: list[float] = []
-        self._latencies_ms: list[float] = []
+        self._position_um2 = self._force_mN2 = 0.0  # sums of squared errors
+        self._compared = 0
+        self._latencies_ms: deque[float] = deque(maxlen=_LATENCIES)
         self._touching = False
         self._first_s = self._last_s = math.nan
         self.readings = 0
@@ -43,8 +48,9 @@ class Score:
         self._touching = touch.touching
         presses = self._scenario.presses(touch.time_s - self._started_s)
         if touch.trusted and len(presses) == 1:
-            self._position_errors_um.append(touch.position_um - 1000 * presses[0].position_mm)
-            self._force_errors_mN.append(touch.force_mN - presses[0].force_mN)
+            self._position_um2 += (touch.position_um - 1000 * presses[0].position_mm) ** 2
+            self._force_mN2 += (touch.force_mN - presses[0].force_mN) ** 2
+            self._compared += 1
 
     @property
     def rate_hz(self) -> float:
@@ -55,16 +61,19 @@ class Score:
     @property
     def position_rmse_um(self) -> float | None:
         """Root mean square error of the position while touching."""
-        return _rms(self._position_errors_um)
+        return self._rms(self._position_um2)
 
     @property
     def force_rmse_mN(self) -> float | None:
         """Root mean square error of the force while touching."""
-        return _rms(self._force_errors_mN)
+        return self._rms(self._force_mN2)
 
     def latency_ms(self, percentile: float) -> float | None:
         """From the middle of the integration until the reading was in the program's hands."""
         return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
+
+    def _rms(self, squares: float) -> float | None:
+        return _rounded(math.sqrt(squares / self._compared)) if self._compared else None
 
     def summary(self, info: dict, stats: LinkStats) -> dict:
         """Return the run in figures."""
@@ -80,10 +89,6 @@ class Score:
             "force_rmse_mN": self.force_rmse_mN,
             "latency_ms": {"p50": self.latency_ms(50), "p99": self.latency_ms(99)},
         }
-
-
-def _rms(errors: list[float]) -> float | None:
-    return _rounded(math.sqrt(sum(e * e for e in errors) / len(errors))) if errors else None
 
 
 def _rounded(value: float) -> float:
