@@ -5,7 +5,7 @@ ARGS ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test lint bench build pictures clean
+.PHONY: help demo test lint bench build pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -15,6 +15,7 @@ help:
 	@echo 'make bench  driver, firmware and host against their peers'
 	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
 	@echo 'make pictures  draw the pictures of the documents again'
+	@echo 'make paper  measure again what docs/paper.md compares'
 	@echo 'make clean  remove .venv and all that was built'
 
 demo: .venv/demo
@@ -35,6 +36,9 @@ build: .venv/demo
 
 pictures: .venv/demo
 	@$(BIN)/python docs/make_pictures.py
+
+paper: .venv/test
+	@$(BIN)/python -m spots.calibrate.paper docs
 
 clean:
 	rm -rf .venv build dist tests/wasm/node_modules

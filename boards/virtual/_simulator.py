@@ -31,10 +31,10 @@ def call(operation, a, b, c, buffer=None):
         _fill(_long, operation, a, b, c)
         for i in range(b):
             _long[4 + i] = buffer[i]
-        _requests.write(_long, 4 + b)
+        _send(_long, 4 + b)
     else:
         _fill(_header, operation, a, b, c)
-        _requests.write(_header)
+        _send(_header, 4)
     if _answers.readinto(_answer) != 5:
         raise SystemExit  # the simulator is gone, and the board with it
     now_us = _answer[1] | _answer[2] << 8 | _answer[3] << 16 | _answer[4] << 24
@@ -42,6 +42,13 @@ def call(operation, a, b, c, buffer=None):
         raise OSError(_answer[0])
     if operation == READ:
         _answers.readinto(buffer)
+
+
+def _send(buffer, size):
+    try:
+        _requests.write(buffer, size)
+    except OSError:
+        raise SystemExit  # as above: a closed pipe is no fault of the bus
 
 
 def _fill(buffer, operation, a, b, c):

@@ -97,7 +97,7 @@ class App:
 
     def restart(self):
         """Bring the sensor up with the present settings."""
-        self._abandon("the sensor was set up anew")
+        self.abandon("the sensor was set up anew")
         if not self._lost:
             try:
                 self.strip.start()
@@ -119,6 +119,8 @@ class App:
         self.strip.decode.calibration = None
         if not self.calibration_lines:
             return None
+        if self._lost:
+            return "not in use until the sensor is back: %s" % self.fault
         sensor = self.strip.sensor
         try:
             calibration = Calibration(self.calibration_lines, self.settings.values["strain_ppm"])
@@ -148,17 +150,16 @@ class App:
         return self._time.high << 16 | self._time.low
 
     def _load(self):
-        lines = load_lines(SETTINGS_FILE)
         try:
-            self.settings.change(lines or [])
+            self.settings.change(load_lines(SETTINGS_FILE))
         except ValueError as error:
             self.log("error", "stored settings are not used: %s" % error)
-        lines = load_lines(CALIBRATION_FILE) or []
         try:
+            lines = load_lines(CALIBRATION_FILE)
             if lines:
                 Calibration(lines)
             self.calibration_lines = lines
-        except CalibrationError as error:
+        except ValueError as error:  # CalibrationError is one
             self.log("error", "the stored calibration is not used: %s" % error)
 
     def _listen(self):
@@ -191,16 +192,17 @@ class App:
         self.apply_calibration()
 
     def _lose(self, error):
-        self.faults += 1
         self._lost = True
-        self._abandon("the sensor was lost")
+        self.abandon("the sensor was lost")
         known, self.fault = self.fault, str(error)
         if isinstance(error, OSError):
             self.fault = "the I2C bus failed (%s)" % error
         if not known:  # once, not a flood
+            self.faults += 1
             self.log("error", self.fault)
 
-    def _abandon(self, why):
+    def abandon(self, why):
+        """Answer a request that will not end."""
         self.strip.forget_requests()
         if self._claimed:
             self.finish(self._claimed, {"error": why + " before this ended"})

@@ -103,7 +103,6 @@ class AS7341:
         atime, astep = exposure.registers(exposure_us)
         self._identify()
         self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
-        self._write(_CFG0, 0)
         self._write(_ATIME, atime)
         self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
         self._write(_CFG1, gain)
@@ -207,6 +206,7 @@ class AS7341:
         began = clock.ticks_us()
         while True:
             try:
+                self._write(_CFG0, 0)  # a transfer that failed may have left bank 1 selected
                 self._bus.read_into(_ID, self._byte)
                 break
             except OSError:

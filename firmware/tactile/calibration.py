@@ -76,7 +76,6 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
-        self.board = self.plan = None
         seen = {"segment": [], "f": []}
         strains = []
         for line in lines:

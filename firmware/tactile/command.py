@@ -10,6 +10,8 @@ from .settings import checksum
 
 LINE_MAX = 255
 CALIBRATION_LINES_MAX = 400
+CALIBRATION_BYTES_MAX = 16_000
+NAME_MAX = 20
 
 
 class LineReader:
@@ -56,6 +58,7 @@ class Commands:
     def __init__(self, app):
         self._app = app
         self._staged = None
+        self._staged_bytes = 0
         self._table = {
             "hello": self._hello,
             "get": self._get,
@@ -83,11 +86,14 @@ class Commands:
         name = words[0]
         if name not in self._table:
             known = ", ".join(sorted(self._table))
-            return {"re": name[:20], "error": "no such command; there are " + known}
+            return {"re": name[:NAME_MAX], "error": "no such command; there are " + known}
         try:
             reply = self._table[name](words[1:])
         except (ValueError, OSError) as error:
             reply = {"error": str(error)}
+        except MemoryError:
+            self._staged = None
+            reply = {"error": "no memory left for this; reboot and try again"}
         if reply is not None:
             reply["re"] = name
         return reply
@@ -115,7 +121,10 @@ class Commands:
         reply["faults"] = app.faults
         reply["fault"] = app.fault
         reply["full_scale"] = app.strip.sensor.full_scale
-        reply["saturation"] = None if app.fault else app.strip.sensor.saturation()
+        try:
+            reply["saturation"] = None if app.fault else app.strip.sensor.saturation()
+        except OSError:  # the sensor went away just now; the loop will tell
+            reply["saturation"] = None
         return reply
 
     def _set(self, words):
@@ -172,6 +181,7 @@ class Commands:
         app = self._app
         if verb == "begin":
             self._staged = []
+            self._staged_bytes = 0
             return {}
         if verb == "clear":
             self._staged = None
@@ -180,10 +190,7 @@ class Commands:
         if self._staged is None:
             raise ValueError("begin with 'cal begin'")
         if verb != "end":
-            if len(self._staged) >= CALIBRATION_LINES_MAX:
-                raise ValueError("a calibration has at most %d lines" % CALIBRATION_LINES_MAX)
-            self._staged.append(" ".join(words))
-            return {"lines": len(self._staged)}
+            return self._stage(" ".join(words))
         lines, self._staged = self._staged, None
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs; send the calibration again")
@@ -194,6 +201,19 @@ class Commands:
             reply["note"] = note
         return reply
 
+    def _stage(self, line):
+        if not line:
+            raise ValueError("say a line of the calibration after 'cal'")
+        self._staged_bytes += len(line) + 1
+        if self._staged_bytes > CALIBRATION_BYTES_MAX or len(self._staged) >= CALIBRATION_LINES_MAX:
+            self._staged = None
+            raise ValueError(
+                "a calibration has at most %d lines of %d bytes in all; this one is dropped"
+                % (CALIBRATION_LINES_MAX, CALIBRATION_BYTES_MAX)
+            )
+        self._staged.append(line)
+        return {"lines": len(self._staged)}
+
     def _save(self, words):
         self._app.save()
         return {}
@@ -202,5 +222,6 @@ class Commands:
         return {"t_us": self._app.time_us()}
 
     def _reboot(self, words):
+        self._app.abandon("the board was rebooted")
         self._app.reboot = True
         return {}

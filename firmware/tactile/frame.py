@@ -7,6 +7,8 @@ written as two halves, since a small int holds 31 bits. Packing and sending allo
 from array import array
 from struct import pack_into
 
+from .decode import DROPPED
+
 TOUCH = 1
 SPECTRUM = 2
 TEXT = 3
@@ -18,6 +20,7 @@ TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 SPECTRUM_BODY = "BB6H"  # flags, gain, counts
 TEXT_MAX = 500
 
+_DELIMITER = b"\0"
 _TOUCH_FRAME = HEADER + TOUCH_BODY
 _TOUCH_SIZE = HEADER_SIZE + 15
 _SPECTRUM_FRAME = HEADER + SPECTRUM_BODY
@@ -108,7 +111,7 @@ class Framer:
 
     def gap(self):
         """Mark the next frame: something before it is missing."""
-        self._gap = 1 << 5
+        self._gap = DROPPED
 
     def touch(self, sensor, decode):
         """Send a TOUCH frame with the attributes of a `decode.Decode`."""
@@ -167,9 +170,10 @@ class Framer:
             self._encoded[length] = 0
             length += 1
         self._sequence = (self._sequence + 1) & 0xFFFF
-        if self._write(self._encoded, length):
+        # What was dropped may have been cut short: without a delimiter it would swallow this one.
+        if (not self._gap or self._write(_DELIMITER, 1)) and self._write(self._encoded, length):
             self._gap = 0
             return True
-        self._gap = 1 << 5
+        self._gap = DROPPED
         self.dropped += 1
         return False

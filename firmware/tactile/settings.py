@@ -104,14 +104,19 @@ class Settings:
 
 def checksum(lines):
     """Return the CRC-16 of lines, as four hexadecimal digits."""
-    data = ("\n".join(lines) + "\n").encode()
-    return "%04x" % crc16(data, len(data))
+    crc = 0xFFFF
+    for line in lines:  # one by one: a board may have no room for all in one piece
+        data = (line + "\n").encode()
+        crc = crc16(data, len(data), crc)
+    return "%04x" % crc
 
 
 def save_lines(path, lines):
     """Replace a text file so that a cut of power leaves the new one or the old one."""
     with open(path + ".new", "w") as file:
-        file.write("\n".join(lines) + "\ncrc " + checksum(lines) + "\n")
+        for line in lines:
+            file.write(line + "\n")
+        file.write("crc " + checksum(lines) + "\n")
     for step in ((os.remove, path + ".old"), (os.rename, path, path + ".old")):
         try:
             step[0](*step[1:])
@@ -121,14 +126,25 @@ def save_lines(path, lines):
 
 
 def load_lines(path):
-    """Return the lines of a file or of its last good copy, or None if neither is whole."""
+    """Return the lines of a file or of its last good copy; none if there is no file.
+
+    Raises
+    ------
+    ValueError
+        If neither is whole.
+    """
+    damaged = False
     for candidate in (path, path + ".old"):
         try:
             with open(candidate) as file:
-                lines = file.read().split("\n")
-        except (OSError, ValueError):
+                lines = [line for line in file.read().split("\n") if line]
+        except OSError:
             continue
-        lines = [line for line in lines if line]
+        except ValueError:
+            lines = []
         if lines and lines[-1] == "crc " + checksum(lines[:-1]):
             return lines[:-1]
-    return None
+        damaged = True
+    if damaged:
+        raise ValueError("the file %s and its last copy are damaged" % path)
+    return []

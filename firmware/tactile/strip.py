@@ -10,7 +10,9 @@ from .exposure import AGAIN, DONE, Search
 from .smux import CHANNELS
 
 IDLE_US = 1_000_000  # untouched for so long before the strip may blink
+# A dark window takes six samples: rare enough that the strip is hardly ever blind.
 DARK_EVERY_US = 10_000_000
+DARK_EVERY_SAMPLES = 100
 
 _LIT = 0
 _BLINKING = 1  # LED off, dark samples wanted
@@ -54,6 +56,7 @@ class Strip:
         self._dark_wanted = False
         self._idle_us = 0
         self._dark_age_us = 0
+        self._dark_every_us = DARK_EVERY_US
         self._missed = 0
         self._search = None
         self._on_dark = self._on_search = None
@@ -66,8 +69,10 @@ class Strip:
     def _begin(self, gain, led_mA, exposure_us):
         self.sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
         self._missed = 0
+        self._framer.gap()
         self._dark_known = False
         self._dark_wanted = True
+        self._dark_every_us = max(DARK_EVERY_US, DARK_EVERY_SAMPLES * self.sensor.exposure_us)
         self._blink = _LIT
         self._restart_average()
 
@@ -93,11 +98,11 @@ class Strip:
         if sensor.pacing.missed != self._missed:
             self._missed = sensor.pacing.missed
             self._framer.gap()
-        if self._dark_age_us < DARK_EVERY_US:
+        if self._dark_age_us < self._dark_every_us:
             self._dark_age_us += sensor.exposure_us
         if self._blink != _LIT:
             self._take_blink(sensor)
-        elif sensor.steady:
+        elif sensor.steady and self._dark_known:
             self._take_lit(sensor)
         if self._blink == _LIT and self._dark_due():
             self._start_blink(sensor)
@@ -110,7 +115,7 @@ class Strip:
         if sensor.saturated:
             self._flags |= SATURATED
         self._samples += 1
-        if self._search is not None and self._dark_known:
+        if self._search is not None:
             self._judge(sensor)
         elif self._samples >= self.settings.values["average"]:
             self._emit(self._flags)
@@ -118,10 +123,10 @@ class Strip:
     def _emit(self, flags):
         sensor = self.sensor
         samples = self._samples
-        if self._dark_known:
-            flags |= DARK_SUBTRACTED
         if not sensor.led_on:
             flags |= LED_OFF
+        elif self._dark_known:
+            flags |= DARK_SUBTRACTED
         decode = self.decode
         decode.update(self._sums, samples, self.dark, flags)
         if decode.touching:
@@ -150,7 +155,7 @@ class Strip:
             return True
         if self._samples:
             return False  # never in the middle of an average, however long it is
-        return self._dark_age_us >= DARK_EVERY_US and self._idle_us >= IDLE_US
+        return self._dark_age_us >= self._dark_every_us and self._idle_us >= IDLE_US
 
     def _start_blink(self, sensor):
         sensor.switch_led(False)

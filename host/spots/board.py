@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 
+from tactile import PROTOCOL
+
 from .clockmap import ClockMap
 from .errors import SpotsError
 from .frames import Decoder, Frame, LinkStats, Text, Touch
 from .link import Link
 
-PROTOCOL = 1
+# Commands whose reply comes when the work is done; the others answer at once.
+_REPLY_S = {"auto": 120.0, "dark": 30.0}
+_USUAL_REPLY_S = 2.0
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
 # Round trips that begin at different moments of the board's loop: steps of the golden ratio
@@ -18,6 +22,8 @@ _HELLO_TRIES = 3
 _SYNC_ROUND_TRIPS = 12
 _SYNC_SPREAD_S = 0.01
 _GOLDEN = 0.618034
+LINE_MAX = 255
+NAME_MAX = 20  # so much of a command's name comes back in its reply
 _POLL_S = 0.1
 # A consumer that falls behind by more than this many frames loses the oldest.
 _QUEUE_FRAMES = 1 << 16
@@ -81,21 +87,25 @@ class Board:
         """Return the host's time by the clock of `Touch.time_s`."""
         return self._link.now_s()
 
-    def command(self, line: str, timeout_s: float = 2.0) -> dict:
+    def command(self, line: str, timeout_s: float | None = None) -> dict:
         """Send a command and return the reply.
 
         Parameters
         ----------
         line : str
             See docs/protocol.md, for example ``set exposure_us=10000``.
-        timeout_s : float
-            How long to wait.
+        timeout_s : float, optional
+            How long to wait; as long as the command may take, if not given.
 
         Raises
         ------
         SpotsError
-            If the board refuses, or no reply comes in time.
+            If the line is none, the board refuses, or no reply comes in time.
         """
+        if not line.strip() or len(line) > LINE_MAX or not (line.isascii() and line.isprintable()):
+            raise SpotsError(f"a command is 1 to {LINE_MAX} printable ASCII characters")
+        if timeout_s is None:
+            timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         reply = self._exchange(line, timeout_s)
         if reply is None:
             raise SpotsError(f"no reply to '{line}' within {timeout_s:g} s; is the board alive?")
@@ -104,7 +114,7 @@ class Board:
         return reply.content
 
     def frames(self, seconds: float | None = None) -> Iterator[Frame]:
-        """Yield frames of every kind as they come, those that waited first.
+        """Yield readings and spectra as they come, those that waited first.
 
         Parameters
         ----------
@@ -121,7 +131,7 @@ class Board:
             self._pump(max(left_s, 0))
 
     def touches(self, seconds: float | None = None) -> Iterator[Touch]:
-        """Yield the readings among `frames`; asks the board for them if it is silent."""
+        """Tell the board to stream readings, and nothing else, and yield them."""
         self.command("stream touch")
         return (frame for frame in self.frames(seconds) if isinstance(frame, Touch))
 
@@ -193,9 +203,9 @@ class Board:
             self._pump(end_s - self.now_s())
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
-        name = line.split()[0] if line.split() else ""
+        name = line.split()[0][:NAME_MAX]
         self._replies.clear()
-        self._link.write(line.encode("ascii", "replace") + b"\n")
+        self._link.write(line.encode() + b"\n")
         end_s = self.now_s() + timeout_s
         while self.now_s() < end_s:
             self._pump(min(_POLL_S, timeout_s))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 
@@ -52,11 +53,47 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--json", action="store_true", help="one JSON object")
     bench.set_defaults(run=_bench)
 
+    calibrate = commands.add_parser("calibrate", help="a guided session: where to press, then fit")
+    calibrate.add_argument("kind", choices=["position", "force", "strain", "joint"])
+    _add_port(calibrate)
+    calibrate.add_argument("--session", default="calibration.jsonl", metavar="FILE.jsonl")
+    calibrate.add_argument("--out", metavar="FILE.toml", help="if not beside the session")
+    calibrate.add_argument("--places", type=int, help="how many places, forces or angles")
+    calibrate.add_argument("--length-mm", type=_length_mm, help="of the strip at rest")
+    calibrate.add_argument("--strain-percent", type=_strain_percent, help="for 'strain'")
+    calibrate.add_argument("--plan", help="six channels, as F3,F4,...; chosen if not given")
+    calibrate.add_argument("--keep-settings", action="store_true", help="do not search the gain")
+    calibrate.set_defaults(run=_calibrate)
+
+    _add_characterize(commands)
+    _add_design(commands)
+
     command = commands.add_parser("command", help="send a command line, print the reply")
     _add_port(command)
     command.add_argument("line", nargs="+", help="such as: set exposure_us=10000")
     command.set_defaults(run=_command)
     return parser
+
+
+def _add_characterize(commands) -> None:
+    parser = commands.add_parser("characterize", help="measure a simulated sensor, on a stage")
+    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
+    parser.add_argument("--exposure-us", type=int, default=10_000, help="1000 to 1000000")
+    parser.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--out", metavar="DIR", help="draw figures there")
+    parser.set_defaults(run=_characterize)
+
+
+def _add_design(commands) -> None:
+    parser = commands.add_parser("design", help="dye and exposure for a length and a resolution")
+    parser.add_argument("--length-mm", type=float, required=True)
+    parser.add_argument("--resolution-um", type=float, required=True)
+    parser.add_argument("--rate-hz", type=float, required=True, help="readings a second")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--out", metavar="DIR", help="write sensor file and figure there")
+    parser.set_defaults(run=_design)
 
 
 def _add_port(parser: argparse.ArgumentParser) -> None:
@@ -71,18 +108,25 @@ def _add_simulation(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--seed", type=_seed, default=0, help="of the noise")
 
 
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError("seconds must be greater than 0")
-    return value
+def _number(what: str, low: float, high: float, kind: type = float):
+    """Return a converter for argparse that takes numbers in a range."""
+
+    def convert(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{what} is a number from {low:g} to {high:g}")
+        return value
+
+    return convert
 
 
-def _seed(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError("a seed is 0 or greater")
-    return value
+_seconds = _number("a time in seconds", 0.001, 1e9)
+_length_mm = _number("the length of a strip in mm", 1, 1000)
+_strain_percent = _number("a strain in percent", 0.01, 50)
+_seed = _number("a seed", 0, 2**63, int)
 
 
 def _open(options: argparse.Namespace):
@@ -104,7 +148,7 @@ def _ports(options: argparse.Namespace) -> None:
 
 
 def _monitor(options: argparse.Namespace) -> None:
-    from .demo import watch
+    from .watch import watch
 
     with _open(options) as board:
         watch(board, options.seconds, quiet=False)
@@ -128,6 +172,31 @@ def _bench(options: argparse.Namespace) -> None:
 
     results = run()
     print(json.dumps(results) if options.json else report(results))
+
+
+def _calibrate(options: argparse.Namespace) -> None:
+    from .calibrate.command import run
+
+    run(options)
+
+
+def _characterize(options: argparse.Namespace) -> None:
+    from .calibrate.measure import measure
+
+    measure(
+        options.sensor,
+        options.seed,
+        options.exposure_us,
+        options.average,
+        options.json,
+        options.out,
+    )
+
+
+def _design(options: argparse.Namespace) -> None:
+    from .calibrate.design import run
+
+    run(options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out)
 
 
 def _command(options: argparse.Namespace) -> None:

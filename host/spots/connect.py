@@ -6,6 +6,9 @@ import json
 import subprocess
 import sys
 
+from tactile.calibration import Calibration
+from tactile.settings import checksum
+
 from .board import Board
 from .errors import SpotsError
 from .link import SerialLink, usb_ports
@@ -37,9 +40,10 @@ def open(
         return open_virtual(sensor, scenario, seed)[0]
     if port is not None:
         return Board(SerialLink(port))
-    found = find()
+    found, reasons = find()
     if not found:
-        raise SpotsError("no board found; plug one in, or try port 'virtual'")
+        tried = "".join(f"; {reason}" for reason in reasons)
+        raise SpotsError(f"no board found, plug one in or try port 'virtual'{tried}")
     if len(found) > 1:
         names = ", ".join(board.port for board in found)
         for board in found:
@@ -48,15 +52,23 @@ def open(
     return found[0]
 
 
-def find() -> list[Board]:
-    """Ask every USB serial port who it is and return the boards that answered, open."""
-    boards = []
+def find() -> tuple[list[Board], list[str]]:
+    """Ask every USB serial port who it is.
+
+    Returns
+    -------
+    boards : list of Board
+        Those that answered, open.
+    reasons : list of str
+        Why the others are none.
+    """
+    boards, reasons = [], []
     for port in usb_ports():
         try:
             boards.append(Board(SerialLink(port.device)))
-        except SpotsError:
-            continue  # busy, or another kind of device
-    return boards
+        except SpotsError as error:
+            reasons.append(str(error))
+    return boards, reasons
 
 
 def survey() -> list[dict]:
@@ -117,7 +129,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
 
 def upload(board: Board, calibration) -> None:
-    """Give a board a calibration.
+    """Give a board a calibration, which it uses from then on and forgets unless told to save.
 
     Parameters
     ----------
@@ -128,13 +140,15 @@ def upload(board: Board, calibration) -> None:
     Raises
     ------
     SpotsError
-        If the board refuses it, or it does not hold at the board's present settings.
+        If it was made on another board or at other settings; the board keeps what it has.
     """
-    from tactile.settings import checksum
-
+    i = board.command("hello")
+    reason = Calibration(calibration).mismatch(
+        i["id"], i["plan"], i["gain"], i["exposure_us"], i["led_mA"]
+    )
+    if reason is not None:
+        raise SpotsError(reason)
     board.command("cal begin")
     for line in calibration:
         board.command("cal " + line)
-    reply = board.command("cal end " + checksum(list(calibration)))
-    if "note" in reply:
-        raise SpotsError(reply["note"])
+    board.command("cal end " + checksum(calibration))

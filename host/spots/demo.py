@@ -1,24 +1,18 @@
-"""The main job on the virtual board, and the same view of any other board."""
+"""The main job on the virtual board."""
 
 from __future__ import annotations
 
 import hashlib
-from contextlib import nullcontext
-
-from rich.console import Console
 
 from .board import Board
 from .calibrate.stage import calibrate
 from .connect import open_virtual, upload
-from .frames import Touch
 from .link import Link
 from .score import Score
 from .sim.files import ScenarioFile, SensorFile, load
 from .sim.lockstep import LockstepLink
 from .sim.scenario import Scenario
-from .view import Pace, View, live, plain
-
-_PLAIN_LINES_PER_S = 4
+from .watch import watch
 
 
 class _Hashing:
@@ -75,30 +69,9 @@ def open_fast(sensor: str, truth: Scenario, seed: int) -> tuple[Board, _Hashing]
     calibration = calibrate(file)
     link = _Hashing(LockstepLink(file, truth, seed))
     board = Board(link)
-    upload(board, calibration)
-    return board, link
-
-
-def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None = None) -> None:
-    """Show a board's readings until the time is over or Ctrl-C.
-
-    A live picture on a terminal, plain lines elsewhere.
-    """
-    console = Console()
-    drawing = console.is_terminal and not quiet
-    board.command("stream touch spectrum" if drawing else "stream touch")
-    view = View(board.command("hello"), board.port)
-    pace = Pace() if drawing else Pace(_PLAIN_LINES_PER_S)
     try:
-        with live(console) if drawing else nullcontext() as display:
-            for frame in board.frames(seconds):
-                now_s = board.now_s()
-                view.take(frame)
-                if isinstance(frame, Touch) and score is not None:
-                    score.take(frame, now_s)
-                if drawing and pace.due(now_s):
-                    display.update(view.picture(board.stats, score), refresh=True)
-                elif not drawing and not quiet and isinstance(frame, Touch) and pace.due(now_s):
-                    print(plain(frame), flush=True)
-    except KeyboardInterrupt:
-        pass
+        upload(board, calibration)
+    except BaseException:
+        board.close()
+        raise
+    return board, link

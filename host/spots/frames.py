@@ -48,7 +48,8 @@ class Touch(NamedTuple):
     force_mN : int
         Force of the press.
     time_s : float or None
-        The same moment on the host's monotonic clock, where the link knows it.
+        The same moment on the host's monotonic clock, where the link knows it. The clocks are
+        compared when the board is opened; crystals drift apart by some 3 ms a minute.
     """
 
     sensor: int
@@ -109,7 +110,6 @@ class Text(NamedTuple):
     sequence: int
     t_us: int
     content: dict
-    time_s: float | None = None
 
 
 Frame = Union[Touch, Spectrum, Text]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import sys
 import time
 from typing import Protocol
 
@@ -10,6 +11,13 @@ import serial
 from serial.tools import list_ports
 
 from .errors import SpotsError
+
+try:
+    from termios import error as _TermiosError
+except ImportError:  # Windows has none
+    _TermiosError = OSError
+
+_FAILURES = (serial.SerialException, OSError, _TermiosError)
 
 
 class Link(Protocol):
@@ -48,24 +56,28 @@ class SerialLink:
 
     def __init__(self, port: str):
         self.name = port
+        self._serial = None
         try:
             # The speed means nothing to USB; a number keeps UART bridges happy.
             self._serial = serial.Serial(
                 port, 115_200, exclusive=True, write_timeout=self._WRITE_TIMEOUT_S
             )
-        except (serial.SerialException, ValueError) as error:
+            self._serial.reset_input_buffer()
+        except (*_FAILURES, ValueError) as error:
+            self.close()
             raise SpotsError(_why_not(port, error)) from None
-        self._serial.reset_input_buffer()
 
     def now_s(self) -> float:
         return time.monotonic()
 
     def read(self, timeout_s: float) -> bytes:
-        """Raises SpotsError if the port went away."""
+        """Raises SpotsError if the port went away or was closed."""
+        if not self._serial.is_open:
+            raise SpotsError(f"the port {self.name} was closed")
         try:
             self._serial.timeout = timeout_s
             return self._serial.read(max(1, self._serial.in_waiting))
-        except (serial.SerialException, OSError):
+        except _FAILURES:
             raise SpotsError(f"the board on {self.name} was disconnected") from None
 
     def write(self, data: bytes) -> None:
@@ -74,11 +86,12 @@ class SerialLink:
             self._serial.write(data)
         except serial.SerialTimeoutException:
             raise SpotsError(f"{self.name} takes no data: replug the board") from None
-        except (serial.SerialException, OSError):
+        except _FAILURES:
             raise SpotsError(f"the board on {self.name} was disconnected") from None
 
     def close(self) -> None:
-        self._serial.close()
+        if self._serial is not None:
+            self._serial.close()
 
 
 def usb_ports() -> list:
@@ -91,8 +104,11 @@ def _why_not(port: str, error: Exception) -> str:
     text = str(error).lower()
     if number == errno.ENOENT or "no such file" in text or "cannot find" in text:
         return f"there is no port {port}; 'spots ports' lists those that there are"
-    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
+    # Windows denies access to a port that another program has open.
+    denied = number == errno.EACCES or "permission" in text or "access is denied" in text
+    busy = number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text
+    if busy or (denied and sys.platform == "win32"):
         return f"{port} is busy: close the other program that uses it"
-    if number == errno.EACCES or "permission" in text or "access is denied" in text:
+    if denied:
         return f"{port} may not be opened: add yourself to its group (ls -l {port}), log in again"
     return f"{port} cannot be opened as a serial port: {error}"

@@ -10,6 +10,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from tactile import decode
+
 from .frames import Frame, LinkStats, Spectrum, Touch
 from .score import Score
 
@@ -25,7 +27,12 @@ _CHANNEL_COLOURS = {
     "F1": "#7600ed", "F2": "#0028ff", "F3": "#00d5ff", "F4": "#1fff00", "F5": "#b3ff00",
     "F6": "#ffdf00", "F7": "#ff4f00", "F8": "#d00000", "CLEAR": "#f0f0f0", "NIR": "#8a5a5a",
 }  # fmt: skip
-_FLAG_WORDS = ((1, "saturated"), (4, "not one press"), (6, "not calibrated"), (7, "LED off"))
+_FLAG_WORDS = {
+    decode.SATURATED: "saturated",
+    decode.MISFIT: "not one press",
+    decode.NOT_CALIBRATED: "not calibrated",
+    decode.LED_OFF: "LED off",
+}
 
 
 class View:
@@ -95,9 +102,7 @@ class View:
         held = touch is not None and touch.touching
         place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
         force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
-        words = " ".join(
-            w for bit, w in _FLAG_WORDS if touch is not None and touch.flags >> bit & 1
-        )
+        words = _words(touch) if touch is not None else ""
         grid.add_row("position", place, Text(words, style="yellow"))
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
         grid.add_row("force", force, Text(_bar(share, _BAR_COLUMNS), style="cyan"))
@@ -153,13 +158,18 @@ def _row(row: dict) -> Text:
     )
 
 
-def plain(touch: Touch) -> str:
-    """Return a reading as a line of text."""
-    words = " ".join(word for bit, word in _FLAG_WORDS if touch.flags >> bit & 1)
+def _words(touch: Touch) -> str:
+    return " ".join(word for flag, word in _FLAG_WORDS.items() if touch.flags & flag)
+
+
+def plain(touch: Touch, started_s: float) -> str:
+    """Return a reading as a line of text, its time counted from `started_s`."""
+    time_s = touch.time_s - started_s
+    words = _words(touch)
     if not touch.touching:
-        return f"{touch.time_s:.3f} s  no touch  {words}".rstrip()
+        return f"{time_s:8.3f} s  no touch  {words}".rstrip()
     place, force = touch.position_um / 1000, touch.force_mN / 1000
-    return f"{touch.time_s:.3f} s  {place:7.3f} mm  {force:6.3f} N  {words}".rstrip()
+    return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} N  {words}".rstrip()
 
 
 def live(console: Console) -> Live:

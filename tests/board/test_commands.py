@@ -99,6 +99,17 @@ def test_a_calibration_for_something_else_is_refused_with_what_to_do(rig, calibr
     made.board.command("set gain=8")
     with pytest.raises(SpotsError, match="made at gain=9 exposure_us=10000"):
         upload(made.board, calibration)
+    assert made.board.command("hello")["calibration"] is None
+
+
+def test_the_board_itself_tells_a_foreign_calibration(rig, calibration):
+    made = rig()
+    foreign = ["board 0000" if line.startswith("board") else line for line in calibration]
+    made.board.command("cal begin")
+    for line in foreign:
+        made.board.command("cal " + line)
+    assert "made on board 0000" in made.board.command("cal end " + checksum(foreign))["note"]
+    assert made.board.command("hello")["calibration"] is None
 
 
 def test_a_setting_that_leaves_the_calibration_says_so_and_coming_back_restores_it(

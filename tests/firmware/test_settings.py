@@ -70,7 +70,14 @@ def test_what_was_saved_is_loaded(tmp_path):
 
 
 def test_nothing_saved_is_nothing_loaded(tmp_path):
-    assert settings.load_lines(str(tmp_path / "f")) is None
+    assert settings.load_lines(str(tmp_path / "f")) == []
+
+
+def test_two_damaged_files_are_told_from_none(tmp_path):
+    (tmp_path / "f").write_text("a\ncrc 0000\n")
+    (tmp_path / "f.old").write_text("")
+    with pytest.raises(ValueError, match="damaged"):
+        settings.load_lines(str(tmp_path / "f"))
 
 
 @pytest.mark.parametrize("damage", [b"", b"d\n", b"d\ncrc 0000\n", b"\xff\xfe"])

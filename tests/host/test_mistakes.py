@@ -129,7 +129,7 @@ def test_two_boards_are_listed_and_none_is_taken(monkeypatch):
             self.closed = True
 
     boards = [Fake("/dev/a"), Fake("/dev/b")]
-    monkeypatch.setattr("spots.connect.find", lambda: boards)
+    monkeypatch.setattr("spots.connect.find", lambda: (boards, []))
     with pytest.raises(SpotsError, match="/dev/a, /dev/b"):
         open_board()
     assert all(board.closed for board in boards)

@@ -80,13 +80,11 @@ def test_identity_and_reset_values():
 
 
 def test_it_does_not_answer_right_after_power_on_nor_at_other_addresses():
-    bench = Bench()
-    bench.clock.time_us = 100.0
     fresh = Bus(AS7341(Lamp(), SILENT, np.random.default_rng(0)), SimulatedClock(100.0))
     with pytest.raises(OSError, match="acknowledge"):
         fresh.write_read(ADDRESS, b"\x92", 1)
     with pytest.raises(OSError, match="acknowledge"):
-        bench.bus.write_read(0x38, b"\x92", 1)
+        Bench().bus.write_read(0x38, b"\x92", 1)
 
 
 def test_wire_time_of_the_transfers():

@@ -6,34 +6,37 @@ made with its integers; the stage knows the truth.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.polynomial import Chebyshev
 
-from ..connect import upload
-from ..frames import Spectrum, Touch
 from ..sim.files import SensorFile
 from .bound import Bound
-from .fit import fit
-from .presses import Noise, Presses
-from .stage import Stage
+from .pair import OnePair
+from .rig import Rig
 
 PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length, none of them used to calibrate
-_FORCE_MN = 3000.0
-_TEST_FORCES_MN = np.linspace(600.0, 9500.0, 16)
-_TEST_FORCE_PLACES = (0.2, 0.5, 0.8)
-_AT_REST = 25  # readings
-_JITTERED = 40  # presses at each place
-_JITTER_UM, _JITTER_FORCE = 50.0, 0.05
+FORCE_MN = 3000.0
 STRAINS_PERCENT = (0, 5, 10, 15, 20, 25)
 BENDS_DEG = (0, 45, 90, 135, 180)
+_FORCES_MN = (600.0, 9500.0)
+_FORCE_STEPS = 16
+_FORCE_PLACES = np.linspace(0.05, 0.95, 5)
+_JITTER_UM, _JITTER_FORCE = 50.0, 0.05
 _JOINT_ANGLES = 31
 _JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
+_JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
-_LED_OFF, _TOO_DARK = 0x80, 0x04
+_TOO_DARK = 0x04
+# Readings or presses of each kind; fewer where a reading takes long.
+_AT_REST = 40
+_JITTERED = 80
+_ACCURACY = 6
+_HELD = 6
+_LEAST = 5
+# A sample costs the simulator as much as 30 ms of exposure do.
+_ALL_UP_TO_MS, _SAMPLE_MS = 140, 30
 
 
 @dataclass
@@ -50,58 +53,6 @@ class Run:
 
     summary: dict = field(default_factory=dict)
     series: dict = field(default_factory=dict)
-
-
-class Rig:
-    """A calibrated simulated strip that gives readings of known presses."""
-
-    def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
-        self.stage = Stage(sensor, seed, f"exposure_us={exposure_us}")
-        self.board = self.stage.board
-        self.average = average
-        self.along = {0: self.stage.along()}
-        self.pressed = self.stage.pressed()
-        self.noise = Noise.of(self.along[0], self.pressed)
-        self._use()
-
-    def learn_strains(self) -> None:
-        """Calibrate at each strain."""
-        self.board.command("set average=1")
-        for percent in STRAINS_PERCENT[1:]:
-            self.stage.held.strain = percent / 100
-            self.stage.reader.set_up()
-            self.along[10_000 * percent] = self.stage.along(samples=12)
-        self.stage.held.strain = 0.0
-        self._use()
-
-    def _use(self) -> None:
-        conditions = self.stage.reader.conditions
-        self.lines = fit(self.along, self.pressed, self.noise, conditions)
-        upload(self.board, self.lines)
-        self.board.command(f"set average={self.average}")
-        self.board.command("dark", timeout_s=60)
-        self.board.command("stream touch spectrum")
-
-    @property
-    def reading_us(self) -> int:
-        """How long one reading takes."""
-        return self.stage.reader.info["exposure_us"] * self.average
-
-    def readings(self, position_um: float, force_mN: float, count: int):
-        """Press and return `count` readings that began under the press, with their spectra."""
-        self.stage.press(position_um, force_mN)
-        begun_s = self.board.now_s() + 0.5e-6 * self.reading_us
-        touches, spectra = [], []
-        for frame in self.board.frames():
-            if frame.time_s < begun_s or frame.flags & _LED_OFF:
-                continue
-            if isinstance(frame, Touch):
-                touches.append(frame)
-            elif isinstance(frame, Spectrum):
-                spectra.append(frame.counts)
-                if len(spectra) == count:
-                    return touches[:count], np.array(spectra, dtype=float)
-        raise AssertionError("frames() without an end ended")
 
 
 def characterize(
@@ -129,10 +80,9 @@ def characterize(
         If the sensor cannot be calibrated at this exposure.
     """
     run = Run()
-    progress("calibration")
-    rig = Rig(sensor, seed, exposure_us, average)
     rng = np.random.default_rng(seed + 1)
-    with rig.stage:
+    progress("exposure and calibration")
+    with Rig(sensor, seed, exposure_us, average) as rig:
         progress("position")
         _position(rig, rng, run)
         progress("force")
@@ -142,131 +92,169 @@ def characterize(
         progress("joint")
         _joint(rig, run)
         progress("strain")
-        rig.learn_strains()
         _strain(rig, rng, run)
-    run.summary |= {
-        "exposure_us": rig.stage.reader.info["exposure_us"],
-        "average": average,
-        "reading_ms": rig.reading_us / 1000,
-        "plan": list(rig.stage.reader.conditions.plan),
-    }
+        conditions = rig.conditions
+        run.summary |= {
+            "exposure_us": conditions.exposure_us,
+            "average": average,
+            "reading_ms": rig.reading_us / 1000,
+            "gain": conditions.gain,
+            "led_mA": conditions.led_mA,
+            "plan": list(conditions.plan),
+        }
     return run
+
+
+def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
+    """Return scatter over bound alone, see `characterize`."""
+    rng = np.random.default_rng(seed)
+    bound, pair = _bound(rig), OnePair(rig.along[0], rig.noise)
+    ratios = [
+        scatter / least
+        for _, scatter, _, least in (
+            _scatter(rig, rng, share * rig.stage.length_um, jittered, bound, pair)
+            for share in PLACES
+        )
+    ]
+    return _mean(ratios)
+
+
+def _bound(rig: Rig) -> Bound:
+    c = rig.conditions
+    return Bound(rig.stage.sensor, c.plan, c.gain, c.exposure_us, c.led_mA, rig.average)
+
+
+def _fewer(rig: Rig, count: int) -> int:
+    cost_ms = rig.reading_us / 1000 + _SAMPLE_MS * rig.average
+    return min(count, max(_LEAST, round(count * _ALL_UP_TO_MS / cost_ms)))
 
 
 def _jittered(rig: Rig, rng, place_um: float, count: int):
     """Yield (truth_um, truth_mN, reading, counts) of presses scattered about a place."""
     for _ in range(count):
         at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
-        force_mN = _FORCE_MN * (1 + rng.uniform(-_JITTER_FORCE, _JITTER_FORCE))
+        force_mN = FORCE_MN * (1 + rng.uniform(-_JITTER_FORCE, _JITTER_FORCE))
         (reading,), counts = rig.readings(at_um, force_mN, 1)
         yield at_um, force_mN, reading, counts[0]
 
 
-def _position(rig: Rig, rng, run: Run) -> None:
-    conditions = rig.stage.reader.conditions
-    bound = Bound(
-        rig.stage.sensor,
-        conditions.plan,
-        conditions.gain,
-        conditions.exposure_us,
-        conditions.led_mA,
-        rig.average,
-    )
-    pair = OnePair(rig.along[0], rig.noise)
-    x_um = PLACES * rig.stage.length_um
-    columns = {name: [] for name in ("resolution", "accuracy", "bias", "scatter", "bound", "pair")}
+def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
+    """Return errors, their standard deviation, that of one pair, and the bound on both."""
+    true_um, _, readings, counts = zip(*_jittered(rig, rng, place_um, count))
+    errors = np.array([r.position_um for r in readings]) - true_um
+    pair_errors = pair.position_um(np.array(counts)) - true_um
+    # Over so little jitter the bound is as good as straight: that of the middle is the mean.
+    least, _ = bound.sigma(place_um, FORCE_MN)
+    return errors, errors.std(ddof=1), pair_errors.std(ddof=1), least
+
+
+def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
+    pair, bound = OnePair(rig.along[0], rig.noise), _bound(rig)
+    x_um = places * rig.stage.length_um
+    names = ("resolution", "accuracy", "bias", "scatter", "bound", "pair")
+    columns = {name: [] for name in names}
     snr = []
     for place_um in x_um:
-        rest, spectra = rig.readings(place_um, _FORCE_MN, _AT_REST)
+        rest, samples = rig.readings(place_um, FORCE_MN, _fewer(rig, _AT_REST))
         columns["resolution"].append(np.std([r.position_um for r in rest], ddof=1))
-        light = spectra.sum(axis=1)
-        snr.append(light.mean() / light.std(ddof=1))
-        errors, pair_errors, bounds = [], [], []
-        for at_um, force_mN, reading, counts in _jittered(rig, rng, place_um, _JITTERED):
-            errors.append(reading.position_um - at_um)
-            pair_errors.append(pair.position_um(counts) - at_um)
-            bounds.append(bound.sigma(at_um, force_mN)[0])
+        if rig.average == 1:
+            snr.append(_light_over_noise(samples))
+        count = _fewer(rig, _JITTERED)
+        errors, scatter, by_pair, least = _scatter(rig, rng, place_um, count, bound, pair)
         columns["accuracy"].append(np.mean(np.abs(errors)))
         columns["bias"].append(np.mean(errors))
-        columns["scatter"].append(np.std(errors, ddof=1))
-        columns["pair"].append(np.std(pair_errors, ddof=1))
-        columns["bound"].append(np.sqrt(np.mean(np.square(bounds))))
+        columns["scatter"].append(scatter)
+        columns["bound"].append(least)
+        columns["pair"].append(by_pair / least)
     series = {name: np.array(values) for name, values in columns.items()}
+    if rig.average > 1:
+        series["pair"], snr = _of_one_sample(rig, rng, pair, x_um)
+    response = pair.log_ratio(rig.along[0].counts)
+    channels = [rig.conditions.plan[i] for i in pair.channels]
     run.series["position"] = series | {
         "x_um": x_um,
         "along_um": rig.along[0].position_um,
-        "log_ratio": pair.log_ratio(rig.along[0].counts),
-        "pair_names": [conditions.plan[i] for i in pair.channels],
+        "log_ratio": response,
+        "channels": channels,
     }
     run.summary["position"] = {
-        "r2": _r2(rig.along[0].position_um, pair.log_ratio(rig.along[0].counts)),
+        "r2": _r2(rig.along[0].position_um, response),
         "resolution_um": _mean(series["resolution"]),
         "accuracy_um": _mean(series["accuracy"]),
+        "bound_um": _mean(series["bound"]),
         "crb_ratio": _mean(series["scatter"] / series["bound"]),
         "one_pair": {
-            "channels": run.series["position"]["pair_names"],
-            "crb_ratio": _mean(series["pair"] / series["bound"]),
+            "channels": channels,
+            "scatter_um": _mean(series["pair"] * series["bound"]),
+            "crb_ratio": _mean(series["pair"]),
         },
     }
     run.summary["snr_db"] = round(20 * np.log10(np.mean(snr)), 1)
 
 
-class OnePair:
-    """The paper's estimate (Eq. 2): ln of the ratio of two channels, here the best two.
+def _light_over_noise(counts: np.ndarray) -> float:
+    light = counts.sum(axis=1)
+    return light.mean() / light.std(ddof=1)
 
-    Parameters
-    ----------
-    along : Presses
-    noise : Noise
+
+def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
+    """Return the pair's scatter over the bound, and light over noise, of single samples.
+
+    The board rounds the mean counts of longer readings, which would hide the noise of the one and
+    be held against the other.
     """
-
-    def __init__(self, along: Presses, noise: Noise):
-        slopes = np.polyfit(along.position_um, along.logs, 1)[0]
-        variance = noise.log_variance(along.counts).mean(axis=0)
-
-        def sigma(pair):
-            i, j = pair
-            return np.sqrt(variance[i] + variance[j]) / max(abs(slopes[i] - slopes[j]), 1e-12)
-
-        self.channels = min(itertools.combinations(range(len(slopes)), 2), key=sigma)
-        self._curve = Chebyshev.fit(self.log_ratio(along.counts), along.position_um, 7)
-
-    def log_ratio(self, counts: np.ndarray) -> np.ndarray:
-        """Return ln of the ratio of the two channels."""
-        i, j = self.channels
-        return np.log(counts[..., j] / counts[..., i])
-
-    def position_um(self, counts: np.ndarray) -> float:
-        """Return the position by this pair alone."""
-        return float(self._curve(self.log_ratio(counts)))
+    average = rig.average
+    rig.set_average(1)
+    bound = _bound(rig)
+    ratios, snr = [], []
+    for place_um in x_um:
+        _, counts = rig.readings(place_um, FORCE_MN, _AT_REST)
+        snr.append(_light_over_noise(counts))
+        _, _, scatter, least = _scatter(rig, rng, place_um, _JITTERED // 4, bound, pair)
+        ratios.append(scatter / least)
+    rig.set_average(average)
+    return np.array(ratios), snr
 
 
 def _force(rig: Rig, run: Run) -> None:
-    truth, errors, sigmas, brightness = [], [], [], []
-    for share in _TEST_FORCE_PLACES:
-        for force_mN in _TEST_FORCES_MN:
-            readings, _ = rig.readings(share * rig.stage.length_um, force_mN, 8)
-            forces = np.array([r.force_mN for r in readings])
-            truth.append(force_mN)
-            errors.append(forces.mean() - force_mN)
-            sigmas.append(forces.std(ddof=1))
-            brightness.append(np.mean([r.brightness for r in readings]))
+    threshold_mN = _threshold_mN(rig)
+    least_mN = max(_FORCES_MN[0], 2 * threshold_mN)
+    rows = []
+    for share in _FORCE_PLACES:
+        for force_mN in np.linspace(least_mN, _FORCES_MN[1], _FORCE_STEPS):
+            held, _ = rig.readings(share * rig.stage.length_um, force_mN, _fewer(rig, _HELD))
+            forces = np.array([r.force_mN for r in held], dtype=float)
+            errors = forces - force_mN
+            brightness = np.mean([r.brightness for r in held])
+            rows.append(
+                (
+                    share,
+                    force_mN,
+                    errors.mean(),
+                    np.abs(errors).mean(),
+                    forces.std(ddof=1),
+                    brightness,
+                )
+            )
+    share, truth, error, accuracy, sigma, brightness = np.array(rows).T
     run.series["force"] = {
-        "force_mN": np.array(truth),
-        "error_mN": np.array(errors),
-        "sigma_mN": np.array(sigmas),
-        "brightness": np.array(brightness),
+        "share": share,
+        "force_mN": truth,
+        "error_mN": error,
+        "sigma_mN": sigma,
+        "brightness": brightness,
+        "threshold_mN": threshold_mN,
     }
     run.summary["force"] = {
-        "resolution_mN": _mean(sigmas),
-        "accuracy_N": round(float(np.mean(np.abs(errors))) / 1000, 5),
-        "threshold_mN": _threshold_mN(rig),
+        "resolution_mN": _mean(sigma),
+        "accuracy_N": round(float(np.mean(accuracy)) / 1000, 5),
+        "threshold_mN": threshold_mN,
     }
 
 
 def _threshold_mN(rig: Rig) -> float:
     """Return the dead zone: the least force, in the middle of the strip, that gives a reading."""
-    low, high = 0.0, _FORCE_MN
+    low, high = 0.0, FORCE_MN
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2
         readings, _ = rig.readings(rig.stage.length_um / 2, middle, 3)
@@ -277,76 +265,80 @@ def _threshold_mN(rig: Rig) -> float:
     return round(high, 1)
 
 
-def _accuracy_um(rig: Rig, rng) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places and the mean absolute error at each."""
+def _accuracy_um(rig: Rig, rng) -> np.ndarray:
+    """Return the places, the mean error and the mean absolute error at each."""
     x_um = PLACES * rig.stage.length_um
-    errors = [
-        np.mean([abs(r.position_um - at) for at, _, r, _ in _jittered(rig, rng, place_um, 6)])
-        for place_um in x_um
-    ]
-    return x_um, np.array(errors)
+    count = _fewer(rig, _ACCURACY)
+    errors = np.array(
+        [
+            [r.position_um - at for at, _, r, _ in _jittered(rig, rng, place_um, count)]
+            for place_um in x_um
+        ]
+    )
+    return np.array([x_um, errors.mean(axis=1), np.abs(errors).mean(axis=1)])
 
 
 def _bending(rig: Rig, rng, run: Run) -> None:
     run.summary["bend"], run.series["bend"] = [], {}
     for degrees in BENDS_DEG:
         rig.stage.held.bend_deg = float(degrees)
-        x_um, errors = _accuracy_um(rig, rng)
-        run.series["bend"][degrees] = (x_um, errors)
-        run.summary["bend"].append({"degrees": degrees, "accuracy_um": _mean(errors)})
+        found = _accuracy_um(rig, rng)
+        run.series["bend"][degrees] = found
+        run.summary["bend"].append({"degrees": degrees, "accuracy_um": _mean(found[2])})
     rig.stage.held.bend_deg = 0.0
 
 
 def _strain(rig: Rig, rng, run: Run) -> None:
+    rig.learn_strains(STRAINS_PERCENT[1:])
+    pair = OnePair(rig.along[0], rig.noise)
     run.summary["strain"], run.series["strain"] = [], {}
     for percent in STRAINS_PERCENT:
         rig.stage.held.strain = percent / 100
         rig.board.command(f"set strain_ppm={10_000 * percent}")
-        x_um, errors = _accuracy_um(rig, rng)
+        found = _accuracy_um(rig, rng)
         along = rig.along[10_000 * percent]
-        pair = OnePair(rig.along[0], rig.noise)
-        run.series["strain"][percent] = (
-            x_um,
-            errors,
-            along.position_um,
-            pair.log_ratio(along.counts),
-        )
-        run.summary["strain"].append({"percent": percent, "accuracy_um": _mean(errors)})
+        run.series["strain"][percent] = {
+            "accuracy": found,
+            "along_um": along.position_um,
+            "log_ratio": pair.log_ratio(along.counts),
+        }
+        run.summary["strain"].append({"percent": percent, "accuracy_um": _mean(found[2])})
     rig.board.command("set strain_ppm=0")
     rig.stage.held.strain = 0.0
 
 
 def _joint(rig: Rig, run: Run) -> None:
     joint = rig.stage.sensor.joint
-    travel_um = np.array(_JOINT_SHARE) * rig.stage.length_um
-    start_um = travel_um[0]
-    span_deg = np.degrees(np.ptp(travel_um) / 1000 / joint.radius_mm)
     um_per_deg = 1000 * joint.radius_mm * np.pi / 180
-    up = np.linspace(0, span_deg, _JOINT_ANGLES)
+    start_um, end_um = np.array(_JOINT_SHARE) * rig.stage.length_um
+    up = np.linspace(0, min((end_um - start_um) / um_per_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
+    held = _fewer(rig, _HELD)
+    rows, angles = [], []
     # The indenter lags behind the joint by half its play in either direction.
-    sweeps = {1: up, -1: up[::-1]}
-    rows = []
-    for direction, angles in sweeps.items():
-        for angle in angles:
+    for direction, sweep in {1: up, -1: up[::-1]}.items():
+        for angle in sweep:
+            rig.stage.held.bend_deg = angle
             at_um = start_um + (angle - direction * joint.play_deg / 2) * um_per_deg
-            readings, _ = rig.readings(at_um, joint.force_mN, 4)
-            positions = np.array([r.position_um for r in readings])
-            rows.append((direction, angle, positions.mean(), positions.std(ddof=1)))
-    direction, angle, position, sigma = np.array(rows).T
-    # Every second angle calibrates, the others test.
+            readings, _ = rig.readings(at_um, joint.force_mN, held)
+            rows.append([r.position_um for r in readings])
+            angles.append((direction, angle))
+    rig.stage.held.bend_deg = 0.0
+    (direction, angle), position = np.array(angles).T, np.array(rows, dtype=float)
+    # Every second angle calibrates, the others test; a reading each, not the mean of those held.
     learn = np.arange(len(angle)) % 2 == 0
-    slope, zero = np.polyfit(position[learn], angle[learn], 1)
-    error = slope * position + zero - angle
+    slope, zero = np.polyfit(position[learn].ravel(), np.repeat(angle[learn], held), 1)
+    error = slope * position + zero - angle[:, None]
     backlash = abs(error[direction > 0].mean() - error[direction < 0].mean())
     run.series["joint"] = {
         "direction": direction,
         "angle_deg": angle,
-        "position_um": position,
-        "error_deg": error,
+        "position_um": position.mean(axis=1),
+        "error_deg": error.mean(axis=1),
+        "tested": ~learn,
     }
     run.summary["joint"] = {
-        "r2": _r2(position, angle),
-        "resolution_deg": round(abs(slope) * float(sigma.mean()), 5),
+        "r2": _r2(position.ravel(), np.repeat(angle, held)),
+        "resolution_deg": round(abs(slope) * float(position.std(axis=1, ddof=1).mean()), 5),
         "accuracy_deg": round(float(np.abs(error[~learn]).mean()), 5),
         "backlash_deg": round(float(backlash), 5),
     }
@@ -354,7 +346,7 @@ def _joint(rig: Rig, run: Run) -> None:
 
 def _r2(x: np.ndarray, y: np.ndarray) -> float:
     residual = y - np.polyval(np.polyfit(x, y, 1), x)
-    return round(1 - float((residual**2).sum() / ((y - y.mean()) ** 2).sum()), 6)
+    return round(1 - float((residual**2).sum() / ((y - y.mean()) ** 2).sum()), 8)
 
 
 def _mean(values) -> float:

@@ -17,13 +17,13 @@ from tactile.calibration import ONE_Q13
 from tactile.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
+from .monotone import monotone
 from .presses import Conditions, Noise, Presses
 
 SEGMENTS = 5
 _KNOTS = 9  # of a segment
 _OVERLAP = 0.25  # of a segment, that its table reaches into its neighbours
 _CURVE_DEGREE = 7
-_FORCE_DEGREE = 7
 _FORCE_KNOTS = 48
 PLACES_MIN = 12
 FORCES_MIN = 10
@@ -31,6 +31,7 @@ FORCES_MIN = 10
 _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
+_TOLERANCE_MAX = 600  # Q12; light so dim tells nothing about a second press anyway
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 
 
@@ -208,13 +209,21 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the light does not grow with the force: check strip, LED and saturation")
-    degree = min(_FORCE_DEGREE, len(forces) // 2)
-    curve = Chebyshev.fit(means, np.log(forces), degree)
-    knots = np.linspace(means[0], means[-1], _FORCE_KNOTS)
-    values = np.exp(curve(knots))
-    if (np.diff(values) <= 0).any():
-        raise SpotsError("the force response is too noisy to be a table: take more forces")
-    return values, knots
+    return _force_knots(forces, means)
+
+
+def _force_knots(forces: np.ndarray, brightness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    # Even in the logarithm of the force, for the bend at the top, and even in brightness, for the
+    # steep foot: there the force in mN hardly changes while the light doubles.
+    fine = np.geomspace(forces[0], forces[-1], 4000)
+    curve = monotone(np.log(forces), brightness, np.log(fine))
+    even = np.linspace(curve[0], curve[-1], _FORCE_KNOTS // 2)
+    steps = np.geomspace(forces[0], forces[-1], _FORCE_KNOTS // 2)
+    wanted = np.concatenate([np.interp(even, curve, fine), steps])
+    knots = np.unique(np.round(wanted)).clip(forces[0], forces[-1])
+    values = np.round(monotone(np.log(forces), brightness, np.log(knots)))
+    rising = np.diff(values, prepend=-np.inf) > 0
+    return knots[rising], values[rising]
 
 
 def _position_sigma_um(rest: Curves, parts, noise: Noise, x_um: float, logs: np.ndarray) -> float:
@@ -243,5 +252,5 @@ def _tolerances(along: Presses, rest: Curves, noise, test, brightnesses, firm) -
     for brightness in brightnesses:
         counts = 2.0 ** (logs + (brightness - firm) / ONE_Q20)
         sigma = np.sqrt(noise.log_variance(counts) @ test.astype(float) ** 2).max() / ONE_Q13
-        tolerances.append(1 + (off + _MISFIT_SIGMAS * sigma) * 2**12)
+        tolerances.append(min(1 + (off + _MISFIT_SIGMAS * sigma) * 2**12, _TOLERANCE_MAX))
     return tolerances

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDING_VARIANCE = 1 / 12
+_REWEIGHTINGS = 4
 
 
 @dataclass(frozen=True)
@@ -105,11 +106,16 @@ class Noise:
         variance = np.concatenate([p.variance.ravel() for p in presses])
         lit = counts > 1
         counts, variance = counts[lit], variance[lit]
-        # Each variance is known to a share of itself.
-        weight = 1 / (ROUNDING_VARIANCE + np.maximum(variance, 0) + 1e-3 * counts)
-        design = np.stack([np.ones_like(counts), counts], axis=1) * weight[:, None]
-        constant, per_count = np.linalg.lstsq(design, variance * weight, rcond=None)[0]
-        return cls(max(float(constant), ROUNDING_VARIANCE), max(float(per_count), 0.0))
+        design = np.stack([np.ones_like(counts), counts], axis=1)
+        found = cls(ROUNDING_VARIANCE, 0.0)
+        for _ in range(_REWEIGHTINGS):
+            # Each estimate is known to a share of the true variance, which is what the last
+            # round says, and not what the estimate itself says: that would favour low ones.
+            weight = 1 / (found.constant + found.per_count * counts)
+            solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
+            # Held presses hide part of the rounding, so it is the least that is believed.
+            found = cls(max(float(solution[0]), ROUNDING_VARIANCE), max(float(solution[1]), 0.0))
+        return found
 
     def log_variance(self, counts: np.ndarray) -> np.ndarray:
         """Return the variance of log2 of a sample with these dark-subtracted counts."""

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..board import Board
+from ..errors import SpotsError
 from ..frames import Spectrum
 from .presses import Conditions, own_variance
 
 _LED_OFF, _SATURATED = 0x80, 0x02
 _DARK_SAMPLES = 4
+_PATIENCE_S = 10.0  # more than any dark window takes
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,16 @@ class Reader:
         """Return counts whose integration begins from now on, shape (count, 6), and clipping."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         rows, clipped = [], False
-        for frame in self.board.frames():
+        limit_s = _PATIENCE_S + 3e-6 * count * self.info["exposure_us"] * self.info["average"]
+        for frame in self.board.frames(limit_s):
             if not isinstance(frame, Spectrum) or frame.flags & _LED_OFF or frame.time_s < begun_s:
                 continue
             rows.append(frame.counts)
             clipped |= bool(frame.flags & _SATURATED)
             if len(rows) == count:
                 break
+        else:
+            raise SpotsError("the board sends no spectra; 'spots command get' tells why")
         return np.array(rows, dtype=float) - self._dark, clipped
 
     def read(self, count: int) -> Reading:

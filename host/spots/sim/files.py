@@ -5,6 +5,7 @@ The comments in ``data/*.toml`` say where each default comes from.
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -20,8 +21,11 @@ else:
 
 DATA = Path(__file__).parent / "data"
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+_MOST = 1e12  # keeps out inf
+Positive = Annotated[float, msgspec.Meta(gt=0, le=_MOST)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0, le=_MOST)]
+Time = NotNegative
+Place = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
 Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
 
 
@@ -40,7 +44,7 @@ class Led(_Struct):
     irradiance_uW_cm2_per_mA: Positive
     bend_mA: Positive
     noise_ppm_10ms: NotNegative
-    warm_up_percent: float
+    warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
 
 
@@ -114,7 +118,7 @@ class SensorFile(_Struct):
 class Touch(_Struct):
     """One finger: points of (time s, position mm, force mN), joined by straight lines."""
 
-    points: Annotated[list[tuple[float, float, NotNegative]], msgspec.Meta(min_length=2)]
+    points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
     width_mm: NotNegative = 4.0
 
     def __post_init__(self):
@@ -126,9 +130,14 @@ class Touch(_Struct):
 class Ambient(_Struct):
     """Light that gets in from outside, as (time s, irradiance uW/cm2) steps."""
 
-    steps: Annotated[list[tuple[float, NotNegative]], msgspec.Meta(min_length=1)]
+    steps: Annotated[list[tuple[Time, NotNegative]], msgspec.Meta(min_length=1)]
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     flicker_hz: Positive = 100.0
+
+    def __post_init__(self):
+        times = [step[0] for step in self.steps]
+        if any(b <= a for a, b in zip(times, times[1:])):
+            raise ValueError("the times of the steps must ascend")
 
 
 class ScenarioFile(_Struct):
@@ -143,8 +152,19 @@ class ScenarioFile(_Struct):
     touch: list[Touch] = []
     ambient: Ambient | None = None
 
+    def __post_init__(self):
+        if any(touch.points[-1][0] > self.seconds for touch in self.touch):
+            raise ValueError(f"a touch ends after the scenario's {self.seconds:g} seconds")
+
 
 _File = TypeVar("_File", SensorFile, ScenarioFile)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise msgspec.ValidationError(f"'{text}' is no finite number")
+    return value
 
 
 def load(kind: type[_File], name: str | Path) -> _File:
@@ -175,6 +195,6 @@ def load(kind: type[_File], name: str | Path) -> _File:
             f"cannot read the {what} file {name}: give a path that ends in .toml, or one of {known}"
         ) from None
     try:
-        return msgspec.convert(tomllib.loads(text), kind)
+        return msgspec.convert(tomllib.loads(text, parse_float=_finite), kind)
     except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
         raise SpotsError(f"{what} file {path}: {error}") from None

@@ -14,7 +14,7 @@ from . import server
 from .bus import Bus, SimulatedClock
 from .files import SensorFile
 from .identity import board_id
-from .vm import Machine
+from .vm import Machine, micropython_command
 from .world import chip
 
 
@@ -35,13 +35,14 @@ class LockstepLink:
     name = "virtual"
 
     def __init__(self, sensor: SensorFile, scenario, seed: int = 0, folder=None):
+        micropython_command()  # fails before anything is open
         self.clock = SimulatedClock()
         self.chip = chip(sensor, scenario, seed)
         self.bus = Bus(self.chip, self.clock)
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
-        self._board_ends = board_in, board_out
+        self._open = [board_in, self._to_board, self._from_board, board_out]
         self._machine = Machine(board_id(sensor), True, board_in, board_out, folder)
         self._pending = self._next_request()
 
@@ -51,6 +52,8 @@ class LockstepLink:
 
     def read(self, timeout_s: float) -> bytes:
         """Let the board run until it has sent something, at most for `timeout_s`."""
+        if not self._open:
+            raise SpotsError("the virtual board was closed")
         horizon_us = self.clock.now_us() + 1e6 * timeout_s
         while True:
             received = self._received()
@@ -61,13 +64,15 @@ class LockstepLink:
 
     def write(self, data: bytes) -> None:
         """Put bytes where the board finds them at its next look."""
+        if not self._open:
+            raise SpotsError("the virtual board was closed")
         os.write(self._to_board, data)
 
     def close(self) -> None:
-        """End the board."""
+        """End the board; closing twice is closing once."""
         self._machine.close()
-        for fd in (self._to_board, self._from_board, *self._board_ends):
-            os.close(fd)
+        while self._open:
+            os.close(self._open.pop())
 
     def _next_request(self) -> bytes:
         for _ in range(3):

@@ -5,6 +5,7 @@ A request is 4 bytes: operation and three arguments; see boards/virtual/_simulat
 
 from __future__ import annotations
 
+import contextlib
 import os
 
 from .bus import Bus
@@ -35,4 +36,5 @@ def answer(request: bytes, bus: Bus, fd: int) -> None:
     except OSError as failure:
         error = failure.errno
     now = int(bus.clock.now_us()) % _TICKS
-    os.write(fd, bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data))
+    with contextlib.suppress(BrokenPipeError):  # the next request will not come, and tell
+        os.write(fd, bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data))

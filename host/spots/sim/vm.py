@@ -25,6 +25,8 @@ def micropython_command() -> list[str]:
     SpotsError
         If this machine has none.
     """
+    if sys.platform == "win32":
+        raise SpotsError("the virtual board needs Linux or macOS; a real board works here too")
     if importlib.util.find_spec("micropython_unix"):
         start = "import sys, micropython_unix as m; sys.exit(m.main())"
         return [sys.executable, "-I", "-c", start]

@@ -1,0 +1,124 @@
+"""Which six of the nine diodes tell positions best, from two passes along the strip.
+
+The board reads six diodes at a time. Two passes that share some read all nine; what the shared
+ones differ by is how much harder the second pass was pressed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import Chebyshev
+
+from ..errors import SpotsError
+from .presses import Noise, Presses
+
+DIODES = ("F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8", "CLEAR")
+_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
+_DEGREE = 4
+_FULLEST = 0.95  # of full scale, that a channel may reach
+_WORTH = 0.03  # a new plan that is not so much better is not worth it
+_PLACES = 41
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A plan, and the mean over the strip of the least reachable position sigma of a sample.
+
+    Attributes
+    ----------
+    plan : tuple of str
+    sigma_um : float
+    present_sigma_um : float
+        Of the plan of the first pass; infinite if a channel of it is not usable.
+    """
+
+    plan: tuple[str, ...]
+    sigma_um: float
+    present_sigma_um: float
+
+
+def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return two plans that share three diodes and have all nine: first the present one.
+
+    A present plan with another diode than these nine is replaced by the usual one.
+    """
+    first = present if set(present) <= set(DIODES) else _PLAN
+    others = [diode for diode in DIODES if diode not in first]
+    return first, tuple(others) + first[::2]
+
+
+def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choice:
+    """Return the best plan.
+
+    Parameters
+    ----------
+    plans : pair of tuple of str
+        See `passes`.
+    measured : pair of Presses
+        At the same places with one firm force, and one at full force, in both passes.
+    full_scale : float
+        Largest count.
+
+    Raises
+    ------
+    SpotsError
+        If fewer than six diodes are usable.
+    """
+    usable, places_um, logs = _merge(plans, measured, full_scale)
+    if len(usable) < len(plans[0]):
+        raise SpotsError(
+            f"only {len(usable)} channels are neither dark nor clipped: run without "
+            "--keep-settings, or set gain and LED current, and begin another session"
+        )
+    noise = Noise.of(
+        *(
+            presses.channels([i for i, diode in enumerate(plan) if diode in usable])
+            for plan, presses in zip(plans, measured)
+        )
+    )
+    x_um = np.linspace(places_um.min(), places_um.max(), _PLACES)
+    curves = [Chebyshev.fit(places_um, column, _DEGREE) for column in logs.T]
+    slopes = np.stack([curve.deriv()(x_um) for curve in curves], axis=1)
+    variance = noise.log_variance(2.0 ** np.stack([curve(x_um) for curve in curves], axis=1))
+
+    def sigma_um(plan) -> float:
+        columns = [usable.index(diode) for diode in plan]
+        return float(_sigma_um(slopes[:, columns], variance[:, columns]).mean())
+
+    best = min(itertools.combinations(usable, len(plans[0])), key=sigma_um)
+    present = sigma_um(plans[0]) if set(plans[0]) <= set(usable) else np.inf
+    if present <= (1 + _WORTH) * sigma_um(best):
+        best = plans[0]
+    return Choice(best, sigma_um(best), present)
+
+
+def _merge(plans, measured, full_scale):
+    """Return the usable diodes, the places, and log2 of their counts as if in one pass."""
+    firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
+    bad = {
+        diode
+        for plan, presses in zip(plans, measured)
+        for diode, column in zip(plan, presses.counts.T)
+        if column.max() > _FULLEST * full_scale or column.min() < 1
+    }
+    first, second = (
+        {d: np.log2(column) for d, column in zip(plan, presses.counts.T) if d not in bad}
+        for plan, presses in zip(plans, firm)
+    )
+    shared = [diode for diode in first if diode in second]
+    if not shared:
+        return [], firm[0].position_um, np.empty((0, 0))
+    harder = np.mean([second[diode] - first[diode] for diode in shared], axis=0)
+    logs = {diode: column - harder for diode, column in second.items()} | first
+    usable = [diode for diode in DIODES if diode in logs]
+    return usable, firm[0].position_um, np.stack([logs[diode] for diode in usable], axis=1)
+
+
+def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return the least sigma of the position at each place; the brightness is unknown."""
+    weight = 1 / variance
+    a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)
+    return np.sqrt(a / (a * c - b**2))

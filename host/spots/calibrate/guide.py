@@ -1,0 +1,156 @@
+"""What the one who calibrates sees: where to press next, and whether it is held."""
+
+from __future__ import annotations
+
+import sys
+
+from rich.bar import Bar
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from ..errors import SpotsError
+from ..view import live
+from .reader import Reading
+from .session import Wanted
+
+_COLUMNS = 64
+_BAR_COLUMNS = 40
+_MESSAGES = 4
+
+
+class Guide:
+    """A picture on a terminal, plain lines elsewhere. Use it in a ``with`` block.
+
+    Parameters
+    ----------
+    console : rich.console.Console, optional
+    stdin : file, optional
+        Where answers come from.
+    """
+
+    def __init__(self, console: Console | None = None, stdin=None):
+        self._console = console or Console(highlight=False)
+        self._stdin = stdin
+        self._live: Live | None = None
+        self._messages: list[str] = []
+        self._wanted: Wanted | None = None
+        self._reading: Reading | None = None
+        self._trouble: str | None = None
+        self._steady = 0.0
+        self._title = ""
+        self._plan: tuple[str, ...] = ()
+        self._length_um = 1.0
+        self._done = self._total = 0
+
+    def __enter__(self) -> Guide:
+        if self._console.is_terminal:
+            self._live = live(self._console)
+            self._live.start()
+        return self
+
+    def __exit__(self, *exception) -> None:
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+            for message in self._messages[-1:]:
+                self._console.print(message, markup=False, soft_wrap=True)
+
+    def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
+        """Begin a row of `total` presses on a strip of this length."""
+        self._title, self._plan, self._length_um = title, plan, length_um
+        self._done, self._total = 0, total
+        self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
+
+    def skip(self, count: int = 1) -> None:
+        """Take note of presses that are there already."""
+        self._done += count
+
+    def want(self, wanted: Wanted) -> None:
+        """Mark where to press."""
+        self._wanted, self._reading = wanted, None
+        self._draw()
+
+    def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
+        """Show a reading, what is wrong with it, and how far (0 to 1) it is from being taken."""
+        self._reading, self._trouble, self._steady = reading, trouble, steady
+        self._draw()
+
+    def taken(self, wanted: Wanted, reading: Reading) -> None:
+        """Tell that a press was taken."""
+        self._done += 1
+        counts = " ".join(f"{count:.0f}" for count in reading.counts)
+        self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
+
+    def say(self, text: str) -> None:
+        """Tell something."""
+        self._messages = [*self._messages, text][-_MESSAGES:]
+        if self._live is None:
+            self._console.print(text, markup=False, soft_wrap=True)
+        self._draw()
+
+    def ask(self, question: str) -> str:
+        """Return the answer to a question.
+
+        Raises
+        ------
+        SpotsError
+            If nobody is there to answer.
+        """
+        if self._live is not None:
+            self._live.stop()
+        self._console.print(question, end="", markup=False)
+        line = (self._stdin or sys.stdin).readline()
+        if self._live is not None:
+            self._live.start()
+        if not line:
+            raise SpotsError("nobody answers on standard input: run this in a terminal")
+        return line.strip()
+
+    def ask_number(self, question: str, lowest: float = float("-inf")) -> float:
+        """Return a number of at least `lowest`; ask until one is given."""
+        while True:
+            answer = self.ask(question)
+            try:
+                value = float(answer.replace(",", "."))
+            except ValueError:
+                value = float("nan")
+            if lowest <= value < float("inf"):
+                return value
+            self.say(f"'{answer}' will not do: type a number such as 1.5")
+
+    def _draw(self) -> None:
+        if self._live is not None:
+            self._live.update(self._picture(), refresh=True)
+
+    def _picture(self) -> Panel:
+        parts = [self._strip(), Text(), self._bars(), Text()]
+        parts += [Text(message, style="dim") for message in self._messages[:-1]]
+        parts += [Text(message, style="bold") for message in self._messages[-1:]]
+        title = f"{self._title}  {self._done} of {self._total}"
+        return Panel(Group(*parts), title=title, width=_COLUMNS + 16, padding=(1, 2))
+
+    def _strip(self) -> Text:
+        line = Text("sensor ▐" + "█" * _COLUMNS, style="rgb(140,60,60)")
+        if self._wanted is not None:
+            share = self._wanted.place_um / self._length_um
+            at = len("sensor ▐") + round(min(max(share, 0), 1) * (_COLUMNS - 1))
+            line.stylize("rgb(255,235,180)", at, at + 1)
+            line.append("\n" + " " * at + "▲")
+        return line
+
+    def _bars(self) -> Table:
+        grid = Table.grid(padding=(0, 1))
+        for width in (9, 8, _BAR_COLUMNS):
+            grid.add_column(justify="right" if width < _BAR_COLUMNS else "left", width=width)
+        counts = [0.0] * len(self._plan) if self._reading is None else self._reading.counts
+        top = max(*counts, 100.0) if len(counts) else 1.0
+        for name, count in zip(self._plan, counts):
+            grid.add_row(name, f"{count:.0f} ct", Bar(top, 0, max(count, 0), color="white"))
+        word = Text(self._trouble or "steady", style="yellow" if self._trouble else "green")
+        if self._reading is not None:
+            grid.add_row("held", "", Bar(1.0, 0, min(self._steady, 1), color="green"))
+            grid.add_row("", "", word)
+        return grid

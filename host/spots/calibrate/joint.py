@@ -1,0 +1,62 @@
+"""A joint as an encoder: the straight line from the board's position to the angle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import SpotsError
+from .file import Joint
+from .session import Point
+
+ANGLES_MIN = 4  # in each direction
+
+
+def fit_joint(points: list[Point]) -> Joint:
+    """Return the line through the points of both directions, and how good it is.
+
+    Parameters
+    ----------
+    points : list of Point
+        In the order in which they were taken. Every second one makes the line that
+        `Joint.accuracy_deg` is the error of at the others.
+
+    Raises
+    ------
+    SpotsError
+        If there are too few, or position and angle do not go together.
+    """
+    ways = [[p for p in points if p.direction == way] for way in (1, -1)]
+    if min(len(way) for way in ways) < ANGLES_MIN:
+        raise SpotsError(f"a joint needs {ANGLES_MIN} angles or more in each direction")
+    steps = []
+    for way in ways:
+        way = sorted(way, key=lambda p: p.angle_deg)
+        if (np.diff([p.angle_deg for p in way]) <= 0).any():
+            raise SpotsError(
+                "two presses of one direction have the same angle: begin another session"
+            )
+        steps.append(np.diff([p.position_um for p in way]))
+    steps = np.concatenate(steps)
+    if not ((steps > 0).all() or (steps < 0).all()):
+        raise SpotsError(
+            "the position does not go with the angle: check the angles, and that the indenter "
+            "does not slip; then begin another session"
+        )
+    angle, position, sigma = (
+        np.array([getattr(p, name) for way in ways for p in way])
+        for name in ("angle_deg", "position_um", "position_sigma_um")
+    )
+    up = np.repeat([True, False], [len(way) for way in ways])
+    learn = np.concatenate([np.arange(len(way)) % 2 == 0 for way in ways])
+    error = np.polyval(np.polyfit(position[learn], angle[learn], 1), position) - angle
+    slope, zero = np.polyfit(position, angle, 1)
+    residual = slope * position + zero - angle
+    r2 = 1 - (residual**2).sum() / ((angle - angle.mean()) ** 2).sum()
+    return Joint(
+        zero_deg=round(float(zero), 5),
+        deg_per_um=float(f"{slope:.9g}"),
+        r2=round(float(r2), 7),
+        resolution_deg=round(abs(float(slope)) * float(sigma.mean()), 5),
+        accuracy_deg=round(float(np.abs(error[~learn]).mean()), 5),
+        backlash_deg=round(abs(float(residual[up].mean() - residual[~up].mean())), 5),
+    )

@@ -1,0 +1,40 @@
+"""Shows what a board feels, until one has seen enough."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+from rich.console import Console
+
+from .board import Board
+from .frames import Touch
+from .score import Score
+from .view import Pace, View, live, plain
+
+_PLAIN_LINES_PER_S = 4
+
+
+def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None = None) -> None:
+    """Show a board's readings until the time is over or Ctrl-C.
+
+    A live picture on a terminal, plain lines elsewhere.
+    """
+    console = Console()
+    drawing = console.is_terminal and not quiet
+    board.command("stream touch spectrum" if drawing else "stream touch")
+    view = View(board.command("hello"), board.port)
+    started_s = board.now_s()
+    pace = Pace() if drawing else Pace(_PLAIN_LINES_PER_S)
+    try:
+        with live(console) if drawing else nullcontext() as display:
+            for frame in board.frames(seconds):
+                now_s = board.now_s()
+                view.take(frame)
+                if isinstance(frame, Touch) and score is not None:
+                    score.take(frame, now_s)
+                if drawing and pace.due(now_s):
+                    display.update(view.picture(board.stats, score), refresh=True)
+                elif not drawing and not quiet and isinstance(frame, Touch) and pace.due(now_s):
+                    print(plain(frame, started_s), flush=True)
+    except KeyboardInterrupt:
+        pass

@@ -1,0 +1,187 @@
+"""Figures of a sensor: near the bound on any strip, and what they are defined to be."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from sensors import replaced
+
+from spots.calibrate import figures
+from spots.calibrate.bound import Bound
+from spots.calibrate.characterize import Run, _joint, _position, characterize, crb_ratio
+from spots.calibrate.pair import OnePair
+from spots.calibrate.presses import Noise, Presses
+from spots.calibrate.rig import Rig, expose
+from spots.calibrate.stage import Stage
+from spots.cli import main
+from spots.sim.files import DATA, SensorFile, load
+
+SENSORS = sorted(path.stem for path in (DATA / "sensors").glob("*.toml"))
+PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
+
+
+@pytest.fixture(scope="module")
+def run(sensor):
+    return characterize(sensor, seed=2, exposure_us=10_000)
+
+
+def ratio(rig):
+    # 19 places x 70: the ratio itself scatters by 1 / sqrt(2 * 19 * 69), which is 2 %.
+    return crb_ratio(rig, seed=1, jittered=70)
+
+
+def test_there_are_sensors_of_every_kind():
+    assert {"default", "short_30mm", "long_200mm", "noisy", "daylight", "bright", "dim"} <= {
+        *SENSORS
+    }
+
+
+@pytest.mark.parametrize("name", sorted({*SENSORS} - {"default"}))
+def test_near_the_bound_at_10_ms(name):
+    sensor = load(SensorFile, name)
+    with Rig(sensor, 0, 10_000, 1) as rig:
+        c = rig.conditions
+        assert c.exposure_us == 10_000
+        # Neither dark counts nor daylight are in what is read; a warming lamp is a little off.
+        expected = Bound(sensor, c.plan, c.gain, c.exposure_us, c.led_mA).counts(10_000, 3000)
+        _, counts = rig.readings(10_000, 3000, 40)
+        assert counts.mean(axis=0) == pytest.approx(expected, rel=0.025, abs=0.5)
+        assert 0.94 < ratio(rig) <= 1.10
+
+
+@pytest.mark.parametrize("name", ["default", "long_200mm"])
+def test_near_the_bound_at_100_ms(name):
+    with Rig(load(SensorFile, name), 0, 100_000, 1) as rig:
+        assert 0.94 < ratio(rig) <= 1.10
+
+
+def test_bright_and_dim_are_exposed_before_they_are_measured():
+    gains = {}
+    for name in ("bright", "dim"):
+        with Stage(load(SensorFile, name), settings="exposure_us=10000") as stage:
+            expose(stage, 10_000)
+            gains[name] = stage.reader.conditions.gain
+    assert gains["bright"] < 9 < gains["dim"]
+
+
+def test_six_channels_beat_the_best_pair(run):
+    position = run.summary["position"]
+    assert 0.94 < position["crb_ratio"] <= 1.10
+    assert position["one_pair"]["crb_ratio"] > 1.3 * position["crb_ratio"]
+
+
+def test_what_the_paper_publishes_is_reached_but_for_the_light_of_10_ms(run):
+    found = run.summary
+    assert found["position"]["r2"] > 0.996
+    assert found["snr_db"] > 20
+    assert found["force"]["accuracy_N"] < 0.14
+    assert found["joint"]["r2"] > 0.999
+
+
+def test_resolution_and_accuracy_agree_with_noise_that_is_nearly_normal(run):
+    position = run.summary["position"]
+    assert position["resolution_um"] == pytest.approx(position["bound_um"], rel=0.15)
+    # The mean absolute value of a normal variable is 0.8 of its standard deviation.
+    assert position["accuracy_um"] == pytest.approx(0.8 * position["bound_um"], rel=0.15)
+
+
+def test_the_joints_play_is_found(sensor):
+    with Rig(replaced(sensor, joint={"play_deg": 0.5}), 0, 10_000, 1) as rig:
+        run = Run()
+        _joint(rig, run)
+    assert run.summary["joint"]["backlash_deg"] == pytest.approx(0.5, rel=0.15)
+    assert run.summary["joint"]["accuracy_deg"] == pytest.approx(0.25, rel=0.15)
+
+
+def test_the_dead_zone_is_the_contacts(run, sensor):
+    assert sensor.contact.threshold_mN < run.summary["force"]["threshold_mN"] < 230
+
+
+def test_bending_and_strain_keep_the_accuracy(run):
+    best = run.summary["position"]["accuracy_um"]
+    rows = run.summary["bend"] + run.summary["strain"]
+    assert [row.get("degrees") for row in rows[:5]] == [0, 45, 90, 135, 180]
+    assert [row.get("percent") for row in rows[5:]] == [0, 5, 10, 15, 20, 25]
+    assert all(0.5 * best < row["accuracy_um"] < 1.6 * best for row in rows)
+
+
+def test_the_bound_falls_with_the_root_of_the_average(sensor):
+    one, four = (Bound(sensor, PLAN, 9, 10_000, 20, n).sigma(40_000, 3000)[0] for n in (1, 4))
+    assert one == pytest.approx(2 * four)
+
+
+def test_the_bound_is_what_least_squares_reaches(sensor):
+    # By simulation, without the bound's own algebra: exact model, normal noise, two unknowns.
+    bound = Bound(sensor, PLAN, 9, 10_000, 20)
+    sigma = np.sqrt(sensor.converter.read_noise_counts**2 + 1 / 12)
+    true = bound.counts(40_000, 3000)
+    noisy = true + sigma * np.random.default_rng(0).standard_normal((4000, 6))
+    step = (bound.counts(40_100, 3000) - true) / 100
+    estimates = np.linalg.lstsq(np.stack([step, true], axis=1), (noisy - true).T, rcond=None)[0]
+    assert estimates[0].std() == pytest.approx(bound.sigma(40_000, 3000)[0], rel=0.05)
+
+
+def test_the_best_pair_is_chosen():
+    x_um = np.linspace(0, 85_000, 30)
+    decays = np.array([0.02, 0.02, 0.02, 0.02, 0.02, 0.004])
+    brightness = np.array([100, 100, 3000, 100, 100, 100])
+    counts = brightness * np.exp(-x_um[:, None] / 1000 * decays)
+    along = Presses(x_um, np.full(30, 3000.0), counts, np.full((30, 6), 0.1), np.zeros(30, bool))
+    pair = OnePair(along, Noise(0.1, 0.0))
+    assert pair.channels == (2, 5)
+    assert pair.position_um(counts[11]) == pytest.approx(x_um[11], abs=1)
+
+
+def test_signal_to_noise_is_that_of_a_sample_whatever_the_average(sensor):
+    found = []
+    for average in (1, 8):
+        with Rig(sensor, 0, 10_000, average) as rig:
+            run = Run()
+            _position(rig, np.random.default_rng(0), run, places=np.array([0.2, 0.5, 0.8]))
+        found.append(run.summary["snr_db"])
+    assert found[0] == pytest.approx(found[1], abs=2.0)
+
+
+def test_json_is_one_object(capsys, monkeypatch):
+    seen = {}
+
+    def fake(*arguments):
+        seen["arguments"] = arguments
+        run = type("Run", (), {})()
+        run.summary = {"exposure_us": arguments[2], "average": arguments[3]}
+        return run
+
+    monkeypatch.setattr("spots.calibrate.measure.characterize", fake)
+    line = ["characterize", "--exposure-us", "20000", "--average", "2", "--json"]
+    assert main(line) == 0
+    output = capsys.readouterr()
+    assert json.loads(output.out) == {"exposure_us": 20000, "average": 2}
+    assert output.err == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--exposure-us", "999"], "--exposure-us takes 1000 to 1000000"),
+        (["--exposure-us", "1000001"], "1000 to 1000000"),
+        (["--average", "0"], "1 to 64"),
+        (["--average", "65"], "--average takes 1 to 64"),
+        (["--sensor", "nosuch"], "cannot read the sensor file"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, options, says):
+    assert main(["characterize", *options]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert says in output.err
+    assert output.err.count("\n") == 1
+
+
+def test_without_matplotlib_nothing_is_measured(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(figures, "find_spec", lambda name: None)
+    begun_s = time.monotonic()
+    assert main(["characterize", "--out", str(tmp_path / "figures")]) == 2
+    assert time.monotonic() - begun_s < 1
+    assert "pip install 'spots[plots]'" in capsys.readouterr().err
+    assert not (tmp_path / "figures").exists()

@@ -1,0 +1,97 @@
+"""A design is what the bound allows, and the strip that it describes does what it says."""
+
+import json
+
+import numpy as np
+import pytest
+from sensors import replaced
+
+from spots.calibrate import design
+from spots.calibrate.characterize import FORCE_MN, PLACES
+from spots.calibrate.rig import Rig
+from spots.cli import main
+from spots.sim.files import SensorFile, load
+
+
+def command(capsys, length_mm, resolution_um, rate_hz, *options):
+    line = ["design", "--length-mm", length_mm, "--resolution-um", resolution_um, "--rate-hz"]
+    code = main([str(word) for word in [*line, rate_hz, *options]])
+    return code, capsys.readouterr()
+
+
+def test_the_designed_strip_resolves_what_was_predicted(capsys, tmp_path):
+    code, output = command(capsys, 60, 40, 100, "--json", "--out", tmp_path)
+    assert code == 0
+    found = json.loads(output.out)
+    sensor = load(SensorFile, tmp_path / "sensor.toml")
+    with Rig(sensor, 3, found["exposure_us"], found["average"]) as rig:
+        assert (rig.conditions.gain, rig.conditions.led_mA) == (found["gain"], found["led_mA"])
+        sigma_um = [
+            np.std([r.position_um for r in rig.readings(x, FORCE_MN, 60)[0]], ddof=1)
+            for x in PLACES * rig.stage.length_um
+        ]
+    assert np.mean(sigma_um) == pytest.approx(found["resolution_um"], rel=0.15)
+    assert (tmp_path / "resolution.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_no_other_dye_is_better():
+    best = design.best(85, 100)
+    for times in (0.7, 0.9, 1.1, 1.4):
+        sensor = load_dyed(best.sensor, times)
+        other = design._predicted(sensor, best.exposure_us, best.average)
+        assert other.resolution_um > best.resolution_um
+
+
+def load_dyed(sensor, times):
+    return replaced(sensor, dye={"strength_per_mm": times * sensor.dye.strength_per_mm})
+
+
+def test_the_sensor_file_is_the_whole_design(tmp_path):
+    found = design.design(85, 50, 100)
+    path = tmp_path / "sensor.toml"
+    path.write_text(design.sensor_toml(found))
+    assert load(SensorFile, path) == found.sensor
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "exposure_us", "average"),
+    [(1000, 1001, 1), (100, 10_000, 1), (10, 99_999, 1), (2, 166_667, 3)],
+)
+def test_the_exposure_fills_the_time_of_a_reading(rate_hz, exposure_us, average):
+    assert design.timing(rate_hz) == (pytest.approx(exposure_us, abs=3), average)
+
+
+def test_what_is_impossible_is_said_with_a_rate_that_is_not(capsys):
+    code, output = command(capsys, 85, 7, 100)
+    assert code == 2
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    assert "the best there is" in output.err
+    rate_hz = float(output.err.rsplit("could be at ", 1)[1].split()[0])
+    assert design.best(85, rate_hz).resolution_um <= 7
+    assert design.best(85, 1.05 * rate_hz).resolution_um > 7
+
+
+def test_what_no_rate_would_do(capsys):
+    code, output = command(capsys, 85, 0.001, 100)
+    assert code == 2
+    assert "no rate" in output.err
+
+
+@pytest.mark.parametrize(
+    ("numbers", "says"),
+    [
+        ((0, 50, 100), "--length-mm"),
+        ((85, -1, 100), "--resolution-um"),
+        ((85, 50, 2000), "--rate-hz"),
+        ((85, 50, 0), "--rate-hz"),
+        (("nan", 50, 100), "--length-mm"),
+        ((5000, 50, 100), "no dye leaves light"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, numbers, says):
+    code, output = command(capsys, *numbers)
+    assert code == 2
+    assert output.out == ""
+    assert says in output.err
+    assert output.err.count("\n") == 1

@@ -1,0 +1,108 @@
+"""Figures: all of them, of what was measured; strips of the same dye share one response."""
+
+import numpy as np
+import pytest
+
+from spots.calibrate import figures
+from spots.calibrate.characterize import BENDS_DEG, STRAINS_PERCENT, Run
+from spots.calibrate.family import Response, departure_um, family
+from spots.calibrate.paper import document, rows
+
+NAMES = {"position", "resolution", "dye_and_length", "force", "strain", "bending", "joint"}
+
+
+@pytest.fixture(scope="module")
+def responses(sensor):
+    return family(sensor, ("F5", "F8"), seed=0, exposure_us=10_000)
+
+
+@pytest.fixture
+def run():
+    """A run with made-up figures."""
+    x_um = np.linspace(4000, 80_000, 19)
+    ones = np.ones(19)
+    position = dict.fromkeys(("resolution", "accuracy", "scatter", "bound", "pair"), ones)
+    position |= {"x_um": x_um, "along_um": x_um, "log_ratio": x_um / 1e5, "channels": ["F5", "F8"]}
+    joint = {"direction": np.array([1, 1, -1, -1]), "angle_deg": np.array([0, 1, 1, 0])}
+    joint |= {"position_um": np.arange(4.0), "error_deg": np.arange(4.0)}
+    found = np.array([x_um, ones, ones])
+    strain = {"accuracy": found, "along_um": x_um, "log_ratio": x_um / 1e5}
+    force = {name: np.arange(4.0) for name in ("force_mN", "error_mN", "brightness")}
+    return Run(
+        {
+            "position": {
+                "r2": 0.9991234,
+                "resolution_um": 7.25,
+                "accuracy_um": 1,
+                "crb_ratio": 1.02,
+                "one_pair": {"channels": ["F5", "F8"], "crb_ratio": 1.57},
+            },
+            "force": {"resolution_mN": 5, "accuracy_N": 0.1, "threshold_mN": 200},
+            "joint": {
+                "r2": 0.9999, "resolution_deg": 0.1, "accuracy_deg": 0.1, "backlash_deg": 0.02
+            },
+            "strain": [{"percent": p, "accuracy_um": 30 + p} for p in STRAINS_PERCENT],
+            "bend": [{"degrees": d, "accuracy_um": d} for d in BENDS_DEG],
+            "snr_db": 60,
+            "reading_ms": 10,
+        },
+        {
+            "position": position,
+            "force": force | {"share": np.array([0.1, 0.1, 0.9, 0.9])},
+            "strain": dict.fromkeys(STRAINS_PERCENT, strain),
+            "bend": dict.fromkeys(BENDS_DEG, found),
+            "joint": joint,
+        },
+    )  # fmt: skip
+
+
+def test_every_figure_is_drawn(run, responses, tmp_path):
+    drawn = figures.draw(run, responses, tmp_path)
+    assert {path.stem for path in drawn} == NAMES
+    for path in drawn:
+        data = path.read_bytes()
+        assert data.startswith(b"\x89PNG")
+        assert 5_000 < len(data) < 200_000
+
+
+def test_no_title_runs_out_of_its_figure(run, responses):
+    for name in ("_position", "_resolution", "_force", "_strain", "_bending", "_joint"):
+        draw = getattr(figures, name)
+        figure = draw(run) if name == "_position" else draw(run, "99.9 ms a reading")
+        figure.canvas.draw()
+        for axis in figure.axes:
+            title = axis.get_title(loc="left")
+            assert title
+            box = axis._left_title.get_window_extent()
+            assert box.x1 <= figure.bbox.x1, title
+
+
+def test_strips_of_the_same_dye_share_one_response(responses):
+    assert departure_um(responses["length"]) < 250
+
+
+def test_another_dye_departs(responses):
+    assert departure_um({85.0: responses["dye"][1.0], 84.0: responses["dye"][2.0]}) > 5000
+
+
+def test_the_slope_goes_with_the_dye(responses):
+    half, _, double = (
+        np.polyfit(r.x_um, r.log_ratio, 1)[0] for _, r in sorted(responses["dye"].items())
+    )
+    assert double / half == pytest.approx(4, rel=0.1)
+
+
+def test_departure_is_measured_along_the_strip():
+    x_um = np.linspace(0, 100_000, 20)
+    far = Response(x_um, 2e-5 * x_um)
+    near = Response(x_um[:8], 2e-5 * (x_um[:8] + 30))
+    assert departure_um({100.0: far, 40.0: near}) == pytest.approx(30)
+
+
+def test_the_document_tells_what_was_measured_and_what_cannot_be(run):
+    page = document([run, run], [42.0, 6.0], 85.0)
+    for number in ("7.2 µm", "1.02", "1.57", "0.9991234", "within 42 µm", "30.0 µm, then 35.0 to"):
+        assert number in page
+    assert all(len(row[3]) == 2 and row[4].endswith(".") for row in rows([run, run], [42.0, 6.0]))
+    for name in NAMES:
+        assert f"(paper/{name}.png)" in page

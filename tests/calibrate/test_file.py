@@ -1,0 +1,129 @@
+"""The calibration file: what is written is read, and nothing else is."""
+
+import os
+
+import msgspec
+import pytest
+
+from spots import SpotsError
+from spots.calibrate import file
+from spots.calibrate.presses import Conditions
+from tactile.calibration import Calibration
+
+RESIDUALS = [
+    file.Residual(strain_ppm=0, position_rms_um=5.7, force_rms_mN=42.8, presses=65),
+    file.Residual(strain_ppm=100_000, position_rms_um=3.8, presses=17),
+]
+JOINT = file.Joint(
+    zero_deg=-19.5,
+    deg_per_um=0.00229260247,
+    r2=0.9999996,
+    resolution_deg=0.08,
+    accuracy_deg=0.02,
+    backlash_deg=0.03,
+)
+
+
+@pytest.fixture
+def made(calibration):
+    c = Calibration(calibration)
+    conditions = Conditions(c.board, c.plan, c.gain, c.exposure_us, c.led_mA)
+    return file.CalibrationFile.now(conditions, calibration, RESIDUALS, JOINT)
+
+
+@pytest.fixture
+def path(made, tmp_path):
+    path = tmp_path / "calibration.toml"
+    file.save(made, path)
+    return path
+
+
+@pytest.mark.parametrize("joint", [None, JOINT])
+def test_what_was_saved_is_loaded(made, tmp_path, joint):
+    made = msgspec.structs.replace(made, joint=joint)
+    file.save(made, tmp_path / "a.toml")
+    assert file.load(tmp_path / "a.toml") == made
+
+
+def test_a_person_can_read_it(path, calibration):
+    text = path.read_text()
+    assert f'board = "{calibration[0].split()[1]}"' in text
+    assert 'plan = ["F3", "F4", "F5", "F6", "F7", "F8"]' in text
+    assert max(len(line) for line in text.splitlines()) < 120
+
+
+def test_a_file_that_is_cut_at_any_byte_is_refused(path):
+    data = path.read_bytes()
+    cuts = [*range(0, len(data) - 60, 97), *range(len(data) - 60, len(data) - 1)]
+    for cut in cuts:
+        path.write_bytes(data[:cut])
+        with pytest.raises(SpotsError, match="cut short: copy it again"):
+            file.load(path)
+
+
+def test_a_file_with_any_byte_changed_is_refused(path):
+    data = path.read_bytes()
+    for at in range(0, len(data), 53):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+        with pytest.raises(SpotsError, match=str(path)):
+            file.load(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("version = 1", "version = 7", "of version 7, this program reads 1: update"),
+        ("gain = 9", "gain = 8", "was changed after it was written"),
+        ("# What", "# Which", "was changed"),
+    ],
+)
+def test_what_is_wrong_is_said(path, old, new, says):
+    path.write_text(path.read_text().replace(old, new), encoding="utf-8")
+    with pytest.raises(SpotsError, match=says):
+        file.load(path)
+
+
+def sealed(path, old, new):
+    body = path.read_text().partition(file._END)[0].replace(old, new)
+    path.write_text(f'{body}{file._END}crc32 = "{file._crc32(body)}"\n')
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("gain = 9", "gain = 8", "contradicts itself"),
+        ('"coarse ', '"course ', "is no calibration"),
+        ("gain = 9", "gain = nine", "is no calibration"),
+        ("gain = 9", "gains = 9", "is no calibration"),
+        ("version = 1", "", "is no calibration"),
+    ],
+)
+def test_a_file_made_by_hand_is_checked_as_a_calibration(path, old, new, says):
+    sealed(path, old, new)
+    with pytest.raises(SpotsError, match=says):
+        file.load(path)
+
+
+def test_no_file_says_how_to_make_one(tmp_path):
+    with pytest.raises(SpotsError, match="make it with 'spots calibrate position'"):
+        file.load(tmp_path / "none.toml")
+    with pytest.raises(SpotsError, match="cannot read"):
+        file.load(tmp_path)
+
+
+def test_a_file_of_other_bytes_is_refused(path):
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(SpotsError, match="damaged"):
+        file.load(path)
+
+
+def test_a_save_that_is_cut_leaves_the_old_file(made, path, monkeypatch):
+    before = path.read_bytes()
+
+    def cut(*names):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", cut)
+    with pytest.raises(SpotsError, match="No space left"):
+        file.save(msgspec.structs.replace(made, joint=None), path)
+    assert path.read_bytes() == before

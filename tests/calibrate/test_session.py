@@ -1,0 +1,583 @@
+"""Whole calibration sessions on the virtual board: real firmware, simulated time."""
+
+import argparse
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+from sensors import replaced
+
+from spots import SpotsError, cli
+from spots.calibrate import command, file
+from spots.calibrate.bound import Bound
+from spots.calibrate.guide import Guide
+from spots.calibrate.joint import fit_joint
+from spots.calibrate.presser import PersonPresser, StagePresser
+from spots.calibrate.presses import Conditions
+from spots.calibrate.session import Session, settings
+from spots.calibrate.stage import FULL_MN, Stage
+from spots.connect import upload
+from spots.frames import Spectrum, Touch
+from spots.sim.files import DATA
+from spots.sim.scenario import Press
+from tactile.calibration import Calibration
+from tactile.decode import Decode
+from tactile.settings import checksum
+
+STRAIN_PPM = 100_000
+
+
+def run(*arguments):
+    return cli.main(["calibrate", *map(str, arguments), "--port", "virtual"])
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory):
+    """A whole session by the command line: its session file and its calibration file."""
+    path = tmp_path_factory.mktemp("full") / "session.jsonl"
+    for words in (["position"], ["force"], ["strain", "--strain-percent", 10], ["joint"]):
+        assert run(*words, "--session", path) == 0
+    return SimpleNamespace(session=path, out=path.with_suffix(".toml"))
+
+
+class Touched:
+    """A stage whose board was given a calibration file, and what it feels."""
+
+    def __init__(self, sensor, path, folder=None):
+        self.stage = Stage(sensor, seed=11)
+        self.made = file.load(path)
+        self.board = self.stage.board
+        self.board.command("set " + settings(self.made.conditions))
+
+    def __enter__(self):
+        file.send(self.board, self.made)
+        self.board.command("dark", timeout_s=5)
+        self.board.command("stream touch spectrum")
+        return self
+
+    def __exit__(self, *exception):
+        self.board.close()
+
+    def readings(self, position_um, force_mN, count):
+        """Return pairs of a TOUCH and the SPECTRUM of the same samples."""
+        self.stage.press(position_um, force_mN)
+        begun_s = self.board.now_s() + 0.5e-6 * self.made.exposure_us
+        pairs, touch = [], None
+        for frame in self.board.frames():
+            if frame.time_s < begun_s:
+                continue
+            if isinstance(frame, Touch):
+                touch = frame
+            elif isinstance(frame, Spectrum) and touch and touch.t_us == frame.t_us:
+                pairs.append((touch, frame))
+                if len(pairs) == count:
+                    return pairs
+
+
+def test_touches_on_the_board_are_where_they_are(sensor, full):
+    with Touched(sensor, full.out) as touched:
+        for position_um in np.linspace(3000, 82_000, 9):
+            for force_mN in (3000.0, 8000.0):
+                pairs = touched.readings(position_um, force_mN, 10)
+                errors = [touch.position_um - position_um for touch, _ in pairs]
+                assert all(touch.trusted for touch, _ in pairs)
+                assert abs(np.mean(errors)) < 100
+                assert np.mean(np.abs(errors)) < 100  # of single readings, at 10 ms
+                forces = [touch.force_mN for touch, _ in pairs]
+                assert np.mean(forces) == pytest.approx(force_mN, rel=0.03)
+
+
+def test_touches_on_the_stretched_strip_are_where_they_are(sensor, full):
+    with Touched(sensor, full.out) as touched:
+        touched.stage.held.strain = STRAIN_PPM * 1e-6
+        touched.board.command(f"set strain_ppm={STRAIN_PPM}")
+        for position_um in np.linspace(3000, 90_000, 7):
+            pairs = touched.readings(position_um, 5000.0, 10)
+            assert abs(np.mean([t.position_um for t, _ in pairs]) - position_um) < 100
+
+
+def test_the_file_tells_what_was_measured(sensor, full):
+    made = file.load(full.out)
+    assert [r.strain_ppm for r in made.residuals] == [0, STRAIN_PPM]
+    assert all(0 < r.position_rms_um < 50 for r in made.residuals)
+    assert 0 < made.residuals[0].force_rms_mN < 100
+    assert made.residuals[1].force_rms_mN is None
+    joint = made.joint
+    assert joint.deg_per_um == pytest.approx(np.degrees(1 / (1000 * sensor.joint.radius_mm)), 1e-3)
+    assert joint.r2 > 0.99999
+    assert joint.backlash_deg == pytest.approx(sensor.joint.play_deg, abs=0.03)
+    assert 0 < joint.accuracy_deg < 0.1
+    assert 0 < joint.resolution_deg < 0.3
+
+
+def test_a_joint_with_more_play_has_more_backlash(full):
+    points = Session(full.session).of("joint")
+    um_per_deg = 1 / file.load(full.out).joint.deg_per_um
+    loose = [
+        msgspec.structs.replace(p, position_um=p.position_um - p.direction * um_per_deg)
+        for p in points
+    ]
+    assert fit_joint(loose).backlash_deg == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_joint_that_slips_or_lacks_a_direction_is_refused(full):
+    points = Session(full.session).of("joint")
+    with pytest.raises(SpotsError, match="4 angles or more in each direction"):
+        fit_joint(points[:13])
+    slipped = msgspec.structs.replace(points[5], position_um=points[3].position_um)
+    with pytest.raises(SpotsError, match="position does not go with the angle"):
+        fit_joint([*points[:5], slipped, *points[6:]])
+    twice = msgspec.structs.replace(points[5], angle_deg=points[4].angle_deg)
+    with pytest.raises(SpotsError, match="the same angle"):
+        fit_joint([*points[:5], twice, *points[6:]])
+
+
+# ---- the session file
+
+
+def test_a_session_cut_at_any_byte_keeps_every_whole_line(full, tmp_path):
+    data = full.session.read_bytes()
+    known = Session(full.session).points
+    lengths = np.cumsum([len(line) + 1 for line in data.split(b"\n")[:-1]])
+    for cut in range(lengths[1] - 2, lengths[3] + 2):
+        path = tmp_path / "cut.jsonl"
+        path.write_bytes(data[:cut])
+        session = Session(path)
+        whole = int((lengths <= cut).sum())
+        assert session.points == known[:whole]
+        assert path.read_bytes() == data[:cut]  # reading changes nothing
+        session.add(known[whole])
+        session.add(known[whole + 1])
+        assert path.read_bytes() == data[: lengths[whole + 1]]
+
+
+def test_a_damaged_line_in_the_middle_is_named(full, tmp_path):
+    lines = full.session.read_bytes().split(b"\n")
+    path = tmp_path / "damaged.jsonl"
+    for damage in (lines[4][:-9], b"\xff" + lines[4], b"{}", b""):
+        path.write_bytes(b"\n".join([*lines[:4], damage, *lines[5:]]))
+        with pytest.raises(SpotsError, match="line 5 of the session"):
+            Session(path)
+
+
+def test_a_killed_session_goes_on_where_it_was(tmp_path):
+    path = tmp_path / "killed.jsonl"
+    words = ["position", "--plan", "F3,F4,F5,F6,F7,F8", "--places", "40", "--session", str(path)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "spots", "calibrate", *words, "--port", "virtual"],
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    end_s = time.monotonic() + 20
+    while time.monotonic() < end_s and (not path.exists() or path.read_bytes().count(b"\n") < 4):
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    data = path.read_bytes()
+    before = data[: data.rfind(b"\n") + 1]
+    assert 4 <= before.count(b"\n") < 40
+    path.write_bytes(data + b'{"kind":"pos')
+    assert run(*words) == 0
+    assert path.read_bytes().startswith(before)
+    places = [point.place_um for point in Session(path).points]
+    assert len(places) == len(set(places)) == 40
+
+
+def test_a_session_that_is_whole_takes_no_press_again(full, capsys):
+    before = full.session.read_bytes()
+    calibration = file.load(full.out)
+    assert run("force", "--session", full.session) == 0
+    assert full.session.read_bytes() == before
+    again = file.load(full.out)
+    assert (again.lines, again.joint) == (calibration.lines, calibration.joint)
+    assert "the board uses and keeps calibration" in capsys.readouterr().out
+
+
+def test_more_places_add_to_those_there_are(full, tmp_path):
+    path = tmp_path / "more.jsonl"
+    path.write_bytes(full.session.read_bytes())
+    assert run("position", "--places", 25, "--session", path) == 0
+    places = [p.place_um for p in Session(path).of("position")]
+    assert len(places) == len(set(places)) > 25
+
+
+# ---- mistakes
+
+
+def refused(capsys, *words):
+    assert run(*words) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    return said
+
+
+def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
+    path = tmp_path / "a.jsonl"
+    words = ["--session", path, "--keep-settings", "--plan", "F3,F4,F5,F6,F7,F8"]
+    assert run("force", *words) == 0
+    assert f"next: 'spots calibrate position --session {path}'" in capsys.readouterr().out
+    assert not path.with_suffix(".toml").exists()
+    assert "first 'spots calibrate position" in refused(
+        capsys, "strain", "--strain-percent", 10, "--session", path
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["strain"], "say --strain-percent with 'strain'"),
+        (["position", "--strain-percent", 5], "only there"),
+        (["position", "--places", 5], "position needs 12 or more"),
+        (["force", "--places", 5], "force needs 14 or more"),
+        (["strain", "--strain-percent", 10], "strain comes after position and force"),
+        (["joint"], "there is no file"),
+        (["position", "--plan", "F1,F2"], "six different diodes"),
+        (["position", "--sensor", "nosuch"], "cannot read the sensor file"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_changes_nothing(tmp_path, capsys, words, says):
+    path = tmp_path / "a.jsonl"
+    assert says in refused(capsys, *words, "--session", path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path, capsys):
+    before = full.session.read_bytes()
+    session = Session(full.session)
+    made = session.conditions
+    for name, value, says in (
+        ("board", "0123", f"belongs to board {made.board}, this is 0123"),
+        ("plan", ("F1", *made.plan[1:]), "made at other settings: bring them back with 'spots com"),
+        ("gain", 4, "set plan=F3,F4,F5,F6,F7,F8 gain=9"),
+        ("exposure_us", 20_000, "exposure_us=10000"),
+    ):
+        with pytest.raises(SpotsError, match=re.escape(says)):
+            session.check(Conditions(**vars(made) | {name: value}))
+    session.check(made)
+    other = tmp_path / "other.toml"
+    text = (DATA / "sensors" / "default.toml").read_text()
+    other.write_text(text.replace("length_mm = 85.0", "length_mm = 60.0"))
+    said = refused(capsys, "position", "--session", full.session, "--sensor", other)
+    assert "belongs to board" in said
+    plan = refused(capsys, "position", "--session", full.session, "--plan", "F1,F2,F3,F4,F5,F6")
+    assert "was made with channels F3,F4,F5,F6,F7,F8" in plan
+    assert full.session.read_bytes() == before
+
+
+class Wrong(StagePresser):
+    """Presses the tenth place wrongly, once or always."""
+
+    def __init__(self, stage, mistake, times):
+        super().__init__(stage)
+        self.mistake, self.times, self.presses = mistake, times, 0
+
+    def press(self, wanted):
+        self.presses += 1
+        super().press(wanted)
+        held = self._stage.held
+        if 10 <= self.presses < 10 + self.times:
+            self.mistake(held, held.press)
+
+    def release(self):
+        held = self._stage.held
+        for name in ("presses", "ambient_uW_cm2"):
+            vars(held).pop(name, None)
+        super().release()
+
+
+def elsewhere(held, press):
+    held.press = Press(press.position_mm - 20, press.force_mN, press.width_mm)
+
+
+def lightly(held, press):
+    held.press = Press(press.position_mm, 3000.0, press.width_mm)
+
+
+def barely(held, press):
+    held.press = Press(press.position_mm, 152.5, press.width_mm)
+
+
+def not_at_all(held, press):
+    held.press = None
+
+
+def in_a_flood_of_light(held, press):
+    held.ambient_uW_cm2 = lambda start_s, end_s: 1e4
+
+
+def harder_and_harder(held, press):
+    def presses(time_s):
+        return [Press(press.position_mm, 2000 + 1500 * (time_s % 4), press.width_mm)]
+
+    held.presses = presses
+
+
+def trembling(held, press):
+    def presses(time_s):
+        at_mm = press.position_mm + 2 * np.sin(2 * np.pi * 13 * time_s)
+        return [Press(at_mm, press.force_mN, press.width_mm)]
+
+    held.presses = presses
+
+
+MISTAKES = [
+    (elsewhere, "the colour does not lie between those of its neighbours"),
+    (lightly, "the light is not what its neighbours suggest"),
+    (barely, "too dark: press harder"),
+    (not_at_all, "no press is felt"),
+    (in_a_flood_of_light, "a channel is saturated"),
+    (harder_and_harder, "the light changes: hold still"),
+    (trembling, "the colour trembles: hold still"),
+]
+
+
+def session_of(stage, presser, path, guide, kind="position", **options):
+    setup = command._setup(
+        stage.reader, presser, guide, Session(path), stage.length_um, path.with_suffix(".toml")
+    )
+    options = argparse.Namespace(**{"plan": "F3,F4,F5,F6,F7,F8", "keep_settings": True, **options})
+    command.calibrate(setup, kind, {"position": 17, "force": 16, "joint": 5}[kind], None, options)
+
+
+def guide():
+    out = io.StringIO()
+    return Guide(Console(file=out, width=200)), out
+
+
+@pytest.mark.parametrize(("mistake", "says"), MISTAKES)
+@pytest.mark.parametrize("times", [1, 99])
+def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
+    sensor, tmp_path, mistake, says, times
+):
+    path = tmp_path / "a.jsonl"
+    shown, out = guide()
+    with Stage(sensor, seed=2) as stage:
+        if times == 1:
+            session_of(stage, Wrong(stage, mistake, times), path, shown)
+            assert says in out.getvalue()
+            assert out.getvalue().count("; press again") == 1
+            assert len(Session(path).points) == 17
+        else:
+            with pytest.raises(SpotsError, match=f"^47.8 mm with 6 N: {says}.*goes on from there"):
+                session_of(stage, Wrong(stage, mistake, times), path, shown)
+            assert len(Session(path).points) == 9
+    counts = np.array([p.counts for p in Session(path).points])
+    assert (np.diff(counts.mean(axis=1)) < 0).all()  # none of the bad presses is among them
+
+
+def test_light_that_does_not_grow_with_the_force_is_no_force(sensor, tmp_path):
+    def softer(held, press):
+        held.press = Press(press.position_mm, 0.5 * press.force_mN, press.width_mm)
+
+    shown, out = guide()
+    with Stage(sensor, seed=2) as stage:
+        session_of(stage, Wrong(stage, softer, 1), tmp_path / "a.jsonl", shown, "force")
+    assert "the light does not grow with the force" in out.getvalue()
+
+
+def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
+    clear = replaced(sensor, dye={"strength_per_mm": 0.0})
+    shown, _ = guide()
+    with Stage(clear, seed=2) as stage:
+        session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
+        with pytest.raises(SpotsError, match=r"not monotone|too noisy"):
+            session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
+        assert stage.board.command("hello")["calibration"] is None
+    assert not (tmp_path / "a.toml").exists()
+
+
+# ---- what the board holds
+
+
+def test_power_lost_before_save_leaves_the_calibration_before(sensor, full):
+    with Touched(sensor, full.out) as touched:
+        old = checksum(list(touched.made.lines))
+        session = Session(full.session)
+        session.points = [p for p in session.points if p.kind != "strain"]
+        new = command.make(session)
+        upload(touched.board, new.lines)
+        assert touched.board.command("hello")["calibration"] == checksum(list(new.lines)) != old
+        touched.board.command("reboot")
+        for _ in touched.board.frames(0.5):
+            pass
+        assert touched.board.command("hello")["calibration"] == old
+
+
+def test_an_upload_that_breaks_off_leaves_the_calibration_before(sensor, full):
+    with Touched(sensor, full.out) as touched:
+        old = checksum(list(touched.made.lines))
+        touched.board.command("cal begin")
+        for line in touched.made.lines[:50]:
+            touched.board.command("cal " + line)
+        with pytest.raises(SpotsError, match="checksum differs; send the calibration again"):
+            touched.board.command("cal end " + old)
+        assert touched.board.command("hello")["calibration"] == old
+
+
+def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(sensor, full):
+    with Touched(sensor, full.out) as touched:
+        old = checksum(list(touched.made.lines))
+        for name, value, says in (
+            ("board ", "board 0123", "made on board 0123"),
+            ("made ", "made 8 10000 20", "made at gain=8"),
+            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with channels F1"),
+        ):
+            lines = [value if line.startswith(name) else line for line in touched.made.lines]
+            foreign = msgspec.structs.replace(touched.made, lines=tuple(lines))
+            with pytest.raises(SpotsError, match=says):
+                file.send(touched.board, foreign)
+            assert touched.board.command("hello")["calibration"] == old
+
+
+# ---- a person
+
+
+class Person(io.StringIO):
+    """Reads what is printed, and does it: presses the strip, answers questions."""
+
+    def __init__(self, held, sensor):
+        super().__init__()
+        self._held, self._sensor = held, sensor
+        self._angle = 0
+        self.asked = []
+
+    def write(self, text):
+        if found := re.search(r"press at ([\d.]+) mm with ([\d.]+) N and hold", text):
+            self._held.press = Press(float(found[1]), 1000 * float(found[2]), 4.0)
+        elif "let go" in text:
+            self._held.press = None
+        elif text.strip().endswith("?"):
+            self.asked.append(text)
+        return super().write(text)
+
+    def readline(self):
+        if "scale" in self.asked[-1]:
+            return "nonsense\n" if len(self.asked) == 1 else "0,2\n"
+        self._angle += 10 * (1 if "up" in self.asked[-1] else -1)
+        lag = 0.01 if "down" in self.asked[-1] else -0.01
+        radius_mm = self._sensor.joint.radius_mm
+        place_mm = 10 + np.radians(self._angle + lag) * radius_mm
+        self._held.press = Press(place_mm, 4000.0, 4.0)
+        return f"{self._angle}\n"
+
+
+def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
+    path = tmp_path / "a.jsonl"
+    with Stage(sensor, seed=4) as stage:
+        person = Person(stage.held, sensor)
+        shown = Guide(Console(file=person, width=200), stdin=person)
+        presser = PersonPresser(shown)
+        for kind in ("position", "force"):
+            session_of(stage, presser, path, shown, kind)
+        assert "'nonsense' will not do" in person.getvalue()
+        stage.held.press = None
+        session_of(stage, presser, path, shown, "joint")
+    made = file.load(path.with_suffix(".toml"))
+    assert made.residuals[0].position_rms_um < 50
+    assert made.joint.deg_per_um == pytest.approx(np.degrees(1 / 25_000), rel=0.005)
+
+
+def test_nobody_there_is_said(sensor, tmp_path):
+    with Stage(sensor) as stage:
+        shown = Guide(Console(file=io.StringIO()), stdin=io.StringIO())
+        presser = PersonPresser(shown)
+        presser.release = lambda: None
+        with pytest.raises(SpotsError, match="nobody answers on standard input"):
+            session_of(stage, presser, tmp_path / "a.jsonl", shown, "force")
+
+
+def test_a_terminal_shows_the_place_and_the_counts(sensor, tmp_path):
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=True, width=100, height=40)
+    with Stage(sensor, seed=2) as stage, Guide(console) as shown:
+        session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", out.getvalue())
+    assert "positions  12 of 17" in text
+    assert "▲" in text
+    assert "1167 ct" in text or "1168 ct" in text
+    assert "steady" in text
+
+
+# ---- the board's integers
+
+
+def float_estimates(calibration, counts, dark):
+    """Evaluate a calibration in float64: what the integers approximate.
+
+    Returns the estimates of every segment that the coarse contrast may stand for, within the
+    rounding of the integers at a border.
+    """
+    logs = np.log2(np.asarray(counts, float) - np.asarray(dark) / 4) * 2**20
+    coarse = logs @ np.array(calibration.coarse) / 2**13
+    found = []
+    for slack in (-16, 16):
+        at = max(np.searchsorted(calibration.bounds, coarse + slack, side="right") - 1, 0)
+        part = calibration.segments[at]
+        contrast = logs @ np.array(part.position) / 2**13
+        brightness = logs @ np.array(part.force) / 2**13
+        brightness -= np.interp(contrast, part.contrasts, part.offsets)
+        found.append(
+            (
+                np.interp(contrast, part.contrasts, part.positions_um),
+                np.interp(brightness, calibration.brightnesses, calibration.forces_mN),
+            )
+        )
+    return found
+
+
+def agree(calibration, counts, dark, position_um, force_mN):
+    estimates = float_estimates(calibration, counts, dark)
+    return any(abs(x - position_um) <= 1 and abs(f - force_mN) <= 1 for x, f in estimates)
+
+
+@pytest.mark.parametrize("strain_ppm", [0, STRAIN_PPM])
+def test_the_integers_tell_what_float64_tells(sensor, full, strain_ppm):
+    made = file.load(full.out)
+    calibration = Calibration(made.lines, strain_ppm)
+    bound = Bound(sensor, made.plan, made.gain, made.exposure_us, made.led_mA)
+    rng = np.random.default_rng(0)
+    decode = Decode()
+    decode.calibration = calibration
+    least_mN = calibration.forces_mN[0] + 20
+    decoded = 0
+    strain = strain_ppm * 1e-6
+    for position_um in np.linspace(0, 85_000 * (1 + strain), 120):
+        for force_mN in np.geomspace(least_mN, FULL_MN, 20):
+            light = bound.counts(position_um, force_mN, strain=strain)
+            dark = rng.integers(0, 9, 6).tolist()
+            counts = np.round(light + np.array(dark) / 4 + rng.normal(0, 0.3, 6)).astype(int)
+            decode.update(counts.tolist(), 1, dark, 0)
+            if decode.force_mN:
+                decoded += 1
+                assert agree(calibration, counts, dark, decode.position_um, decode.force_mN)
+    assert decoded > 2300
+
+
+def test_the_board_tells_what_float64_tells(sensor, full):
+    with Touched(sensor, full.out) as touched:
+        calibration = Calibration(touched.made.lines)
+        dark = touched.board.command("get")["dark"]
+        for position_um in np.linspace(1000, 84_000, 12):
+            for force_mN in (calibration.forces_mN[0] + 100.0, 1500.0, 9900.0):
+                for touch, spectrum in touched.readings(position_um, force_mN, 3):
+                    assert touch.force_mN
+                    told = touch.position_um, touch.force_mN
+                    assert agree(calibration, spectrum.counts, dark, *told)
+
+
+def test_the_session_file_holds_all_raw_material(full):
+    rows = [json.loads(line) for line in full.session.read_text().splitlines()]
+    assert {row["kind"] for row in rows} == {"choose", "position", "force", "strain", "joint"}
+    for row in rows:
+        assert len(row["counts"]) == len(row["variance"]) == len(row["plan"]) == 6
+        assert row["time"].endswith("+00:00")
