@@ -129,7 +129,7 @@ class Framer:
             decode.position_um,
             decode.force_mN,
         )
-        return self._send(_TOUCH_SIZE)
+        return self._send_flagged(_TOUCH_SIZE)
 
     def spectrum(self, sensor, flags, gain, counts):
         """Send a SPECTRUM frame with six counts of 16 bits."""
@@ -150,7 +150,7 @@ class Framer:
             counts[4],
             counts[5],
         )
-        return self._send(_SPECTRUM_SIZE)
+        return self._send_flagged(_SPECTRUM_SIZE)
 
     def text(self, data):
         """Send a TEXT frame with at most `TEXT_MAX` bytes. Allocates."""
@@ -158,6 +158,12 @@ class Framer:
         pack_into(HEADER, payload, 0, TEXT, self._sequence, self._time.low, self._time.high)
         payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
         return self._send(HEADER_SIZE + len(data))
+
+    def _send_flagged(self, size):
+        sent = self._send(size)
+        if sent:
+            self._gap = 0
+        return sent
 
     def _send(self, size):
         payload = self._payload
@@ -172,7 +178,6 @@ class Framer:
         self._sequence = (self._sequence + 1) & 0xFFFF
         # What was dropped may have been cut short: without a delimiter it would swallow this one.
         if (not self._gap or self._write(_DELIMITER, 1)) and self._write(self._encoded, length):
-            self._gap = 0
             return True
         self._gap = DROPPED
         self.dropped += 1

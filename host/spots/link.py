@@ -13,11 +13,11 @@ from serial.tools import list_ports
 from .errors import SpotsError
 
 try:
-    from termios import error as _TermiosError
+    import termios
 except ImportError:  # Windows has none
-    _TermiosError = OSError
-
-_FAILURES = (serial.SerialException, OSError, _TermiosError)
+    _FAILURES = (serial.SerialException, OSError)
+else:
+    _FAILURES = (serial.SerialException, OSError, termios.error)
 
 
 class Link(Protocol):

@@ -10,7 +10,6 @@ import numpy as np
 from .frames import LinkStats, Touch
 from .sim.scenario import Scenario
 
-
 # Percentiles are those of so many last readings, and memory is bounded.
 _LATENCIES = 10_000
 

@@ -9,12 +9,8 @@ from pathlib import Path
 
 import tactile
 
+from . import toml
 from .errors import SpotsError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 # An installed package carries both folders inside itself; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
@@ -48,7 +44,7 @@ def stage(board: str, folder: Path) -> None:
     for file in source.glob("*.py"):
         shutil.copy(file, folder)
     shutil.copy(_ROOT / "firmware" / "main.py", folder)
-    device = tomllib.loads((source / "board.toml").read_text(encoding="utf-8"))["device"]
+    device = toml.loads((source / "board.toml").read_text(encoding="utf-8"))["device"]
     config = "".join(f"{name} = {value!r}\n" for name, value in device.items())
     (folder / "board_config.py").write_text(config, encoding="utf-8")
 

@@ -91,6 +91,44 @@ def test_a_calibration_is_taken_only_whole(rig, calibration):
     assert made.board.command("hello")["calibration"] is None
 
 
+def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibration):
+    made = rig(calibration=calibration)
+    made.board.command("cal begin")
+    for _ in range(66):
+        made.board.command("cal x " + "9" * 240)
+    with pytest.raises(SpotsError, match="this one is dropped"):
+        made.board.command("cal x " + "9" * 240)
+    assert made.board.command("hello")["calibration"] == checksum(calibration)
+
+
+def test_an_empty_statement_is_refused(rig):
+    made = rig()
+    made.board.command("cal begin")
+    with pytest.raises(SpotsError, match="say a line"):
+        made.board.command("cal")
+
+
+@pytest.mark.parametrize("line", ["", "  ", "x" * 256, "hello\nhello", "h\x03", "höhe"])
+def test_what_is_no_command_is_not_sent(rig, line):
+    made = rig()
+    with pytest.raises(SpotsError, match="printable ASCII"):
+        made.board.command(line)
+
+
+def test_a_long_unknown_name_is_answered_all_the_same(rig):
+    with pytest.raises(SpotsError, match="no such command"):
+        rig().board.command("a" * 100)
+
+
+def test_a_request_cut_short_by_a_reboot_is_answered(rig):
+    made = rig()
+    made.board._link.write(b"dark\nreboot\n")
+    made.settle(0.3)
+    replies = [reply.content for reply in made.board._replies]
+    assert [reply["re"] for reply in replies] == ["dark", "reboot"]
+    assert "rebooted" in replies[0]["error"]
+
+
 def test_a_calibration_for_something_else_is_refused_with_what_to_do(rig, calibration):
     made = rig()
     foreign = ["board 0000" if line.startswith("board") else line for line in calibration]

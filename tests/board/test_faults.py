@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 
 from spots import SpotsError
+from tactile import decode
 
 
 class Cut:
-    """A bus whose device stops answering on demand."""
+    """A bus whose device stops answering on demand, or misses some transfers after a while."""
 
     def __init__(self, bus):
         self._bus = bus
         self.cut = False
+        self.misses = range(0)
+        self.transfers = 0
         self.clock = bus.clock
 
     def write(self, *arguments):
@@ -25,7 +28,8 @@ class Cut:
         return self._bus.write_read(*arguments)
 
     def _fail(self):
-        if self.cut:
+        self.transfers += 1
+        if self.cut or self.transfers in self.misses:
             self.clock.spend_us(50)
             raise OSError(errno.ENODEV, "cut")
 
@@ -45,6 +49,32 @@ def test_a_sensor_that_is_unplugged_and_plugged_in_again(rig, calibration):
     readings = made.readings(20)
     assert all(r.trusted for r in readings)
     assert np.mean([r.position_um for r in readings]) == pytest.approx(42_000, abs=200)
+
+
+@pytest.mark.parametrize("first", range(1, 25))
+def test_two_transfers_that_nobody_answers_anywhere_in_a_dark_window(rig, calibration, first):
+    # Among them those that select the LED's bank and that leave it again.
+    made = rig(calibration=calibration)
+    made.press(42.0, 3000.0)
+    made.readings(2)
+    made.link.bus = cut = Cut(made.link.bus)
+    cut.misses = range(first, first + 2)
+    made.board._link.write(b"dark\n")
+    made.settle(1.0)
+    assert cut.transfers > first + 1
+    assert made.board.command("get")["fault"] is None
+    assert all(reading.trusted for reading in made.readings(5))
+
+
+def test_the_first_reading_after_an_outage_says_that_something_is_missing(rig, calibration):
+    made = rig(calibration=calibration)
+    made.readings(2)
+    made.link.bus = Cut(made.link.bus)
+    made.link.bus.cut = True
+    made.settle(0.5)
+    made.link.bus.cut = False
+    first = next(iter(made.board.frames()))
+    assert first.flags & decode.DROPPED
 
 
 def test_a_chip_that_stops_sampling_is_started_again(rig):

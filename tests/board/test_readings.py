@@ -100,6 +100,21 @@ def test_a_lamp_switched_on_is_learned_while_idle_and_not_while_touched(rig, cal
     assert min(made.board.command("get")["dark"]) > 8
 
 
+def test_the_dark_frame_of_before_is_not_used_after_a_change(rig, calibration):
+    made = rig(calibration=calibration)
+    lamp = Scenario(ScenarioFile(seconds=1e6, ambient=Ambient(steps=[(0.0, 15.0)])))
+    made.held.ambient_uW_cm2 = lamp.ambient_uW_cm2
+    made.press(42.5, 4000.0)
+    made.board.command("set exposure_us=100000")
+    made.settle(2.0)
+    made.board.command("stream touch")
+    made.board.command("set exposure_us=10000")
+    for reading in made.board.frames(0.5):
+        if reading.flags & decode.TOUCHING and not reading.flags & decode.LED_OFF:
+            assert reading.flags & decode.DARK_SUBTRACTED
+            assert reading.position_um == pytest.approx(42_500, abs=600)
+
+
 def test_dark_frames_are_marked_and_keep_the_touch(rig, calibration):
     made = rig(calibration=calibration)
     made.press(42.5, 4000.0)

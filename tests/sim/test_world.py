@@ -82,6 +82,11 @@ GOOD = "seconds = 5.0\n[[touch]]\npoints = [[0, 1.0, 2.0], [1, 2.0, 3.0]]\n"
         (GOOD.replace("[1, 2.0", "[0, 2.0"), "ascend"),
         (GOOD.replace("2.0]", "-2.0]"), ">= 0"),
         ("seconds = \n", "line 1"),
+        (GOOD.replace("2.0]", "nan]"), "no finite number"),
+        (GOOD.replace("2.0]", "inf]"), "no finite number"),
+        (GOOD.replace("1.0, 2.0]", "-1.0, 2.0]"), ">= 0"),
+        (GOOD.replace("[1, 2.0", "[6, 2.0"), "ends after the scenario's 5 seconds"),
+        (GOOD + "[ambient]\nsteps = [[1, 1.0], [1, 2.0]]", "must ascend"),
     ],
 )
 def test_a_mistake_in_a_file_is_one_sentence_with_its_place(tmp_path, text, says):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 import zlib
 from datetime import datetime, timezone
 from pathlib import Path
@@ -18,15 +17,11 @@ import msgspec
 from tactile.calibration import Calibration, CalibrationError
 from tactile.settings import checksum
 
+from .. import toml
 from ..board import Board
 from ..connect import upload
 from ..errors import SpotsError
 from .presses import Conditions
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 VERSION = 1
 _END = "[end]\n"
@@ -201,12 +196,12 @@ def _crc32(text: str) -> str:
 
 def _checked(path: Path, body: str) -> CalibrationFile:
     try:
-        content = tomllib.loads(body)
+        content = toml.loads(body)
         content.pop("version")
         found = msgspec.convert(content, CalibrationFile)
         made = Calibration(found.lines)
     except (
-        tomllib.TOMLDecodeError,
+        toml.TOMLDecodeError,
         msgspec.ValidationError,
         CalibrationError,
         KeyError,

@@ -8,8 +8,6 @@ segment of the strip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.polynomial import Chebyshev
 
@@ -125,7 +123,9 @@ def _check(along: Presses, pressed: Presses, conditions: Conditions) -> None:
         full = presses.saturated
         if full.any():
             where = presses.position_um[full][0] / 1000
-            raise SpotsError(f"the press at {where:g} mm is saturated: run 'auto', or lower the gain")
+            raise SpotsError(
+                f"the press at {where:g} mm is saturated: run 'auto', or lower the gain"
+            )
 
 
 def _statement(name: str, values) -> str:
@@ -201,10 +201,12 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
     """Return forces and brightnesses of the knots, from the lowest force that gave light."""
     lit = pressed.lit_everywhere()
-    brightness = np.array([
-        (log - rest.logs(x)) @ _part_at(rest, parts, x)[1] * _Q13_TO_Q20 + firm
-        for x, log in zip(lit.position_um, lit.logs)
-    ])
+    brightness = np.array(
+        [
+            (log - rest.logs(x)) @ _part_at(rest, parts, x)[1] * _Q13_TO_Q20 + firm
+            for x, log in zip(lit.position_um, lit.logs)
+        ]
+    )
     forces = np.unique(lit.force_mN)
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
@@ -236,12 +238,12 @@ def _touch_force_mN(rest, parts, noise, forces, brightnesses, firm) -> int:
     places = np.linspace(*rest.x_um, 21)
     for force, brightness in zip(forces, brightnesses):
         dimmer = (brightness - firm) / ONE_Q20
-        sigmas = [
-            _position_sigma_um(rest, parts, noise, x, rest.logs(x) + dimmer) for x in places
-        ]
+        sigmas = [_position_sigma_um(rest, parts, noise, x, rest.logs(x) + dimmer) for x in places]
         if max(sigmas) <= _TOUCH_SIGMA_UM:
             return round(float(force))
-    raise SpotsError("the position is too noisy at every force: raise exposure, gain or LED current")
+    raise SpotsError(
+        "the position is too noisy at every force: raise exposure, gain or LED current"
+    )
 
 
 def _tolerances(along: Presses, rest: Curves, noise, test, brightnesses, firm) -> list[float]:

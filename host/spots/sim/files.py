@@ -6,18 +6,13 @@ The comments in ``data/*.toml`` say where each default comes from.
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import msgspec
 
+from .. import toml
 from ..errors import SpotsError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 DATA = Path(__file__).parent / "data"
 
@@ -195,6 +190,6 @@ def load(kind: type[_File], name: str | Path) -> _File:
             f"cannot read the {what} file {name}: give a path that ends in .toml, or one of {known}"
         ) from None
     try:
-        return msgspec.convert(tomllib.loads(text, parse_float=_finite), kind)
-    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        return msgspec.convert(toml.loads(text, parse_float=_finite), kind)
+    except (toml.TOMLDecodeError, msgspec.ValidationError) as error:
         raise SpotsError(f"{what} file {path}: {error}") from None
