@@ -94,7 +94,7 @@ def test_a_calibration_is_taken_only_whole(rig, calibration):
 def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibration):
     made = rig(calibration=calibration)
     made.board.command("cal begin")
-    for _ in range(66):
+    for _ in range(65):
         made.board.command("cal x " + "9" * 240)
     with pytest.raises(SpotsError, match="this one is dropped"):
         made.board.command("cal x " + "9" * 240)
