@@ -13,7 +13,7 @@ from .strip import Strip
 SETTINGS_FILE = "settings.txt"
 CALIBRATION_FILE = "calibration.txt"
 
-_SLICE_US = 5_000  # longest sleep with a deaf ear
+_SLICE_US = 10_000  # longest sleep with a deaf ear
 _RETRY_US = 100_000  # between attempts to bring a lost sensor back
 
 

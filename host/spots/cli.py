@@ -79,7 +79,7 @@ def _add_characterize(commands) -> None:
     parser = commands.add_parser("characterize", help="measure a simulated sensor, on a stage")
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
     parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
-    parser.add_argument("--exposure-us", type=int, default=10_000, help="1000 to 1000000")
+    parser.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
     parser.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--out", metavar="DIR", help="draw figures there")

@@ -121,11 +121,21 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         raise
     board.when_closed(end)
     try:
-        upload(board, calibration)
+        prepare(board, calibration)
     except BaseException:
         board.close()
         raise
     return board, start["started_s"]
+
+
+def prepare(board: Board, calibration) -> None:
+    """Set a board as a calibration was made, and give it the calibration."""
+    made = Calibration(calibration)
+    board.command(
+        f"set gain={made.gain} exposure_us={made.exposure_us} led_mA={made.led_mA} "
+        f"plan={','.join(made.plan)}"
+    )
+    upload(board, calibration)
 
 
 def upload(board: Board, calibration) -> None:

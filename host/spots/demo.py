@@ -6,7 +6,7 @@ import hashlib
 
 from .board import Board
 from .calibrate.stage import calibrate
-from .connect import open_virtual, upload
+from .connect import open_virtual, prepare
 from .link import Link
 from .score import Score
 from .sim.files import ScenarioFile, SensorFile, load
@@ -70,7 +70,7 @@ def open_fast(sensor: str, truth: Scenario, seed: int) -> tuple[Board, _Hashing]
     link = _Hashing(LockstepLink(file, truth, seed))
     board = Board(link)
     try:
-        upload(board, calibration)
+        prepare(board, calibration)
     except BaseException:
         board.close()
         raise

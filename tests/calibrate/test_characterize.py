@@ -12,7 +12,7 @@ from spots.calibrate.bound import Bound
 from spots.calibrate.characterize import Run, _joint, _position, characterize, crb_ratio
 from spots.calibrate.pair import OnePair
 from spots.calibrate.presses import Noise, Presses
-from spots.calibrate.rig import Rig, expose
+from spots.calibrate.rig import Rig
 from spots.calibrate.stage import Stage
 from spots.cli import main
 from spots.sim.files import DATA, SensorFile, load
@@ -60,7 +60,7 @@ def test_bright_and_dim_are_exposed_before_they_are_measured():
     gains = {}
     for name in ("bright", "dim"):
         with Stage(load(SensorFile, name), settings="exposure_us=10000") as stage:
-            expose(stage, 10_000)
+            stage.expose(10_000)
             gains[name] = stage.reader.conditions.gain
     assert gains["bright"] < 9 < gains["dim"]
 

@@ -32,7 +32,7 @@ _TOO_DARK = 0x04
 # Readings or presses of each kind; fewer where a reading takes long.
 _AT_REST = 40
 _JITTERED = 80
-_ACCURACY = 6
+_ACCURACY = 14
 _HELD = 6
 _LEAST = 5
 # A sample costs the simulator as much as 30 ms of exposure do.
@@ -278,11 +278,17 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
     return np.array([x_um, errors.mean(axis=1), np.abs(errors).mean(axis=1)])
 
 
+def _flat(run: Run) -> np.ndarray:
+    """Return the same of the strip as it was at first, neither bent nor stretched."""
+    position = run.series["position"]
+    return np.array([position["x_um"], position["bias"], position["accuracy"]])
+
+
 def _bending(rig: Rig, rng, run: Run) -> None:
     run.summary["bend"], run.series["bend"] = [], {}
     for degrees in BENDS_DEG:
         rig.stage.held.bend_deg = float(degrees)
-        found = _accuracy_um(rig, rng)
+        found = _accuracy_um(rig, rng) if degrees else _flat(run)
         run.series["bend"][degrees] = found
         run.summary["bend"].append({"degrees": degrees, "accuracy_um": _mean(found[2])})
     rig.stage.held.bend_deg = 0.0
@@ -291,18 +297,22 @@ def _bending(rig: Rig, rng, run: Run) -> None:
 def _strain(rig: Rig, rng, run: Run) -> None:
     rig.learn_strains(STRAINS_PERCENT[1:])
     pair = OnePair(rig.along[0], rig.noise)
+    bound = _bound(rig)
     run.summary["strain"], run.series["strain"] = [], {}
     for percent in STRAINS_PERCENT:
         rig.stage.held.strain = percent / 100
         rig.board.command(f"set strain_ppm={10_000 * percent}")
-        found = _accuracy_um(rig, rng)
+        found = _accuracy_um(rig, rng) if percent else _flat(run)
         along = rig.along[10_000 * percent]
         run.series["strain"][percent] = {
             "accuracy": found,
             "along_um": along.position_um,
             "log_ratio": pair.log_ratio(along.counts),
         }
-        run.summary["strain"].append({"percent": percent, "accuracy_um": _mean(found[2])})
+        least = [bound.sigma(x_um, FORCE_MN, strain=percent / 100)[0] for x_um in found[0]]
+        run.summary["strain"].append(
+            {"percent": percent, "accuracy_um": _mean(found[2]), "bound_um": _mean(least)}
+        )
     rig.board.command("set strain_ppm=0")
     rig.stage.held.strain = 0.0
 

@@ -35,8 +35,7 @@ from ..sim.files import SensorFile, load
 from . import figures
 from .bound import Bound
 from .characterize import FORCE_MN, PLACES
-from .rig import NEAR_UM
-from .stage import FULL_MN
+from .stage import FULL_MN, NEAR_UM
 
 LED_MAX_MA = 100  # of the virtual board, as boards/virtual/board.toml has it
 # Longer exposures add counts but no full scale: more of them are added up instead.

@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 
 from ..sim.files import SensorFile
-from .rig import expose
 from .stage import Stage
 
 LENGTHS_MM = (30.0, 85.0, 200.0)
@@ -76,7 +75,7 @@ def departure_um(lengths: dict[float, Response]) -> float:
 
 def _response(sensor: SensorFile, channels, seed: int, exposure_us: int) -> Response:
     with Stage(sensor, seed, f"exposure_us={exposure_us}") as stage:
-        expose(stage, exposure_us)
+        stage.expose(exposure_us)
         along = stage.along(_PLACES, _SAMPLES)
         i, j = (stage.reader.conditions.plan.index(name) for name in channels)
     along = along.keep((along.counts > _LIT).all(axis=1))

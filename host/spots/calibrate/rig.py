@@ -9,30 +9,11 @@ from ..frames import Spectrum, Touch
 from ..sim.files import SensorFile
 from .fit import fit
 from .presses import Noise
-from .stage import FULL_MN, Stage
+from .stage import Stage
 
-NEAR_UM = 2000.0  # where the light is brightest, with the whole finger on the strip
-_SEARCH_TIMEOUT_S = 600.0
 _DARK_TIMEOUT_S = 60.0
 _DARK_SAMPLES = 4
 _LED_OFF = 0x80
-
-
-def expose(stage: Stage, exposure_us: int) -> None:
-    """Let the board find gain and LED current under a full press near the sensor.
-
-    Raises
-    ------
-    SpotsError
-        If no setting fits this strip.
-    """
-    stage.press(NEAR_UM, FULL_MN)
-    stage.board.command("auto", timeout_s=_SEARCH_TIMEOUT_S)
-    stage.release()
-    # For a strip too dim the search lengthens the exposure, but how good the strip is at this
-    # exposure is the question.
-    stage.board.command(f"set exposure_us={exposure_us}")
-    stage.reader.set_up()
 
 
 class Rig:
@@ -58,7 +39,8 @@ class Rig:
         self.board = self.stage.board
         self.average = average
         try:
-            expose(self.stage, exposure_us)
+            # How good the strip is at this exposure is the question.
+            self.stage.expose(exposure_us)
             self.along = {0: self.stage.along()}
             self._pressed = self.stage.pressed()
             self.noise = Noise.of(self.along[0], self._pressed)
@@ -89,7 +71,7 @@ class Rig:
         for percent in percents:
             self.stage.held.strain = percent / 100
             self.stage.reader.set_up()
-            self.along[10_000 * percent] = self.stage.along(samples=12)
+            self.along[10_000 * percent] = self.stage.along()
         self.stage.held.strain = 0.0
         self._use()
 

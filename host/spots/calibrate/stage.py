@@ -19,7 +19,10 @@ PLACES = 33
 FORCES = 30
 FULL_MN = 10_000.0
 FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
+NEAR_UM = 2000.0  # where the light is brightest, with the whole finger on the strip
 _WIDTH_MM = 4.0
+_WARM_S = 120.0  # a person would let the LED warm up, too
+_SEARCH_TIMEOUT_S = 600.0
 
 
 class Stage:
@@ -37,7 +40,7 @@ class Stage:
     def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
         self.sensor = sensor
         self.held = Held()
-        self.board = Board(LockstepLink(sensor, self.held, seed))
+        self.board = Board(LockstepLink(sensor, self.held, seed, started_s=_WARM_S))
         if settings:
             self.board.command("set " + settings)
         self.reader = Reader(self.board)
@@ -52,6 +55,26 @@ class Stage:
     def length_um(self) -> float:
         """Length of the strip as it is stretched now."""
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
+
+    def expose(self, exposure_us: int | None = None) -> None:
+        """Let the board find gain and LED current under a full press near the sensor.
+
+        Parameters
+        ----------
+        exposure_us : int, optional
+            What the exposure is to be, even if the search lengthened it for a dim strip.
+
+        Raises
+        ------
+        SpotsError
+            If no setting fits this strip.
+        """
+        self.press(NEAR_UM, FULL_MN)
+        self.board.command("auto", timeout_s=_SEARCH_TIMEOUT_S)
+        self.release()
+        if exposure_us is not None:
+            self.board.command(f"set exposure_us={exposure_us}")
+        self.reader.set_up()
 
     def press(self, position_um: float, force_mN: float) -> None:
         """Hold a press there from now on."""
@@ -96,15 +119,16 @@ class Stage:
 
 
 @lru_cache(maxsize=8)
-def calibrate(sensor: SensorFile, settings: str = "") -> tuple[str, ...]:
-    """Return the lines of a calibration of a simulated sensor.
+def calibrate(sensor: SensorFile) -> tuple[str, ...]:
+    """Return the lines of a calibration of a simulated sensor, exposed as suits it.
 
     Raises
     ------
     SpotsError
         If the sensor's readings do not allow a calibration.
     """
-    with Stage(sensor, settings=settings) as stage:
+    with Stage(sensor) as stage:
+        stage.expose()
         along, pressed = stage.along(), stage.pressed()
         noise = Noise.of(along, pressed)
         return tuple(fit({0: along}, pressed, noise, stage.reader.conditions))

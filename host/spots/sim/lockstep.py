@@ -30,13 +30,17 @@ class LockstepLink:
         Of all noise.
     folder : Path, optional
         See `vm.Machine`.
+    started_s : float
+        How long everything but the board's processor has been on: the LED is as warm as then.
     """
 
     name = "virtual"
 
-    def __init__(self, sensor: SensorFile, scenario, seed: int = 0, folder=None):
+    def __init__(
+        self, sensor: SensorFile, scenario, seed: int = 0, folder=None, started_s: float = 0.0
+    ):
         micropython_command()  # fails before anything is open
-        self.clock = SimulatedClock()
+        self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed)
         self.bus = Bus(self.chip, self.clock)
         board_in, self._to_board = os.pipe()

@@ -84,7 +84,7 @@ class Optics:
         Stretching thins the dye, since the volume grows (paper, section III.C); bending costs
         light, the same at every wavelength and place.
         """
-        volume = (1 + strain) * (1 - self._stretch.poisson_ratio * strain) ** 2
+        volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
         decay = self._clear + self._dyed / volume
         half = decay * width_mm / 2
         # The mean of exp(-k x) over the contact; sinh(h)/h without 0/0.
