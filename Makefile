@@ -22,7 +22,7 @@ demo: .venv/demo
 	@$(BIN)/spots demo $(ARGS)
 
 test: .venv/test tests/wasm/node_modules
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(ARGS)
 
 lint: .venv/test
 	@$(BIN)/ruff check .
