@@ -22,7 +22,7 @@ SEGMENTS = 5
 _KNOTS = 9  # of a segment
 _OVERLAP = 0.25  # of a segment, that its table reaches into its neighbours
 _CURVE_DEGREE = 7
-_FORCE_KNOTS = 48
+_FORCE_KNOTS = 72
 PLACES_MIN = 12
 FORCES_MIN = 10
 # Where a touch begins: the position is good to this at the worst place of the strip.
