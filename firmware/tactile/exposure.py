@@ -52,6 +52,8 @@ def actual_mA(led_mA):
 # grows by half in its first step, so the band must not be narrower than a factor of 1.5.
 _FULL = 1024
 _LOW, _AIM, _HIGH = 615, 768, 921
+# From below this a step of the gain does not overshoot: it is 2.05 at most, not 2.
+_STEP_FROM = 440
 DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)
 
 
@@ -102,13 +104,16 @@ class Search:
         return self._darker(saturated) if self._tries else TOO_BRIGHT
 
     def _brighter(self, level):
-        if self.gain < GAIN_MAX and level * 2 < _HIGH:
-            while self.gain < GAIN_MAX and level * 2 < _HIGH:
+        if self.gain < GAIN_MAX and level < _STEP_FROM:
+            while self.gain < GAIN_MAX and level < _STEP_FROM:
                 self.gain += 1
                 level *= 2
         elif self.led_mA < self._led_max_mA:
             wanted_mA = actual_mA(self.led_mA * _AIM // level)
             self.led_mA = min(self._led_max_mA, max(self.led_mA + 2, wanted_mA))
+        elif self.gain < GAIN_MAX:
+            self.gain += 1  # a step too much, taken back by the LED
+            self.led_mA = actual_mA(self.led_mA * _AIM // (2 * level))
         elif self.exposure_us < MAX_US:
             self.exposure_us = min(MAX_US, max(self.exposure_us, 182_000) * _AIM // level)
         else:

@@ -368,7 +368,9 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
             assert out.getvalue().count("; press again") == 1
             assert len(Session(path).points) == 17
         else:
-            with pytest.raises(SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*goes on from there"):
+            with pytest.raises(
+                SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*goes on from there"
+            ):
                 session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert len(Session(path).points) == 9
     counts = np.array([p.counts for p in Session(path).points])

@@ -86,6 +86,13 @@ def test_light_that_can_be_fitted_is_fitted(counts_per_us):
     assert search(Strip(counts_per_us))[0] == exposure.DONE
 
 
+def test_the_exposure_is_lengthened_only_when_gain_and_led_are_spent():
+    for counts_per_us in (1e-5, 1e-4, 1e-3):
+        outcome, made = search(Strip(counts_per_us), gain=3, led_mA=LED_MAX_MA)
+        assert outcome == exposure.DONE
+        assert made.exposure_us == 10_000 or (made.gain, made.led_mA) == (10, LED_MAX_MA)
+
+
 def test_no_light_is_too_dark_and_all_light_too_bright():
     assert search(Strip(0))[0] == exposure.TOO_DARK
     assert search(Strip(100))[0] == exposure.TOO_BRIGHT
