@@ -13,8 +13,8 @@ One statement a line; weights are Q13, logarithms Q20::
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
     strain 0                   what follows holds at this strain, in ppm
     from -99999                where the coarse contrast enters the next segment
-    x -123456 85000 77 -5      knot of that segment: contrast -> position in um, expected fit,
-                               brightness to take off here
+    x -123456 85000 77 -5      knot of that segment: contrast -> position in um, expected fit
+                               (Q12), brightness to take off here
 
 Strains ascend from 0 and have the same number of knots, so that the board can go from one to the
 next in straight lines. Segments follow the ascending coarse contrast.

@@ -146,7 +146,7 @@ class Decode:
         i = segment(calibration.brightnesses, brightness)
         self.force_mN = interpolate(calibration.brightnesses, calibration.forces_mN, i, brightness)
         tolerance = interpolate(calibration.brightnesses, calibration.tolerances, i, brightness)
-        if abs(dot(calibration.fit, logs) - expected) >> 8 > tolerance:
+        if abs((dot(calibration.fit, logs) >> 8) - expected) > tolerance:
             return MISFIT
         return 0
 

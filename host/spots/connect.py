@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 
-from tactile.calibration import Calibration
+from tactile.calibration import Calibration, CalibrationError
 from tactile.settings import checksum
 
 from .board import Board
@@ -130,7 +130,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
 def prepare(board: Board, calibration) -> None:
     """Set a board as a calibration was made, and give it the calibration."""
-    made = Calibration(calibration)
+    made = _checked(calibration)
     board.command(
         f"set gain={made.gain} exposure_us={made.exposure_us} led_mA={made.led_mA} "
         f"plan={','.join(made.plan)}"
@@ -150,15 +150,22 @@ def upload(board: Board, calibration) -> None:
     Raises
     ------
     SpotsError
-        If it was made on another board or at other settings; the board keeps what it has.
+        If it is none, was made on another board or at other settings; the board keeps what it
+        has.
     """
+    made = _checked(calibration)
     i = board.command("hello")
-    reason = Calibration(calibration).mismatch(
-        i["id"], i["plan"], i["gain"], i["exposure_us"], i["led_mA"]
-    )
+    reason = made.mismatch(i["id"], i["plan"], i["gain"], i["exposure_us"], i["led_mA"])
     if reason is not None:
         raise SpotsError(reason)
     board.command("cal begin")
     for line in calibration:
         board.command("cal " + line)
     board.command("cal end " + checksum(calibration))
+
+
+def _checked(calibration) -> Calibration:
+    try:
+        return Calibration(calibration)
+    except CalibrationError as error:
+        raise SpotsError(f"no board takes this calibration: {error}") from None

@@ -10,7 +10,7 @@ import tty
 
 import pytest
 
-from spots import SpotsError, link
+from spots import SpotsError, connect, link
 from spots import open as open_board
 from spots.cli import main
 from spots.sim import vm
@@ -142,3 +142,8 @@ def test_a_reader_that_goes_away_is_no_traceback():
     process.stdout.close()
     assert process.stderr.read() == b""
     assert process.wait() == 0
+
+
+def test_lines_that_are_no_calibration():
+    with pytest.raises(SpotsError, match=r"no board takes this calibration: .*missing"):
+        connect.upload(None, ["touch 300 200"])

@@ -29,6 +29,7 @@ FORCES_MIN = 10
 _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
+_PRODUCT_MAX = 2.0**28  # a quarter of what fits 31 bits, for bends and for strain
 _TOLERANCE_MAX = 600  # Q12; light so dim tells nothing about a second press anyway
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 
@@ -163,10 +164,13 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
     design = np.stack([np.ones_like(slope), slope / np.abs(slope).max()], axis=1)
     weighted = design * information[:, None]
     force, position = np.linalg.solve(design.T @ weighted, weighted.T)
-    return (
-        _weights_q13(2 * position / np.abs(position).sum(), 0),
-        _weights_q13(force, ONE_Q13),
-    )
+    position *= 2 / np.abs(position).sum()
+    # The board multiplies a step of the contrast by one of the position: where both are long, the
+    # contrast is made smaller. What it loses in resolution it had too much.
+    knot_um = np.ptp(part) * (1 + 2 * _OVERLAP) / (_KNOTS - 1)
+    step_q20 = abs(slope @ position) / np.ptp(part) * knot_um * ONE_Q20
+    position *= min(1.0, _PRODUCT_MAX / (step_q20 * knot_um))
+    return _weights_q13(position, 0), _weights_q13(force, ONE_Q13)
 
 
 def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
@@ -186,7 +190,7 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
     x = np.unique(x)
     x = np.linspace(x[0], x[-1], _KNOTS)
     logs = curve.logs(x)
-    contrast, fits = logs @ position * _Q13_TO_Q20, logs @ test * _Q13_TO_Q20
+    contrast, fits = logs @ position * _Q13_TO_Q20, logs @ test * (2**12 / ONE_Q13)
     offset = logs @ force * _Q13_TO_Q20 - firm
     order = np.argsort(contrast)
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
