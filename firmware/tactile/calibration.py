@@ -96,7 +96,7 @@ class Calibration:
         self.brightnesses, self.forces_mN, self.tolerances = _table("f", seen["f"])
         if not 0 <= self.forces_mN[0] < self.forces_mN[-1] <= FORCE_MAX_MN:
             raise CalibrationError("the forces of 'f' must rise from 0 or more to 65535 or less")
-        self.strains_ppm = _strains(strains, seen["segment"])
+        _check_strains(strains, seen["segment"])
         self.bounds, tables = _between(strains, strain_ppm)
         self.segments = tuple(
             Segment(weights, _table("x", knots)) for weights, knots in zip(seen["segment"], tables)
@@ -188,7 +188,7 @@ def _table(name, knots):
     return tuple(tuple(knot[i] for knot in knots) for i in range(len(knots[0])))
 
 
-def _strains(strains, segments):
+def _check_strains(strains, segments):
     ppm = tuple(strain for strain, _, _ in strains)
     if not ppm or ppm[0] != 0 or any(b <= a for a, b in zip(ppm, ppm[1:])):
         raise CalibrationError("'strain' needs ascending values from 0")
@@ -204,7 +204,6 @@ def _strains(strains, segments):
             raise CalibrationError("the values of 'from' must ascend")
         for table in tables:
             _table("x", table)
-    return ppm
 
 
 def _between(strains, strain_ppm):

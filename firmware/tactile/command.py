@@ -11,7 +11,7 @@ from .settings import checksum
 LINE_MAX = 255
 CALIBRATION_LINES_MAX = 400
 CALIBRATION_BYTES_MAX = 16_000
-NAME_MAX = 20
+NAME_MAX = 20  # so much of an unknown name comes back in the reply
 
 
 class LineReader:

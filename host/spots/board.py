@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from tactile import PROTOCOL
+from tactile.command import LINE_MAX, NAME_MAX
 
 from .clockmap import ClockMap
 from .errors import SpotsError
@@ -22,8 +23,6 @@ _HELLO_TRIES = 3
 _SYNC_ROUND_TRIPS = 12
 _SYNC_SPREAD_S = 0.01
 _GOLDEN = 0.618034
-LINE_MAX = 255
-NAME_MAX = 20  # so much of a command's name comes back in its reply
 _POLL_S = 0.1
 # A consumer that falls behind by more than this many frames loses the oldest.
 _QUEUE_FRAMES = 1 << 16

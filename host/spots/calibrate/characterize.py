@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tactile.decode import TOO_DARK
+
 from ..sim.files import SensorFile
 from .bound import Bound
 from .pair import OnePair
@@ -28,7 +30,6 @@ _JOINT_ANGLES = 31
 _JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
-_TOO_DARK = 0x04
 # Readings or presses of each kind; fewer where a reading takes long.
 _AT_REST = 40
 _JITTERED = 80
@@ -258,7 +259,7 @@ def _threshold_mN(rig: Rig) -> float:
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2
         readings, _ = rig.readings(rig.stage.length_um / 2, middle, 3)
-        if any(r.flags & _TOO_DARK for r in readings):
+        if any(r.flags & TOO_DARK for r in readings):
             low = middle
         else:
             high = middle

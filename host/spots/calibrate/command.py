@@ -32,7 +32,6 @@ from .stage import FIRM_MN, FORCE_PLACES, FULL_MN, Stage
 from .take import Taker, judge_force, judge_place
 
 _FORCES_MIN = 14  # fewer make no table of such a curve
-KINDS = ("position", "force", "strain", "joint")
 _COUNTS = {"position": 17, "strain": 17, "force": 16, "joint": 11}
 # What a fit needs.
 _LEAST_COUNTS = {
@@ -135,7 +134,7 @@ def calibrate(
     ----------
     setup : Setup
     kind : str
-        Of `KINDS`.
+        One of `_COUNTS`.
     count : int
         Places, forces, or angles in each direction.
     strain_percent : float or None

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactile.decode import DARK_SAMPLES, LED_OFF, SATURATED
+
 from ..board import Board
 from ..errors import SpotsError
 from ..frames import Spectrum
 from .presses import Conditions, own_variance
 
-_LED_OFF, _SATURATED = 0x80, 0x02
-_DARK_SAMPLES = 4
 _PATIENCE_S = 10.0  # more than any dark window takes
 
 
@@ -59,7 +59,7 @@ class Reader:
         """Take note of the board's settings and of a dark frame."""
         self.info = self.board.command("hello")
         dark = self.board.command("dark", timeout_s=30)["dark"]
-        self._dark = np.array(dark) / _DARK_SAMPLES
+        self._dark = np.array(dark) / DARK_SAMPLES
         self.board.command("stream spectrum")
 
     @property
@@ -74,10 +74,10 @@ class Reader:
         rows, clipped = [], False
         limit_s = _PATIENCE_S + 3e-6 * count * self.info["exposure_us"] * self.info["average"]
         for frame in self.board.frames(limit_s):
-            if not isinstance(frame, Spectrum) or frame.flags & _LED_OFF or frame.time_s < begun_s:
+            if not isinstance(frame, Spectrum) or frame.flags & LED_OFF or frame.time_s < begun_s:
                 continue
             rows.append(frame.counts)
-            clipped |= bool(frame.flags & _SATURATED)
+            clipped |= bool(frame.flags & SATURATED)
             if len(rows) == count:
                 break
         else:

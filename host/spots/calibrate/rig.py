@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactile.decode import DARK_SAMPLES, LED_OFF
+
 from ..connect import upload
 from ..frames import Spectrum, Touch
 from ..sim.files import SensorFile
@@ -12,8 +14,6 @@ from .presses import Noise
 from .stage import Stage
 
 _DARK_TIMEOUT_S = 60.0
-_DARK_SAMPLES = 4
-_LED_OFF = 0x80
 
 
 class Rig:
@@ -84,7 +84,7 @@ class Rig:
         upload(self.board, fit(self.along, self._pressed, self.noise, self.conditions))
         self.board.command(f"set average={self.average}")
         dark = self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
-        self._dark = np.array(dark) / _DARK_SAMPLES
+        self._dark = np.array(dark) / DARK_SAMPLES
         self.board.command("stream touch spectrum")
 
     def readings(self, position_um: float, force_mN: float, count: int):
@@ -100,7 +100,7 @@ class Rig:
         begun_s = self.board.now_s() + 0.5e-6 * self.reading_us
         touches, spectra = [], []
         for frame in self.board.frames():
-            if frame.time_s < begun_s or frame.flags & _LED_OFF:
+            if frame.time_s < begun_s or frame.flags & LED_OFF:
                 continue
             if isinstance(frame, Touch):
                 touches.append(frame)
