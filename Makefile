@@ -32,7 +32,7 @@ bench: .venv/test
 	@$(BIN)/spots bench $(ARGS)
 
 build: .venv/demo
-	@$(BIN)/python -m spots.stage $(BOARD) build/$(BOARD)
+	@$(BIN)/spots build $(BOARD)
 
 pictures: .venv/demo
 	@$(BIN)/python docs/make_pictures.py

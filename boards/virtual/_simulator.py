@@ -14,6 +14,8 @@ WRITE = const(0x57)  # device address, size, 0
 SLEEP = const(0x53)  # time in us, 3 bytes, low first
 SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
 
+HARD_RESET = const(64)  # exit code
+
 _requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
 _answers = open("/dev/fd/" + os.getenv("SPOTS_ANSWERS"), "rb")
 _header = bytearray(4)
@@ -35,13 +37,27 @@ def call(operation, a, b, c, buffer=None):
     else:
         _fill(_header, operation, a, b, c)
         _send(_header, 4)
-    if _answers.readinto(_answer) != 5:
-        raise SystemExit  # the simulator is gone, and the board with it
+    interrupt = _receive(_answer, 5)
     now_us = _answer[1] | _answer[2] << 8 | _answer[3] << 16 | _answer[4] << 24
+    if operation == READ and not _answer[0]:
+        interrupt = _receive(buffer, c) or interrupt
+    if interrupt:
+        raise interrupt
     if _answer[0]:
         raise OSError(_answer[0])
-    if operation == READ:
-        _answers.readinto(buffer)
+
+
+def _receive(buffer, size):
+    """Read it all, also at Ctrl-C, or the next request would find this answer."""
+    interrupt = None
+    try:
+        received = _answers.readinto(buffer)
+    except KeyboardInterrupt as pressed:
+        interrupt = pressed
+        received = _answers.readinto(buffer)
+    if received != size:
+        raise SystemExit  # the simulator is gone, and the board with it
+    return interrupt
 
 
 def _send(buffer, size):

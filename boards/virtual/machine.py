@@ -34,4 +34,4 @@ def unique_id():
 
 
 def reset():
-    raise SystemExit
+    raise SystemExit(_simulator.HARD_RESET)

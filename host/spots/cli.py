@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+from pathlib import Path
 
 from . import __version__
 from .errors import SpotsError
@@ -67,6 +68,10 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_characterize(commands)
     _add_design(commands)
+
+    build = commands.add_parser("build", help="lay out a board's files, in build/BOARD")
+    build.add_argument("board", metavar="BOARD")
+    build.set_defaults(run=_build)
 
     command = commands.add_parser("command", help="send a command line, print the reply")
     _add_port(command)
@@ -197,6 +202,14 @@ def _design(options: argparse.Namespace) -> None:
     from .calibrate.design import run
 
     run(options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out)
+
+
+def _build(options: argparse.Namespace) -> None:
+    from .stage import stage
+
+    folder = Path("build") / options.board
+    stage(options.board, folder)
+    print(folder)
 
 
 def _command(options: argparse.Namespace) -> None:

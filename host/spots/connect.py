@@ -99,7 +99,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
     calibration = calibrate(load(SensorFile, sensor))
     process = subprocess.Popen(
-        [sys.executable, "-m", "spots.sim.realtime", sensor, scenario, str(seed)],
+        [sys.executable, "-m", "spots.sim.realtime", sensor, scenario, str(seed), VIRTUAL, ""],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

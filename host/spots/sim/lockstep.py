@@ -32,12 +32,20 @@ class LockstepLink:
         See `vm.Machine`.
     started_s : float
         How long everything but the board's processor has been on: the LED is as warm as then.
+    board : str
+        See `vm.Machine`.
     """
 
     name = "virtual"
 
     def __init__(
-        self, sensor: SensorFile, scenario, seed: int = 0, folder=None, started_s: float = 0.0
+        self,
+        sensor: SensorFile,
+        scenario,
+        seed: int = 0,
+        folder=None,
+        started_s: float = 0.0,
+        board: str = "virtual",
     ):
         micropython_command()  # fails before anything is open
         self.clock = SimulatedClock(1e6 * started_s)
@@ -47,7 +55,7 @@ class LockstepLink:
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
         self._open = [board_in, self._to_board, self._from_board, board_out]
-        self._machine = Machine(board_id(sensor), True, board_in, board_out, folder)
+        self._machine = Machine(board_id(sensor), True, board_in, board_out, folder, board)
         self._pending = self._next_request()
 
     def now_s(self) -> float:

@@ -1,8 +1,9 @@
 """A virtual board in real time: a process of its own with a PTY that pyserial opens.
 
-Run as ``python -m spots.sim.realtime SENSOR SCENARIO SEED``. It prints one JSON object, the port
-and the host's monotonic time of power-on, and lives until its standard input closes, so that it
-never outlives whoever started it.
+Run as ``python -m spots.sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
+file system, used as it is; where it is empty, a new one gets the firmware. It prints one JSON
+object, the port and the host's monotonic time of power-on, and lives until its standard input
+closes, so that it never outlives whoever started it.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import os
 import pty
 import select
 import sys
+import termios
 import time
 import tty
+from pathlib import Path
 
 from ..errors import SpotsError
 from . import server
@@ -24,6 +27,9 @@ from .identity import board_id
 from .scenario import Scenario
 from .vm import Machine
 from .world import chip
+
+_LOCAL_FLAGS, _CONTROL_KEYS = 3, 6  # places in the list of tcgetattr
+_RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
 
 
 class RealClock:
@@ -39,43 +45,89 @@ class RealClock:
         pass
 
 
-def main(sensor_name: str, scenario_name: str, seed: int) -> None:
+class SerialPort:
+    """The board's USB serial port: what the host opens, and what MicroPython has for it.
+
+    What the host writes passes through a terminal of MicroPython's own, whose line discipline is
+    what makes Ctrl-C interrupt a program and a plain character of it at the prompt.
+    """
+
+    def __init__(self):
+        self.from_host, self._host_end = pty.openpty()
+        self._to_board, self.board_in = pty.openpty()
+        # Raw before anyone opens it: a terminal would echo the board's frames back as commands.
+        # The host's end stays open here, so that the board sees no hang-up between two readers.
+        tty.setraw(self._host_end)
+        tty.setraw(self.board_in)
+        mode = termios.tcgetattr(self.board_in)
+        mode[_LOCAL_FLAGS] |= termios.ISIG
+        for key in (termios.VQUIT, termios.VSUSP):
+            mode[_CONTROL_KEYS][key] = os.fpathconf(self.board_in, "PC_VDISABLE").to_bytes(1, "big")
+        termios.tcsetattr(self.board_in, termios.TCSANOW, mode)
+        os.set_blocking(self.from_host, False)
+        self.name = os.ttyname(self._host_end)
+        self.raw_prompt = False
+
+    def pass_on(self) -> None:
+        """Give the board what the host has written."""
+        data = os.read(self.from_host, 4096)
+        modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
+        if modes:
+            self.raw_prompt = modes[-1] == _RAW_PROMPT
+        os.write(self._to_board, data)
+
+    def after_soft_reset(self) -> None:
+        """Say what a board says, and go back to the raw prompt if that is where it was."""
+        os.write(self.from_host, b"MPY: soft reboot\r\n")
+        if self.raw_prompt:
+            os.write(self._to_board, bytes((_RAW_PROMPT,)))
+
+
+def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: str) -> None:
     """Serve a board until standard input closes."""
     sensor = load(SensorFile, sensor_name)
     scenario = Scenario(load(ScenarioFile, scenario_name))
-    board_end, port_end = pty.openpty()
-    # Raw before anyone opens it: a terminal would echo the board's frames back as commands. The
-    # port's end stays open here, so that the board sees no hang-up between two readers.
-    tty.setraw(port_end)
-    os.set_blocking(board_end, False)
+    port = SerialPort()
     clock = RealClock()
     bus = Bus(chip(sensor, scenario, seed), clock)
-    machine = Machine(board_id(sensor), False, board_end, board_end)
+    machine = Machine(
+        board_id(sensor),
+        False,
+        port.board_in,
+        port.from_host,
+        folder=Path(folder) if folder else None,
+        board=board,
+        blank=bool(folder),
+        terminal=True,
+    )
     try:
-        print(json.dumps({"port": os.ttyname(port_end), "started_s": clock.started_s}), flush=True)
-        _serve(machine, bus)
+        print(json.dumps({"port": port.name, "started_s": clock.started_s}), flush=True)
+        _serve(machine, bus, port)
     finally:
         machine.close()
 
 
-def _serve(machine: Machine, bus: Bus) -> None:
+def _serve(machine: Machine, bus: Bus, port: SerialPort) -> None:
     stdin = sys.stdin.fileno()
     while True:
-        ready, _, _ = select.select([machine.requests, stdin], [], [])
+        ready, _, _ = select.select([machine.requests, stdin, port.from_host], [], [])
         if stdin in ready and not os.read(stdin, 1):
             return
+        if port.from_host in ready:
+            port.pass_on()
         if machine.requests in ready:
             request = server.read_request(machine.requests)
-            if request is None:
-                machine.ended()
-            else:
+            if request is not None:
                 server.answer(request, bus, machine.answers)
+            elif not machine.ended():
+                machine.boot(run_entry=not port.raw_prompt)
+                port.after_soft_reset()
 
 
 if __name__ == "__main__":
     try:
         with contextlib.suppress(KeyboardInterrupt):
-            main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+            main(sys.argv[1], sys.argv[2], int(sys.argv[3]), *sys.argv[4:6])
     except SpotsError as error:
         print(json.dumps({"error": str(error)}), flush=True)
         sys.exit(2)

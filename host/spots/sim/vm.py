@@ -11,10 +11,20 @@ import tempfile
 from pathlib import Path
 
 from ..errors import SpotsError
-from ..stage import stage
+from ..stage import BOARDS, device_of, stage
+
+try:
+    import fcntl
+    import termios
+except ImportError:  # Windows, where `micropython_command` says what to do
+    pass
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 _HEAP = "heapsize=384k"
+# Exit codes: of machine.reset() in boards/virtual*, and of Ctrl-D at MicroPython's prompt.
+_HARD_RESET, _SOFT_RESET = 64, 0
+# What runs after a reset, by runtime.
+_ENTRIES = {"micropython": "main.py", "circuitpython": "_circuitpython.py"}
 
 
 def micropython_command() -> list[str]:
@@ -40,7 +50,7 @@ def micropython_command() -> list[str]:
 
 
 class Machine:
-    """A virtual board: a file system folder, and MicroPython running main.py in it.
+    """A virtual board: a file system folder, and MicroPython running its entry.
 
     Parameters
     ----------
@@ -52,6 +62,13 @@ class Machine:
         File descriptors of the serial port's board end.
     folder : Path, optional
         The board's file system; a new one, removed at the end, if not given.
+    board : str
+        Whose hardware it has: the modules in ``boards/<board>`` stand for what is built in.
+    blank : bool
+        Whether to leave the file system as it is, instead of putting the board's files on it.
+    terminal : bool
+        Whether `stdin` is a terminal. Then Ctrl-C interrupts, and where the entry ends
+        MicroPython's own prompt begins.
     """
 
     def __init__(
@@ -61,27 +78,39 @@ class Machine:
         stdin: int,
         stdout: int,
         folder: Path | None = None,
+        board: str = "virtual",
+        blank: bool = False,
+        terminal: bool = False,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self.folder = Path(self._own.name) if self._own else folder
-        stage("virtual", self.folder)
+        if not blank:
+            stage(board, self.folder)
+        self._entry = _ENTRIES[device_of(board).runtime]
         self._environment = {
+            "MICROPYPATH": f":lib:{BOARDS / board}:.frozen",
             "SPOTS_BOARD_ID": board_id,
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
             "PATH": os.environ.get("PATH", ""),
         }
         self._stdio = stdin, stdout
+        self._terminal = terminal
         self._process = None
         self.boot()
 
-    def boot(self) -> None:
+    def boot(self, run_entry: bool = True) -> None:
         """Start MicroPython, which opens new pipes: `requests` to read, `answers` to write."""
         self.shut_down()
         self.requests, request_end = os.pipe()
         answer_end, self.answers = os.pipe()
+        command = [*self._command, "-X", _HEAP]
+        if self._terminal:
+            command.append("-i")
+        if run_entry and (self.folder / self._entry).exists():
+            command.append(self._entry)
         self._process = subprocess.Popen(
-            [*self._command, "-X", _HEAP, "main.py"],
+            command,
             cwd=self.folder,
             env=self._environment
             | {"SPOTS_REQUESTS": str(request_end), "SPOTS_ANSWERS": str(answer_end)},
@@ -90,17 +119,25 @@ class Machine:
             stderr=subprocess.STDOUT,
             pass_fds=(request_end, answer_end),
             start_new_session=True,
+            # Ctrl-C reaches those whose controlling terminal it was typed at.
+            preexec_fn=_take_terminal if self._terminal else None,
         )
         os.close(request_end)
         os.close(answer_end)
 
-    def ended(self, said: bytes = b"") -> None:
-        """Take note that MicroPython closed its pipes: start it again if it was told to reboot.
+    def ended(self, said: bytes = b"") -> bool:
+        """Take note that MicroPython closed its pipes: start it again if it was reset.
 
         Parameters
         ----------
         said : bytes
             The last that it wrote to its serial port, where the caller has it.
+
+        Returns
+        -------
+        bool
+            True if `boot` was called; False after Ctrl-D at the prompt, a soft reset, when it is
+            up to the caller whether the entry runs.
 
         Raises
         ------
@@ -108,10 +145,13 @@ class Machine:
             If it ended for another reason.
         """
         code = self._process.wait()
-        if code != 0:
+        if self._terminal and code == _SOFT_RESET:
+            return False
+        if code != _HARD_RESET:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
             raise SpotsError(f"the virtual board stopped: {lines[-1]}")
         self.boot()
+        return True
 
     def shut_down(self) -> None:
         """End MicroPython and close the pipes."""
@@ -128,3 +168,7 @@ class Machine:
         self.shut_down()
         if self._own:
             self._own.cleanup()
+
+
+def _take_terminal() -> None:
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
