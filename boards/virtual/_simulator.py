@@ -12,9 +12,8 @@ from micropython import const
 READ = const(0x52)  # device address, register, size
 WRITE = const(0x57)  # device address, size, 0
 SLEEP = const(0x53)  # time in us, 3 bytes, low first
+RESET = const(0x58)  # 0, 0, 0; ends this run
 SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
-
-HARD_RESET = const(64)  # exit code
 
 _requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
 _answers = open("/dev/fd/" + os.getenv("SPOTS_ANSWERS"), "rb")

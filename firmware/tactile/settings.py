@@ -1,7 +1,8 @@
 """What the user may set, and text files that survive a power cut.
 
 A file ends in a checksum line. A new one is written beside the old one, which is kept as the last
-good copy; at every moment of a save at least one whole file is there.
+good copy; at every moment of a save at least one whole file is there. Nothing is written but by the
+command ``save``.
 """
 
 import os
@@ -112,39 +113,72 @@ def checksum(lines):
 
 
 def save_lines(path, lines):
-    """Replace a text file so that a cut of power leaves the new one or the old one."""
+    """Replace a text file so that a cut of power leaves the new one or the old one.
+
+    Flash wears: what is stored already is not written again.
+    """
+    if _lines_of(path) == list(lines):
+        return
+    _move_in(path)  # what an earlier save could not end: it may be the only good copy
     with open(path + ".new", "w") as file:
         for line in lines:
             file.write(line + "\n")
         file.write("crc " + checksum(lines) + "\n")
-    for step in ((os.remove, path + ".old"), (os.rename, path, path + ".old")):
-        try:
-            step[0](*step[1:])
-        except OSError:
-            pass  # there was none
-    os.rename(path + ".new", path)
+    # Only a whole file may take the place of the last good copy.
+    if _lines_of(path) is not None:
+        _remove(path + ".old")
+        os.rename(path, path + ".old")
+    _move_in(path)
+
+
+def _move_in(path):
+    if _lines_of(path) is None and _lines_of(path + ".new") is not None:
+        _remove(path)  # FAT renames only to where nothing is
+        os.rename(path + ".new", path)
+
+
+def _remove(path):
+    try:
+        os.remove(path)
+    except OSError:
+        pass  # there was none
 
 
 def load_lines(path):
-    """Return the lines of a file or of its last good copy; none if there is no file.
+    """Return the lines of a file or of its newest good copy; none if there is no file.
 
     Raises
     ------
     ValueError
-        If neither is whole.
+        If there are some and none is whole.
     """
     damaged = False
-    for candidate in (path, path + ".old"):
-        try:
-            with open(candidate) as file:
-                lines = [line for line in file.read().split("\n") if line]
-        except OSError:
-            continue
-        except ValueError:
-            lines = []
-        if lines and lines[-1] == "crc " + checksum(lines[:-1]):
-            return lines[:-1]
-        damaged = True
+    for candidate in (path, path + ".new", path + ".old"):
+        lines = _lines_of(candidate)
+        if lines is not None:
+            return lines
+        # A new file that is cut short is none yet.
+        damaged = damaged or (candidate != path + ".new" and _exists(candidate))
     if damaged:
-        raise ValueError("the file %s and its last copy are damaged" % path)
+        raise ValueError("the file %s and its copies are damaged" % path)
     return []
+
+
+def _exists(path):
+    try:
+        os.stat(path)
+    except OSError:
+        return False
+    return True
+
+
+def _lines_of(path):
+    """Return the lines of a file, or None if there is no whole one."""
+    try:
+        with open(path) as file:
+            lines = [line for line in file.read().split("\n") if line]
+    except (OSError, ValueError):  # none; or bytes that are no text
+        return None
+    if lines and lines[-1] == "crc " + checksum(lines[:-1]):
+        return lines[:-1]
+    return None

@@ -1,5 +1,6 @@
 """All that is MicroPython's own: I2C, serial port, clock, identity, entry."""
 
+import io
 import select
 import sys
 import time
@@ -9,6 +10,11 @@ from micropython import const
 
 _ADDRESS = const(0x39)
 _I2C_TIMEOUT_US = const(50_000)
+# Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
+_SAFE_BOOT_MS = const(500)
+_SAFE_BOOT_STEP_MS = const(20)
+_AFTER_CRASH_MS = const(1_000)  # for Ctrl-C, when it crashes again and again
+_CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
 
 
 class Bus:
@@ -60,9 +66,16 @@ class Serial:
 
 
 def main():
-    """Run the application on this board until it is told to reboot."""
+    """Run the application on this board until it is told to reboot.
+
+    Returns to the prompt if the board's button is pressed soon after a reset. An exception of the
+    application is told to the host before the board starts anew; Ctrl-C gives it back.
+    """
     import board_config
 
+    if _asked_to_stay(board_config):
+        print("the button is held: the application was not started")
+        return
     from tactile.app import App
 
     i2c = machine.I2C(
@@ -74,5 +87,37 @@ def main():
     )
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
-    App(board_config, runtime, uid, Bus(i2c), time, Serial()).run()
+    app = App(board_config, runtime, uid, Bus(i2c), time, Serial())
+    try:
+        app.run()
+    except Exception as error:  # all but Ctrl-C
+        app.log("error", _crash(error))
+        time.sleep_ms(_AFTER_CRASH_MS)
     machine.reset()
+
+
+def _asked_to_stay(board_config):
+    button = getattr(board_config, "SAFE_BOOT", None)
+    if button is None:
+        return False
+    if button == "BOOTSEL":
+        import rp2
+
+        held = rp2.bootsel_button
+    else:
+        pin = machine.Pin(button, machine.Pin.IN, machine.Pin.PULL_UP)
+        held = lambda: not pin.value()  # noqa: E731
+    for _ in range(_SAFE_BOOT_MS // _SAFE_BOOT_STEP_MS):
+        if held():
+            return True
+        time.sleep_ms(_SAFE_BOOT_STEP_MS)
+    return False
+
+
+def _crash(error):
+    try:
+        text = io.StringIO()
+        sys.print_exception(error, text)
+        return "crashed and starts anew: " + text.getvalue()[-_CRASH_CHARACTERS:]
+    except MemoryError:
+        return "crashed and starts anew: no memory left"

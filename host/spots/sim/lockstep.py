@@ -89,9 +89,11 @@ class LockstepLink:
     def _next_request(self) -> bytes:
         for _ in range(3):
             request = server.read_request(self._machine.requests)
-            if request is not None:
+            if request is None:
+                self._machine.ended(self._received())
+            elif not server.is_reset(request):
                 return request
-            self._machine.ended(self._received())
+            self._machine.boot()
         raise SpotsError("the virtual board reboots without end")
 
     def _received(self) -> bytes:

@@ -12,6 +12,7 @@ import contextlib
 import json
 import os
 import pty
+import re
 import select
 import sys
 import termios
@@ -29,6 +30,7 @@ from .vm import Machine
 from .world import chip
 
 _LOCAL_FLAGS, _CONTROL_KEYS = 3, 6  # places in the list of tcgetattr
+_REPEATED_INTERRUPT = re.compile(b"\x03+")
 _RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
 
 
@@ -74,7 +76,8 @@ class SerialPort:
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
             self.raw_prompt = modes[-1] == _RAW_PROMPT
-        os.write(self._to_board, data)
+        # A second Ctrl-C before the first was heeded would end MicroPython's unix port.
+        os.write(self._to_board, _REPEATED_INTERRUPT.sub(b"\x03", data))
 
     def after_soft_reset(self) -> None:
         """Say what a board says, and go back to the raw prompt if that is where it was."""
@@ -117,11 +120,14 @@ def _serve(machine: Machine, bus: Bus, port: SerialPort) -> None:
             port.pass_on()
         if machine.requests in ready:
             request = server.read_request(machine.requests)
-            if request is not None:
-                server.answer(request, bus, machine.answers)
-            elif not machine.ended():
+            if request is None:
+                machine.ended()
                 machine.boot(run_entry=not port.raw_prompt)
                 port.after_soft_reset()
+            elif server.is_reset(request):
+                machine.boot()
+            else:
+                server.answer(request, bus, machine.answers)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,11 @@ def read_request(fd: int) -> bytes | None:
     return header + os.read(fd, header[2]) if header[:1] == b"W" else header
 
 
+def is_reset(request: bytes) -> bool:
+    """Return whether the board asks for its own hard reset, which has no answer."""
+    return request[:1] == b"X"
+
+
 def answer(request: bytes, bus: Bus, fd: int) -> None:
     """Carry a request out and write its answer, in one piece."""
     data, error = b"", 0

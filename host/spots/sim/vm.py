@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,8 +22,6 @@ except ImportError:  # Windows, where `micropython_command` says what to do
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 _HEAP = "heapsize=384k"
-# Exit codes: of machine.reset() in boards/virtual*, and of Ctrl-D at MicroPython's prompt.
-_HARD_RESET, _SOFT_RESET = 64, 0
 # What runs after a reset, by runtime.
 _ENTRIES = {"micropython": "main.py", "circuitpython": "_circuitpython.py"}
 
@@ -93,6 +92,8 @@ class Machine:
             "SPOTS_BOARD_ID": board_id,
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
             "PATH": os.environ.get("PATH", ""),
+            # "held" stands for a finger on the board's button.
+            "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
         }
         self._stdio = stdin, stdout
         self._terminal = terminal
@@ -125,33 +126,23 @@ class Machine:
         os.close(request_end)
         os.close(answer_end)
 
-    def ended(self, said: bytes = b"") -> bool:
-        """Take note that MicroPython closed its pipes: start it again if it was reset.
+    def ended(self, said: bytes = b"") -> None:
+        """Take note that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
 
         Parameters
         ----------
         said : bytes
             The last that it wrote to its serial port, where the caller has it.
 
-        Returns
-        -------
-        bool
-            True if `boot` was called; False after Ctrl-D at the prompt, a soft reset, when it is
-            up to the caller whether the entry runs.
-
         Raises
         ------
         SpotsError
-            If it ended for another reason.
+            If it ended in any other way.
         """
         code = self._process.wait()
-        if self._terminal and code == _SOFT_RESET:
-            return False
-        if code != _HARD_RESET:
+        if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
             raise SpotsError(f"the virtual board stopped: {lines[-1]}")
-        self.boot()
-        return True
 
     def shut_down(self) -> None:
         """End MicroPython and close the pipes."""
@@ -172,3 +163,5 @@ class Machine:
 
 def _take_terminal() -> None:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    # Until MicroPython has a handler of its own, Ctrl-C would end what starts it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

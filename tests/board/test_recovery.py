@@ -1,0 +1,165 @@
+"""The board can always be had back: Ctrl-C, the button, a crash, and the prompt behind them."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+import spots
+from spots.link import SerialLink
+from spots.stage import stage
+
+PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
+DEADLINE_S = 20.0
+
+
+class Bench:
+    """A virtual board in real time with a folder for its file system."""
+
+    def __init__(self, folder, environment=None):
+        self.folder = folder
+        arguments = ["default", "demo", "0", "virtual", str(folder)]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "spots.sim.realtime", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        self.port = json.loads(self._process.stdout.readline())["port"]
+
+    def close(self):
+        self._process.stdin.close()
+        self._process.stdout.close()
+        self._process.wait()
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """Return a function that starts a board whose files were put in `tmp_path`."""
+    made = []
+
+    def start():
+        made.append(Bench(tmp_path))
+        return made[-1]
+
+    stage("virtual", tmp_path)
+    yield start
+    for one in made:
+        one.close()
+
+
+def until(link, wanted):
+    """Return what came until `wanted` did."""
+    received = b""
+    end_s = link.now_s() + DEADLINE_S
+    while wanted not in received:
+        assert link.now_s() < end_s, received[-300:]
+        received += link.read(0.1)
+    return received
+
+
+def ask(link, code):
+    """Run code at the raw prompt and return what it printed."""
+    link.write(code.encode() + b"\x04")
+    answer = until(link, b"\x04>")
+    return answer.split(b"OK", 1)[1].split(b"\x04")[0].decode().strip()
+
+
+def interrupted(port):
+    """Return a link to the raw prompt of a board that was running."""
+    spots.open(port).close()
+    link = SerialLink(port)
+    link.write(b"\r\x03\x03")
+    link.write(b"\r\x01")
+    until(link, PROMPT)
+    return link
+
+
+def test_ctrl_c_in_full_flow_stops_the_application_and_leaves_led_and_sensor_off(bench):
+    port = bench().port
+    with spots.open(port) as board:
+        for _ in zip(board.touches(), range(20)):
+            pass
+        board.command("stream touch spectrum")
+    link = interrupted(port)
+    code = (
+        "import machine\n"
+        "i2c = machine.I2C(0, scl=machine.Pin(1), sda=machine.Pin(0))\n"
+        "b = bytearray(1)\n"
+        "i2c.readfrom_mem_into(0x39, 0x80, b)\n"
+        "enable = b[0]\n"
+        "i2c.writeto(0x39, bytes((0xA9, 0x10)))\n"
+        "i2c.readfrom_mem_into(0x39, 0x74, b)\n"
+        "print(enable, b[0] >> 7)\n"
+    )
+    assert ask(link, code) == "1 0"  # PON without SP_EN; LED off
+    link.close()
+
+
+def test_a_soft_reset_at_the_raw_prompt_stays_there_and_a_hard_one_starts_the_application(bench):
+    port = bench().port
+    link = interrupted(port)
+    link.write(b"\x04")
+    assert b"soft reboot\r\n" in until(link, PROMPT)
+    assert ask(link, "print(6 * 7)") == "42"
+    link.write(b"import machine\nmachine.reset()\x04")
+    link.close()
+    with spots.open(port) as board:
+        assert board.info["board"] == "virtual"
+
+
+def test_a_soft_reset_at_the_friendly_prompt_starts_the_application(bench):
+    port = bench().port
+    link = interrupted(port)
+    link.write(b"\x02")
+    until(link, b">>> ")
+    link.write(b"\x04")
+    until(link, b"soft reboot\r\n")
+    link.close()
+    with spots.open(port) as board:
+        assert board.info["board"] == "virtual"
+
+
+def test_the_button_skips_the_application(bench, tmp_path, monkeypatch):
+    with (tmp_path / "board_config.py").open("a") as file:
+        file.write("SAFE_BOOT = 2\n")
+    monkeypatch.setenv("SPOTS_BUTTON", "held")
+    link = SerialLink(bench().port)
+    assert b"the button is held" in until(link, b">>> ")
+    link.close()
+
+
+def test_a_button_that_is_not_held_skips_nothing(bench, tmp_path):
+    with (tmp_path / "board_config.py").open("a") as file:
+        file.write("SAFE_BOOT = 2\n")
+    with spots.open(bench().port) as board:
+        assert board.info["board"] == "virtual"
+
+
+def test_a_crash_is_told_and_the_board_starts_anew(bench, tmp_path):
+    path = tmp_path / "tactile" / "app.py"
+    broken = path.read_text().replace(
+        "    def time_us(self):\n", "    def time_us(self):\n        self.nonsense()\n"
+    )
+    path.write_text(broken)
+    link = SerialLink(bench().port)
+    decoder = spots.Decoder()
+    link.write(b"\nsync\n")
+    told, end_s = [], link.now_s() + DEADLINE_S
+    while not told:
+        assert link.now_s() < end_s
+        frames = decoder.feed(link.read(0.1))
+        told = [frame.content for frame in frames if "log" in frame.content]
+    assert told[0]["log"] == "error"
+    assert "crashed" in told[0]["text"]
+    assert "AttributeError" in told[0]["text"]
+    assert "nonsense" in told[0]["text"]
+    hello = []
+    while not hello:
+        assert link.now_s() < end_s
+        link.write(b"hello\n")
+        frames = decoder.feed(link.read(0.2))
+        hello = [frame for frame in frames if frame.content.get("re") == "hello"]
+    link.close()
