@@ -36,27 +36,17 @@ def call(operation, a, b, c, buffer=None):
     else:
         _fill(_header, operation, a, b, c)
         _send(_header, 4)
-    interrupt = _receive(_answer, 5)
+    _receive(_answer, 5)
     now_us = _answer[1] | _answer[2] << 8 | _answer[3] << 16 | _answer[4] << 24
-    if operation == READ and not _answer[0]:
-        interrupt = _receive(buffer, c) or interrupt
-    if interrupt:
-        raise interrupt
     if _answer[0]:
         raise OSError(_answer[0])
+    if operation == READ:
+        _receive(buffer, c)
 
 
 def _receive(buffer, size):
-    """Read it all, also at Ctrl-C, or the next request would find this answer."""
-    interrupt = None
-    try:
-        received = _answers.readinto(buffer)
-    except KeyboardInterrupt as pressed:
-        interrupt = pressed
-        received = _answers.readinto(buffer)
-    if received != size:
+    if _answers.readinto(buffer) != size:
         raise SystemExit  # the simulator is gone, and the board with it
-    return interrupt
 
 
 def _send(buffer, size):

@@ -10,6 +10,7 @@ from micropython import const
 
 _ADDRESS = const(0x39)
 _I2C_TIMEOUT_US = const(50_000)
+_CTRL_C = const(3)
 # Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
 _SAFE_BOOT_MS = const(500)
 _SAFE_BOOT_STEP_MS = const(20)
@@ -58,9 +59,14 @@ class Serial:
         return False
 
     def read(self):
-        """Return the next byte, or -1 if there is none."""
+        """Return the next byte, or -1 if there is none.
+
+        USB ports interrupt at Ctrl-C by themselves; where one does not, it comes here.
+        """
         for _, event in self._readable.ipoll(0):
             if event & select.POLLIN and self._in.readinto(self._byte) == 1:
+                if self._byte[0] == _CTRL_C:
+                    raise KeyboardInterrupt
                 return self._byte[0]
         return -1
 

@@ -12,10 +12,8 @@ import contextlib
 import json
 import os
 import pty
-import re
 import select
 import sys
-import termios
 import time
 import tty
 from pathlib import Path
@@ -29,8 +27,6 @@ from .scenario import Scenario
 from .vm import Machine
 from .world import chip
 
-_LOCAL_FLAGS, _CONTROL_KEYS = 3, 6  # places in the list of tcgetattr
-_REPEATED_INTERRUPT = re.compile(b"\x03+")
 _RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
 
 
@@ -50,8 +46,8 @@ class RealClock:
 class SerialPort:
     """The board's USB serial port: what the host opens, and what MicroPython has for it.
 
-    What the host writes passes through a terminal of MicroPython's own, whose line discipline is
-    what makes Ctrl-C interrupt a program and a plain character of it at the prompt.
+    What the host writes passes through a terminal of MicroPython's own, since it has a prompt
+    only on one.
     """
 
     def __init__(self):
@@ -61,11 +57,6 @@ class SerialPort:
         # The host's end stays open here, so that the board sees no hang-up between two readers.
         tty.setraw(self._host_end)
         tty.setraw(self.board_in)
-        mode = termios.tcgetattr(self.board_in)
-        mode[_LOCAL_FLAGS] |= termios.ISIG
-        for key in (termios.VQUIT, termios.VSUSP):
-            mode[_CONTROL_KEYS][key] = os.fpathconf(self.board_in, "PC_VDISABLE").to_bytes(1, "big")
-        termios.tcsetattr(self.board_in, termios.TCSANOW, mode)
         os.set_blocking(self.from_host, False)
         self.name = os.ttyname(self._host_end)
         self.raw_prompt = False
@@ -76,8 +67,7 @@ class SerialPort:
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
             self.raw_prompt = modes[-1] == _RAW_PROMPT
-        # A second Ctrl-C before the first was heeded would end MicroPython's unix port.
-        os.write(self._to_board, _REPEATED_INTERRUPT.sub(b"\x03", data))
+        os.write(self._to_board, data)
 
     def after_soft_reset(self) -> None:
         """Say what a board says, and go back to the raw prompt if that is where it was."""

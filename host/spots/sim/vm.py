@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -13,12 +12,6 @@ from pathlib import Path
 
 from ..errors import SpotsError
 from ..stage import BOARDS, device_of, stage
-
-try:
-    import fcntl
-    import termios
-except ImportError:  # Windows, where `micropython_command` says what to do
-    pass
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 _HEAP = "heapsize=384k"
@@ -66,8 +59,7 @@ class Machine:
     blank : bool
         Whether to leave the file system as it is, instead of putting the board's files on it.
     terminal : bool
-        Whether `stdin` is a terminal. Then Ctrl-C interrupts, and where the entry ends
-        MicroPython's own prompt begins.
+        Whether `stdin` is a terminal. Then MicroPython's own prompt begins where the entry ends.
     """
 
     def __init__(
@@ -120,8 +112,6 @@ class Machine:
             stderr=subprocess.STDOUT,
             pass_fds=(request_end, answer_end),
             start_new_session=True,
-            # Ctrl-C reaches those whose controlling terminal it was typed at.
-            preexec_fn=_take_terminal if self._terminal else None,
         )
         os.close(request_end)
         os.close(answer_end)
@@ -159,9 +149,3 @@ class Machine:
         self.shut_down()
         if self._own:
             self._own.cleanup()
-
-
-def _take_terminal() -> None:
-    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-    # Until MicroPython has a handler of its own, Ctrl-C would end what starts it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
