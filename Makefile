@@ -6,7 +6,7 @@ ARGS ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test lint bench build flash pictures paper clean
+.PHONY: help demo test lint bench build flash erase doctor pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -16,6 +16,8 @@ help:
 	@echo 'make bench  driver, firmware and host against their peers'
 	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
 	@echo 'make flash  the firmware onto a board, and start it  BOARD=pico PORT='
+	@echo 'make erase  remove firmware, settings and calibration'
+	@echo 'make doctor what is wrong with a board, and what to do'
 	@echo 'make pictures  draw the pictures of the documents again'
 	@echo 'make paper  measure again what docs/paper.md compares'
 	@echo 'make clean  remove .venv and all that was built'
@@ -38,6 +40,12 @@ build: .venv/flash
 
 flash: .venv/flash
 	@$(BIN)/spots flash $(BOARD) $(if $(PORT),--port $(PORT)) $(ARGS)
+
+erase: .venv/flash
+	@$(BIN)/spots erase $(BOARD) $(if $(PORT),--port $(PORT)) $(ARGS)
+
+doctor: .venv/flash
+	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
 pictures: .venv/demo
 	@$(BIN)/python docs/make_pictures.py

@@ -92,6 +92,16 @@ def _add_boards(commands) -> None:
     flash.add_argument("--dry-run", action="store_true", help="only print what would be done")
     flash.set_defaults(run=_flash)
 
+    erase = commands.add_parser("erase", help="remove firmware, settings and calibration")
+    erase.add_argument("board", metavar="BOARD")
+    erase.add_argument("--port", help="serial port, or 'virtual'; found if not given")
+    erase.add_argument("--yes", action="store_true", help="do not ask")
+    erase.set_defaults(run=_erase)
+
+    doctor = commands.add_parser("doctor", help="what is wrong with a board, and what to do")
+    doctor.add_argument("--port", help="serial port, or 'virtual'; found if not given")
+    doctor.set_defaults(run=_doctor)
+
 
 def _add_characterize(commands) -> None:
     parser = commands.add_parser("characterize", help="measure a simulated sensor, on a stage")
@@ -250,6 +260,18 @@ def _flash(options: argparse.Namespace) -> None:
     from .flash import flash
 
     flash(options.board, options.port, options.dry_run)
+
+
+def _erase(options: argparse.Namespace) -> None:
+    from .erase import erase
+
+    erase(options.board, options.port, options.yes)
+
+
+def _doctor(options: argparse.Namespace) -> None:
+    from .doctor import doctor
+
+    doctor(options.port)
 
 
 def _command(options: argparse.Namespace) -> None:

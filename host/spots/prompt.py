@@ -12,6 +12,7 @@ import serial
 
 from .errors import SpotsError
 from .link import SerialLink
+from .udev import with_rule
 
 _TIMEOUT_S = 10.0
 _CHUNK = 512
@@ -105,7 +106,10 @@ class Prompt:
         self._refused = TransportExecError
         # What comes out of mpremote when the cable is pulled depends on where it was.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
-        SerialLink(port).close()  # says in a sentence why a port cannot be opened
+        try:
+            SerialLink(port).close()  # says in a sentence why a port cannot be opened
+        except SpotsError as error:
+            raise SpotsError(with_rule(str(error), port)) from None
         self._transport = None
         try:
             self._transport = SerialTransport(port)

@@ -8,9 +8,10 @@ import pytest
 
 import spots
 from spots import flash as flashing
-from spots import link
+from spots import link, udev
 from spots.build import build, files_of
 from spots.cli import main
+from spots.doctor import examine_board
 from spots.prompt import Prompt
 from spots.stage import device_of
 
@@ -164,5 +165,81 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(link.serial, "Serial", denied)
-    line = refused(capsys, "flash", "pico", "--port", "/dev/ttyACM0")
+    monkeypatch.setattr(sys, "platform", "linux")
+    usb = SimpleNamespace(device="/dev/null", vid=0x2E8A)
+    monkeypatch.setattr(udev, "usb_ports", lambda: [usb])
+    line = refused(capsys, "flash", "pico", "--port", "/dev/null")
     assert "may not be opened" in line
+    assert 'idVendor}=="2e8a"' in line
+    assert main(["doctor", "--port", "/dev/null"]) == 2
+    assert 'idVendor}=="2e8a"' in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_erase_takes_what_is_ours_and_asks_first(empty, capsys, monkeypatch):
+    build_into(empty)
+    for name in ("settings.txt", "calibration.txt.old", "notes.py"):
+        (empty / name).write_text("")
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
+    with flashing.virtual_board(empty) as port:
+        assert "--yes" in refused(capsys, "erase", "virtual", "--port", port)
+        assert (empty / "main.py").exists()
+        assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
+        assert [path.name for path in empty.iterdir()] == ["notes.py"]
+        assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
+        assert "nothing to remove" in capsys.readouterr().out
+
+
+def build_into(folder):
+    """Put the firmware onto a board's file system."""
+    for path, data in files_of(build("virtual", folder.parent / "build")).items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(data)
+
+
+def test_a_doctor_for_a_healthy_board(capsys):
+    assert main(["doctor", "--port", "virtual"]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [line[:2] for line in lines] == [
+        ["ok", check] for check in ("hello", "firmware", "sensor", "light", "rate")
+    ]
+
+
+class Patient:
+    """A board that answers as it is told."""
+
+    def __init__(self, firmware=spots.__version__, fault=None, counts=(9,) * 6, flags=0, step=10):
+        self.info = {"board": "pico", "runtime": "micropython", "id": "1", "firmware": firmware}
+        self._state = {"fault": fault, "exposure_us": 10_000, "full_scale": 1000}
+        self._spectra = [spots.Spectrum(0, i, i * step * 1000, flags, 9, counts) for i in range(12)]
+
+    def command(self, line):
+        return self._state
+
+    def frames(self, seconds):
+        return iter(self._spectra)
+
+
+@pytest.mark.parametrize(
+    ("ill", "check", "advice"),
+    [
+        ({"firmware": "0.0.1"}, "firmware", "spots flash pico"),
+        ({"fault": "no answer"}, "sensor", "no answer: check SDA"),
+        ({"counts": (0,) * 6}, "light", "check the LED"),
+        ({"counts": (990,) * 6}, "light", "99.0 %"),
+        ({"flags": 1 << 7}, "light", "led_mA"),
+        ({"step": 20}, "rate", "50.0 frames a second"),
+    ],
+)
+def test_a_doctor_for_an_ill_board(ill, check, advice):
+    problems = [found for found in examine_board(Patient(**ill)) if not found.ok]
+    assert [found.check for found in problems] == [check]
+    assert advice in problems[0].text
+    assert all(found.ok for found in examine_board(Patient()))
+
+
+def test_a_doctor_without_a_port(capsys, monkeypatch):
+    assert main(["doctor", "--port", "/dev/ttyNOPE"]) == 2
+    assert capsys.readouterr().out.startswith("problem  port")
+    monkeypatch.setattr(flashing, "usb_ports", list)
+    assert main(["doctor"]) == 2
+    assert "no board found" in capsys.readouterr().out

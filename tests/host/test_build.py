@@ -1,14 +1,16 @@
 """What goes onto each board: compiled where it can be, and nothing stale."""
 
 import json
+from pathlib import Path
 
 import pytest
 
+import spots
 from spots import SpotsError
 from spots import build as builder
 from spots.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.cli import main
-from spots.stage import board_names, device_of
+from spots.stage import board_names, device_of, stage
 
 
 @pytest.mark.parametrize("board", board_names())
@@ -62,7 +64,7 @@ def test_no_mpy_cross_says_how_to_get_it(tmp_path, monkeypatch):
 def test_a_header_by_hand():
     assert mpy_header(bytes((0x4D, 6, 4 << 2 | 3, 31))) == (6, 3, 4)  # armv6m
     for data in (b"", b"M\x06", b"C\x06\x00\x1f"):
-        with pytest.raises(ValueError, match="no [.]mpy"):
+        with pytest.raises(ValueError, match=r"no \.mpy"):
             mpy_header(data)
 
 
@@ -76,3 +78,13 @@ def test_the_list_of_boards(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["name", "title", "runtime", "arch", "sda", "scl"]
     assert len(lines) == 1 + len(rows)
+
+
+def test_the_package_for_mip_lists_the_firmware(tmp_path):
+    package = json.loads((Path(__file__).parents[2] / "firmware" / "package.json").read_text())
+    stage("virtual", tmp_path)
+    # What is in board_config.py is no two boards' alike.
+    wanted = set(files_of(tmp_path)) - {"board_config.py"}
+    assert [target for target, _ in package["urls"]][-1] == "main.py"
+    assert sorted(package["urls"]) == [[path, path] for path in sorted(wanted)]
+    assert package["version"] == spots.__version__

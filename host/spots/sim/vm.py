@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,8 @@ except ImportError:  # Windows, where `micropython_command` says what to do
 _HEAP = "heapsize=384k"
 # Exit codes: of machine.reset() in boards/virtual*, and of Ctrl-D at MicroPython's prompt.
 _HARD_RESET, _SOFT_RESET = 64, 0
+# Of Ctrl-C before MicroPython listens to it; a board then comes up at its prompt.
+_INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)
 # What runs after a reset, by runtime.
 _ENTRIES = {"micropython": "main.py", "circuitpython": "_circuitpython.py"}
 
@@ -136,7 +139,7 @@ class Machine:
         Returns
         -------
         bool
-            True if `boot` was called; False after Ctrl-D at the prompt, a soft reset, when it is
+            True if it was started again; False after Ctrl-D at the prompt, a soft reset, when it is
             up to the caller whether the entry runs.
 
         Raises
@@ -147,6 +150,9 @@ class Machine:
         code = self._process.wait()
         if self._terminal and code == _SOFT_RESET:
             return False
+        if self._terminal and code in _INTERRUPTED:
+            self.boot(run_entry=False)
+            return True
         if code != _HARD_RESET:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
             raise SpotsError(f"the virtual board stopped: {lines[-1]}")
