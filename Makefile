@@ -1,11 +1,12 @@
 # Every target makes what it needs in .venv; nothing else on the machine is touched.
 PYTHON ?= python3
 BOARD ?= pico
+PORT ?=
 ARGS ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test lint bench build pictures paper clean
+.PHONY: help demo test lint bench build flash erase doctor pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -14,6 +15,9 @@ help:
 	@echo 'make lint   style and format'
 	@echo 'make bench  driver, firmware and host against their peers'
 	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
+	@echo 'make flash  the firmware onto a board, and start it  BOARD=pico PORT='
+	@echo 'make erase  remove firmware, settings and calibration'
+	@echo 'make doctor what is wrong with a board, and what to do'
 	@echo 'make pictures  draw the pictures of the documents again'
 	@echo 'make paper  measure again what docs/paper.md compares'
 	@echo 'make clean  remove .venv and all that was built'
@@ -31,8 +35,17 @@ lint: .venv/test
 bench: .venv/test
 	@$(BIN)/spots bench $(ARGS)
 
-build: .venv/demo
+build: .venv/flash
 	@$(BIN)/spots build $(BOARD)
+
+flash: .venv/flash
+	@$(BIN)/spots flash $(BOARD) $(if $(PORT),--port $(PORT)) $(ARGS)
+
+erase: .venv/flash
+	@$(BIN)/spots erase $(BOARD) $(if $(PORT),--port $(PORT)) $(ARGS)
+
+doctor: .venv/flash
+	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
 pictures: .venv/demo
 	@$(BIN)/python docs/make_pictures.py
@@ -49,11 +62,17 @@ clean:
 	@$(PIP) install --prefer-binary --editable '.[virtual]'
 	@touch $@
 
+.venv/flash: pyproject.toml
+	@echo 'Setting up .venv for flashing (once) ...'
+	@$(PYTHON) -m venv .venv
+	@$(PIP) install --prefer-binary --editable '.[virtual,flash]'
+	@touch .venv/demo $@
+
 .venv/test: pyproject.toml
 	@echo 'Setting up .venv for the tests (once) ...'
 	@$(PYTHON) -m venv .venv
 	@$(PIP) install --prefer-binary --editable '.[test]'
-	@touch .venv/demo $@
+	@touch .venv/demo .venv/flash $@
 
 tests/wasm/node_modules: .venv/test tests/wasm/package.json tests/wasm/package-lock.json
 	@PATH="$(CURDIR)/$(BIN):$$PATH" npm ci --prefix tests/wasm --no-audit --no-fund --loglevel error

@@ -1,12 +1,13 @@
 """The board can always be had back: Ctrl-C, the button, a crash, and the prompt behind them."""
 
-import json
+import contextlib
 import subprocess
 import sys
 
 import pytest
 
 import spots
+from spots.flash import virtual_board
 from spots.link import SerialLink
 from spots.stage import stage
 
@@ -14,40 +15,12 @@ PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 DEADLINE_S = 20.0
 
 
-class Bench:
-    """A virtual board in real time with a folder for its file system."""
-
-    def __init__(self, folder, environment=None):
-        self.folder = folder
-        arguments = ["default", "demo", "0", "virtual", str(folder)]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "spots.sim.realtime", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
-        self.port = json.loads(self._process.stdout.readline())["port"]
-
-    def close(self):
-        self._process.stdin.close()
-        self._process.stdout.close()
-        self._process.wait()
-
-
 @pytest.fixture
-def bench(tmp_path):
-    """Return a function that starts a board whose files were put in `tmp_path`."""
-    made = []
-
-    def start():
-        made.append(Bench(tmp_path))
-        return made[-1]
-
+def start(tmp_path):
+    """Return a function that starts a board with the files in `tmp_path`, and gives its port."""
     stage("virtual", tmp_path)
-    yield start
-    for one in made:
-        one.close()
+    with contextlib.ExitStack() as boards:
+        yield lambda: boards.enter_context(virtual_board(tmp_path))
 
 
 def until(link, wanted):
@@ -77,8 +50,8 @@ def interrupted(port):
     return link
 
 
-def test_ctrl_c_in_full_flow_stops_the_application_and_leaves_led_and_sensor_off(bench):
-    port = bench().port
+def test_ctrl_c_in_full_flow_stops_the_application_and_leaves_led_and_sensor_off(start):
+    port = start()
     with spots.open(port) as board:
         for _ in zip(board.touches(), range(20)):
             pass
@@ -98,8 +71,8 @@ def test_ctrl_c_in_full_flow_stops_the_application_and_leaves_led_and_sensor_off
     link.close()
 
 
-def test_a_soft_reset_at_the_raw_prompt_stays_there_and_a_hard_one_starts_the_application(bench):
-    port = bench().port
+def test_a_soft_reset_at_the_raw_prompt_stays_there_and_a_hard_one_starts_the_application(start):
+    port = start()
     link = interrupted(port)
     link.write(b"\x04")
     assert b"soft reboot\r\n" in until(link, PROMPT)
@@ -110,8 +83,8 @@ def test_a_soft_reset_at_the_raw_prompt_stays_there_and_a_hard_one_starts_the_ap
         assert board.info["board"] == "virtual"
 
 
-def test_a_soft_reset_at_the_friendly_prompt_starts_the_application(bench):
-    port = bench().port
+def test_a_soft_reset_at_the_friendly_prompt_starts_the_application(start):
+    port = start()
     link = interrupted(port)
     link.write(b"\x02")
     until(link, b">>> ")
@@ -122,29 +95,29 @@ def test_a_soft_reset_at_the_friendly_prompt_starts_the_application(bench):
         assert board.info["board"] == "virtual"
 
 
-def test_the_button_skips_the_application(bench, tmp_path, monkeypatch):
+def test_the_button_skips_the_application(start, tmp_path, monkeypatch):
     with (tmp_path / "board_config.py").open("a") as file:
         file.write("SAFE_BOOT = 2\n")
     monkeypatch.setenv("SPOTS_BUTTON", "held")
-    link = SerialLink(bench().port)
+    link = SerialLink(start())
     assert b"the button is held" in until(link, b">>> ")
     link.close()
 
 
-def test_a_button_that_is_not_held_skips_nothing(bench, tmp_path):
+def test_a_button_that_is_not_held_skips_nothing(start, tmp_path):
     with (tmp_path / "board_config.py").open("a") as file:
         file.write("SAFE_BOOT = 2\n")
-    with spots.open(bench().port) as board:
+    with spots.open(start()) as board:
         assert board.info["board"] == "virtual"
 
 
-def test_a_crash_is_told_and_the_board_starts_anew(bench, tmp_path):
+def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
     path = tmp_path / "tactile" / "app.py"
     broken = path.read_text().replace(
         "    def time_us(self):\n", "    def time_us(self):\n        self.nonsense()\n"
     )
     path.write_text(broken)
-    link = SerialLink(bench().port)
+    link = SerialLink(start())
     decoder = spots.Decoder()
     link.write(b"\nsync\n")
     told, end_s = [], link.now_s() + DEADLINE_S
@@ -163,3 +136,16 @@ def test_a_crash_is_told_and_the_board_starts_anew(bench, tmp_path):
         frames = decoder.feed(link.read(0.2))
         hello = [frame for frame in frames if frame.content.get("re") == "hello"]
     link.close()
+
+
+def test_mpremote_connects_while_the_application_runs(start):
+    port = start()
+    with spots.open(port) as board:
+        assert len([touch for touch, _ in zip(board.touches(), range(50))]) == 50
+    command = [sys.executable, "-m", "mpremote", "connect", port]
+    run = subprocess.run(
+        [*command, "exec", "print(6 * 7)", "+", "reset"], capture_output=True, text=True, timeout=60
+    )
+    assert run.stdout.strip() == "42", run.stdout + run.stderr
+    with spots.open(port) as board:
+        assert board.info["board"] == "virtual"

