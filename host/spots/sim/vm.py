@@ -24,8 +24,8 @@ except ImportError:  # Windows, where `micropython_command` says what to do
 _HEAP = "heapsize=384k"
 # Exit codes: of machine.reset() in boards/virtual*, and of Ctrl-D at MicroPython's prompt.
 _HARD_RESET, _SOFT_RESET = 64, 0
-# Of Ctrl-C before MicroPython listens to it; a board then comes up at its prompt.
-_INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)
+# Of Ctrl-C before MicroPython listens to it; 1 is of the Python that starts it, if that is early.
+_INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT, 1)
 # What runs after a reset, by runtime.
 _ENTRIES = {"micropython": "main.py", "circuitpython": "_circuitpython.py"}
 
@@ -105,6 +105,7 @@ class Machine:
     def boot(self, run_entry: bool = True) -> None:
         """Start MicroPython, which opens new pipes: `requests` to read, `answers` to write."""
         self.shut_down()
+        self._starts_entry = run_entry
         self.requests, request_end = os.pipe()
         answer_end, self.answers = os.pipe()
         command = [*self._command, "-X", _HEAP]
@@ -150,7 +151,8 @@ class Machine:
         code = self._process.wait()
         if self._terminal and code == _SOFT_RESET:
             return False
-        if self._terminal and code in _INTERRUPTED:
+        if self._terminal and code in _INTERRUPTED and self._starts_entry:
+            # As a board whose program was interrupted; once, for 1 may have other reasons.
             self.boot(run_entry=False)
             return True
         if code != _HARD_RESET:
