@@ -15,6 +15,7 @@ from .link import SerialLink
 from .udev import with_rule
 
 _TIMEOUT_S = 10.0
+_ENTER_TRIES, _ENTER_S = 3, 3.0
 _CHUNK = 512
 _DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
 
@@ -113,10 +114,7 @@ class Prompt:
         self._transport = None
         try:
             self._transport = SerialTransport(port)
-            self._transport.serial.timeout = _TIMEOUT_S
-            self._transport.serial.write_timeout = _TIMEOUT_S
-            with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints what it did not like
-                self._transport.enter_raw_repl(soft_reset=False)
+            self._enter()
         except self._failures:
             self.close()
             raise SpotsError(
@@ -212,6 +210,20 @@ class Prompt:
             except self._failures:
                 pass  # it is gone already
             self._transport = None
+
+    def _enter(self) -> None:
+        self._transport.serial.write_timeout = _TIMEOUT_S
+        self._transport.serial.timeout = 1.0
+        with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints what it did not like
+            # A board that is just starting does not hear the first one.
+            for left in reversed(range(_ENTER_TRIES)):
+                try:
+                    self._transport.enter_raw_repl(soft_reset=False, timeout_overall=_ENTER_S)
+                    break
+                except self._failures:
+                    if not left:
+                        raise
+        self._transport.serial.timeout = _TIMEOUT_S
 
     def _tool(self, program: str):
         if not self._has_tools:

@@ -160,6 +160,11 @@ def test_no_board_and_two_boards(capsys, monkeypatch):
     assert "--port: /dev/a, /dev/b" in refused(capsys, "flash", "pico")
 
 
+def test_no_mpremote_says_how_to_get_it(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mpremote.transport", None)
+    assert "pip install 'spots[flash]'" in refused(capsys, "flash", "pico", "--port", "/dev/x")
+
+
 def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
     def denied(*arguments, **named):
         raise PermissionError(13, "Permission denied")

@@ -114,6 +114,12 @@ def machine(request, tmp_path):
 
 
 @pytest.fixture
+def unix64(tmp_path):
+    """The MicroPython of 64 bits."""
+    return Unix64(tmp_path / "micropython")
+
+
+@pytest.fixture
 def machine_bits(machine):
     """Bits of a machine's words."""
     return 32 if isinstance(machine, Wasm32) else 64
