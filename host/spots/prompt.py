@@ -59,13 +59,8 @@ try:
     _s = os.statvfs("/")
 except (AttributeError, OSError):
     _s = None
-try:
-    from machine import USBDevice
-    _u = True
-except ImportError:
-    _u = False
 print((_i.name, tuple(_i.version[:3]), getattr(_i, "_mpy", 0), sys.platform,
-    _s and _s[1], _s and _s[1] * _s[3], _u))
+    _s and _s[1], _s and _s[1] * _s[3]))
 """
 
 _RESET = """
@@ -89,7 +84,7 @@ class Prompt:
     ----------
     facts : dict
         ``runtime``, ``version``, ``mpy`` (format version, architecture), ``platform``,
-        ``block`` and ``free`` (bytes), ``usb_device``.
+        ``block`` and ``free`` (bytes).
 
     Raises
     ------
@@ -125,7 +120,7 @@ class Prompt:
         except BaseException:
             self.close()
             raise
-        name, version, mpy, platform, block, free, usb_device = said
+        name, version, mpy, platform, block, free = said
         self.facts = {
             "runtime": name,
             "version": version,
@@ -133,7 +128,6 @@ class Prompt:
             "platform": platform,
             "block": block,
             "free": free,
-            "usb_device": usb_device,
         }
         self._has_tools = False
 

@@ -34,8 +34,6 @@ class Device:
         ``micropython`` or ``circuitpython``.
     march : str or None
         Architecture of its native code, as ``mpy-cross -march`` names it; None for sources only.
-    viper : bool
-        Whether its MicroPython runs native code.
     config : dict
         What becomes board_config.py.
     wiring : dict
@@ -46,7 +44,6 @@ class Device:
     title: str
     runtime: str
     march: str | None
-    viper: bool
     config: dict
     wiring: dict
 
@@ -72,7 +69,6 @@ def device_of(board: str) -> Device:
         title=said["title"],
         runtime=said["runtime"],
         march=said.get("march"),
-        viper=said.get("viper", False),
         config={"NAME": board} | said["device"],
         wiring=said.get("wiring", {}),
     )
