@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 
 from tactile.calibration import Calibration, CalibrationError
 from tactile.settings import checksum
@@ -98,23 +99,8 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     from .sim.files import SensorFile, load
 
     calibration = calibrate(load(SensorFile, sensor))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "spots.sim.realtime", sensor, scenario, str(seed), VIRTUAL, ""],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-    def end():
-        process.stdin.close()
-        process.stdout.close()
-        process.wait()
-
+    start, end = start_simulator(sensor, scenario, seed)
     try:
-        start = json.loads(process.stdout.readline() or '{"error": "the simulator did not start"}')
-        if "error" in start:
-            raise SpotsError(start["error"])
         board = Board(SerialLink(start["port"]))
     except BaseException:
         end()
@@ -126,6 +112,53 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         board.close()
         raise
     return board, start["started_s"]
+
+
+def start_simulator(
+    sensor: str, scenario: str, seed: int, folder: str = ""
+) -> tuple[dict, Callable[[], None]]:
+    """Start a virtual board in a process of its own.
+
+    Parameters
+    ----------
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    folder : str
+        The board's file system, used as it is; a new one with the firmware, if empty.
+
+    Returns
+    -------
+    start : dict
+        ``port``, and ``started_s``, the host's time of power-on.
+    end : callable
+        Ends it.
+
+    Raises
+    ------
+    SpotsError
+        If it does not start.
+    """
+    arguments = [sensor, scenario, str(seed), VIRTUAL, folder]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "spots.sim.realtime", *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+    def end():
+        process.stdin.close()
+        process.stdout.close()
+        process.wait()
+
+    start = json.loads(process.stdout.readline() or '{"error": "the simulator did not start"}')
+    if "error" in start:
+        end()
+        raise SpotsError(start["error"])
+    return start, end
 
 
 def prepare(board: Board, calibration) -> None:

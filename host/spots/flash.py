@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -16,7 +14,7 @@ from pathlib import Path
 from rich.progress import track
 
 from .build import ARCHITECTURES, build, files_of, mpy_header
-from .connect import VIRTUAL
+from .connect import VIRTUAL, start_simulator
 from .connect import open as open_board
 from .errors import SpotsError
 from .link import usb_ports
@@ -108,18 +106,11 @@ def the_port() -> str:
 @contextlib.contextmanager
 def virtual_board(folder: Path, sensor: str = "default", scenario: str = "demo") -> Iterator[str]:
     """Start a virtual board on a file system folder as it is, and give its port."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "spots.sim.realtime", sensor, scenario, "0", VIRTUAL, str(folder)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    with process:  # closes its standard input, which ends it
-        start = json.loads(process.stdout.readline() or '{"error": "the simulator did not start"}')
-        if "error" in start:
-            raise SpotsError(start["error"])
+    start, end = start_simulator(sensor, scenario, 0, str(folder))
+    try:
         yield start["port"]
+    finally:
+        end()
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
