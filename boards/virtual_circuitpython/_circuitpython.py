@@ -1,6 +1,7 @@
 """What CircuitPython does after a reset: boot.py, then USB, then code.py, both from scratch."""
 
 import builtins
+import os
 import sys
 
 sys.path[0] = ""  # not this folder, which comes after the board's own files
@@ -9,6 +10,10 @@ import _simulator  # noqa: E402, F401
 import storage  # noqa: E402
 import usb_cdc  # noqa: E402
 
+_ABOUT = (
+    "Adafruit CircuitPython 10.3.1 on 2026-01-01; Virtual board with a simulator\n"
+    "Board ID:virtual_circuitpython\nUID:%s\n"
+)
 _BUILT_IN = set(sys.modules)
 _open = builtins.open
 
@@ -28,6 +33,8 @@ def _run(name):
     exec(compile(source, name, "exec"), {"__name__": "__main__"})
 
 
+with _open("boot_out.txt", "w") as file:
+    file.write(_ABOUT % os.getenv("SPOTS_BOARD_ID"))
 builtins.open = _guarded_open
 try:
     _run("boot.py")

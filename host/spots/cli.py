@@ -88,13 +88,13 @@ def _add_boards(commands) -> None:
 
     flash = commands.add_parser("flash", help="put the firmware on a board and start it")
     flash.add_argument("board", metavar="BOARD")
-    flash.add_argument("--port", help="serial port, or 'virtual'; found if not given")
+    flash.add_argument("--port", help="serial port or CIRCUITPY drive; found if not given")
     flash.add_argument("--dry-run", action="store_true", help="only print what would be done")
     flash.set_defaults(run=_flash)
 
     erase = commands.add_parser("erase", help="remove firmware, settings and calibration")
     erase.add_argument("board", metavar="BOARD")
-    erase.add_argument("--port", help="serial port, or 'virtual'; found if not given")
+    erase.add_argument("--port", help="serial port or CIRCUITPY drive; found if not given")
     erase.add_argument("--yes", action="store_true", help="do not ask")
     erase.set_defaults(run=_erase)
 

@@ -12,7 +12,7 @@ from tactile.settings import checksum
 
 from .board import Board
 from .errors import SpotsError
-from .link import SerialLink, usb_ports
+from .link import SerialLink, usb_boards, usb_ports
 
 VIRTUAL = "virtual"
 
@@ -54,7 +54,7 @@ def open(
 
 
 def find() -> tuple[list[Board], list[str]]:
-    """Ask every USB serial port who it is.
+    """Ask every USB device with a serial port who it is.
 
     Returns
     -------
@@ -64,11 +64,13 @@ def find() -> tuple[list[Board], list[str]]:
         Why the others are none.
     """
     boards, reasons = [], []
-    for port in usb_ports():
-        try:
-            boards.append(Board(SerialLink(port.device)))
-        except SpotsError as error:
-            reasons.append(str(error))
+    for ports in usb_boards():
+        for port in reversed(ports):
+            try:
+                boards.append(Board(SerialLink(port)))
+                break
+            except SpotsError as error:
+                reasons.append(str(error))
     return boards, reasons
 
 

@@ -13,9 +13,9 @@ from .board import Board
 from .connect import VIRTUAL
 from .connect import open as open_board
 from .errors import SpotsError
-from .flash import the_port
 from .frames import Spectrum
 from .link import SerialLink
+from .place import the_board
 from .udev import with_rule
 
 _SPECTRA = 12
@@ -52,7 +52,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
     """Check a board in the order in which one thing needs the other; end where that ends."""
     if port != VIRTUAL:
         try:
-            port = port or the_port()
+            port = port or the_board()[-1]
         except SpotsError as error:
             yield Finding("port", False, str(error))
             return

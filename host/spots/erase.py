@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+from pathlib import PurePosixPath
 
 from .errors import SpotsError
-from .flash import ENTRY, USER_FILES, at_port, is_ours
-from .prompt import Prompt
-from .stage import device_of
+from .flash import USER_FILES, is_ours
+from .place import place
+from .stage import ENTRIES, device_of
 
 
 def erase(board: str, port: str | None = None, yes: bool = False) -> None:
@@ -19,26 +20,32 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
         If there is no such board, it runs another runtime, or nobody can be asked.
     """
     device = device_of(board)
-    with at_port(board, port) as name:
+    entry = ENTRIES[device.runtime][-1]
+    with place(device, port) as there:
         if not yes:
-            _ask(name)
-        with Prompt(name) as prompt:
-            try:
-                if prompt.facts["runtime"] != device.runtime:
-                    raise SpotsError(
-                        f"the board on {name} runs {prompt.facts['runtime']}, and {board} "
-                        f"{device.runtime}: name the right board"
-                    )
-                # The entry first: what is left of the rest must not start.
-                ours = [path for path in prompt.files() if is_ours(path) or path in USER_FILES]
-                for path in sorted(ours, key=lambda path: (path != ENTRY, path)):
-                    prompt.remove(path)
-                folders = {path.rpartition("/")[0] for path in ours} - {""}
-                for folder in sorted(folders, reverse=True):
-                    prompt.run(f"import os\nos.rmdir({folder!r})")
-            finally:
-                prompt.reset()
-        print(f"{len(ours)} files removed from {name}" if ours else "nothing to remove")
+            _ask(there.name)
+        with there.open() as target:
+            if target.facts["runtime"] != device.runtime:
+                raise SpotsError(
+                    f"the board on {there.name} runs {target.facts['runtime']}, and {board} "
+                    f"{device.runtime}: name the right board"
+                )
+            ours = [
+                path
+                for path in target.files()
+                if is_ours(path, device.runtime) or path in USER_FILES
+            ]
+            # The entry first: what is left of the rest must not start.
+            for path in sorted(ours, key=lambda path: (path != entry, path)):
+                target.remove(path)
+            for folder in sorted(_folders(ours), reverse=True):
+                target.remove_folder(folder)
+            target.reset()
+        print(f"{len(ours)} files removed from {there.name}" if ours else "nothing to remove")
+
+
+def _folders(paths: list[str]) -> set[str]:
+    return {parent.as_posix() for path in paths for parent in PurePosixPath(path).parents} - {"."}
 
 
 def _ask(port: str) -> None:

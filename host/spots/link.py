@@ -99,6 +99,14 @@ def usb_ports() -> list:
     return sorted(port for port in list_ports.comports() if port.vid is not None)
 
 
+def usb_boards() -> list[list[str]]:
+    """Return the serial ports of each USB device; that with a prompt first, for frames last."""
+    boards: dict = {}
+    for port in usb_ports():
+        boards.setdefault(port.serial_number or port.device, []).append(port.device)
+    return list(boards.values())
+
+
 def _why_not(port: str, error: Exception) -> str:
     number = getattr(error, "errno", None)
     text = str(error).lower()

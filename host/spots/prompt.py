@@ -65,9 +65,9 @@ print((_i.name, tuple(_i.version[:3]), getattr(_i, "_mpy", 0), sys.platform,
 
 _RESET = """
 try:
-    import machine
-except ImportError:
     import microcontroller as machine
+except ImportError:
+    import machine
 machine.reset()
 """
 
@@ -135,7 +135,8 @@ class Prompt:
         return self
 
     def __exit__(self, *exception) -> None:
-        self.close()
+        if self._transport is not None:
+            self.reset()  # what ran there before was interrupted
 
     def run(self, program: str) -> str:
         """Run a program and return what it printed.
@@ -173,6 +174,10 @@ class Prompt:
     def remove(self, path: str) -> None:
         """Remove a file."""
         self.run(f"import os\nos.remove({path!r})")
+
+    def remove_folder(self, path: str) -> None:
+        """Remove a folder if there is nothing in it."""
+        self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
 
     def write(self, path: str, data: bytes) -> None:
         """Write a file under another name, compare its hash, and only then give it its name."""

@@ -24,7 +24,7 @@ ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
 # Apart: on this Python's path, a code.py would hide the standard library's.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
 # What a runtime needs besides, taken from this Python's own packages into `lib`.
-_LIBRARIES = {
+LIBRARIES = {
     "micropython": (),
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
@@ -95,7 +95,7 @@ def stage(board: str, folder: Path) -> None:
         If there is no such board, or a library is missing here.
     """
     device = device_of(board)
-    for library in _LIBRARIES[device.runtime]:
+    for library in LIBRARIES[device.runtime]:
         _copy_library(library, folder / "lib")
     (others,) = set(ENTRIES) - {device.runtime}
     shutil.copytree(

@@ -3,12 +3,13 @@
 import contextlib
 
 import pytest
+from boards import running
 from cobs import cobs
 
 import spots
 from spots.board import Board
 from spots.calibrate.stage import calibrate
-from spots.connect import prepare, start_simulator
+from spots.connect import prepare
 from spots.errors import SpotsError
 from spots.link import SerialLink
 from spots.sim.files import ScenarioFile, load
@@ -125,9 +126,8 @@ def start(tmp_path):
     with contextlib.ExitStack() as boards:
 
         def begin():
-            start, end = start_simulator("default", "demo", 0, str(tmp_path), BOARD)
-            boards.callback(end)
-            return start["port"], start["console"]
+            ports = boards.enter_context(running(tmp_path, BOARD))
+            return ports["port"], ports["console"]
 
         yield begin
 

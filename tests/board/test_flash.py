@@ -5,6 +5,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from boards import virtual_board
 
 import spots
 from spots import flash as flashing
@@ -35,7 +36,7 @@ def refused(capsys, *arguments):
 
 def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):
     source = build("virtual", tmp_path / "build")
-    with flashing.virtual_board(empty) as port:
+    with virtual_board(empty) as port:
         command = [sys.executable, "-m", "mpremote", "connect", port]
         command += ["cp", "-r", "tactile", "board_config.py", ":", "+", "cp", "main.py", ":"]
         run = subprocess.run(
@@ -55,7 +56,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
     (empty / "tactile" / "app.py").write_text("an older version")
     (empty / "tactile" / "log2.mpy.part").write_text("half")
     wanted = files_of(build("virtual", tmp_path / "build"))
-    with flashing.virtual_board(empty) as port:
+    with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
         assert "remove tactile/app.py" in capsys.readouterr().out
         assert (empty / "tactile" / "app.py").exists()
@@ -84,11 +85,11 @@ def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, tmp_pat
             write(prompt, path, data)
 
         patch.setattr(Prompt, "write", cut)
-        board = flashing.virtual_board(empty)
+        board = virtual_board(empty)
         port, board = board.__enter__(), _Closer(board)
         assert "was disconnected" in refused(capsys, "flash", "virtual", "--port", port)
     assert "main.py" not in files_of(empty)
-    with flashing.virtual_board(empty) as port:
+    with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port]) == 0
     assert files_of(empty) == wanted
 
@@ -110,7 +111,7 @@ def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
         write(prompt, path, data)
 
     monkeypatch.setattr(Prompt, "write", full)
-    with flashing.virtual_board(empty) as port:
+    with virtual_board(empty) as port:
         assert "is full" in refused(capsys, "flash", "virtual", "--port", port)
     assert "main.py" not in files_of(empty)
 
@@ -124,7 +125,7 @@ def test_too_little_room_is_seen_before_anything_is_touched(empty, capsys, monke
 
     monkeypatch.setattr(Prompt, "__init__", small)
     (empty / "main.py").write_text("print('the one before')")
-    with flashing.virtual_board(empty) as port:
+    with virtual_board(empty) as port:
         assert "1000 bytes free" in refused(capsys, "flash", "virtual", "--port", port)
     assert set(files_of(empty)) == {"main.py"}
 
@@ -154,9 +155,9 @@ def test_a_board_that_will_not_do(changed, sentence, tmp_path):
 
 def test_no_board_and_two_boards(capsys, monkeypatch):
     ports = []
-    monkeypatch.setattr(flashing, "usb_ports", lambda: ports)
+    monkeypatch.setattr(link, "usb_ports", lambda: ports)
     assert "no board found" in refused(capsys, "flash", "pico")
-    ports += [SimpleNamespace(device=name) for name in ("/dev/a", "/dev/b")]
+    ports += [SimpleNamespace(device=name, serial_number=None) for name in ("/dev/a", "/dev/b")]
     assert "--port: /dev/a, /dev/b" in refused(capsys, "flash", "pico")
 
 
@@ -185,7 +186,7 @@ def test_erase_takes_what_is_ours_and_asks_first(empty, capsys, monkeypatch):
     for name in ("settings.txt", "calibration.txt.old", "notes.py"):
         (empty / name).write_text("")
     monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
-    with flashing.virtual_board(empty) as port:
+    with virtual_board(empty) as port:
         assert "--yes" in refused(capsys, "erase", "virtual", "--port", port)
         assert (empty / "main.py").exists()
         assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
@@ -245,6 +246,6 @@ def test_a_doctor_for_an_ill_board(ill, check, advice):
 def test_a_doctor_without_a_port(capsys, monkeypatch):
     assert main(["doctor", "--port", "/dev/ttyNOPE"]) == 2
     assert capsys.readouterr().out.startswith("problem  port")
-    monkeypatch.setattr(flashing, "usb_ports", list)
+    monkeypatch.setattr(link, "usb_ports", list)
     assert main(["doctor"]) == 2
     assert "no board found" in capsys.readouterr().out

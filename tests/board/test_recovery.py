@@ -5,9 +5,9 @@ import subprocess
 import sys
 
 import pytest
+from boards import virtual_board
 
 import spots
-from spots.flash import virtual_board
 from spots.link import SerialLink
 from spots.stage import stage
 

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from spots import cli, connect
+from spots import cli, connect, link
 from spots.errors import SpotsError
 from spots.frames import LinkStats, Spectrum, Touch
 from spots.score import Score
@@ -64,7 +64,7 @@ def test_a_score_compares_trusted_readings_under_one_finger_and_no_others():
 
 
 class Port:
-    device, description = "/dev/ttyNONE", "a device"
+    device, description, serial_number = "/dev/ttyNONE", "a device", None
 
 
 def test_ports_says_what_answered_on_each(monkeypatch, capsys):
@@ -74,6 +74,6 @@ def test_ports_says_what_answered_on_each(monkeypatch, capsys):
 
 
 def test_no_board_found_says_why_each_port_was_none(monkeypatch):
-    monkeypatch.setattr(connect, "usb_ports", lambda: [Port])
+    monkeypatch.setattr(link, "usb_ports", lambda: [Port])
     with pytest.raises(SpotsError, match=r"no board found.*there is no port /dev/ttyNONE"):
         connect.open()

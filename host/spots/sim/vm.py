@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 from ..errors import SpotsError
-from ..stage import BOARDS, ENTRIES, device_of, stage
+from ..stage import BOARDS, stage
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 _HEAP = "heapsize=384k"
@@ -83,9 +83,8 @@ class Machine:
         self.folder = Path(self._own.name) if self._own else folder
         if not blank:
             stage(board, self.folder)
-        self._entry = ENTRIES[device_of(board).runtime][-1]
         launcher = BOARDS / board / _CIRCUITPYTHON
-        self._start = str(launcher) if launcher.exists() else self._entry
+        self._entry = launcher if launcher.exists() else self.folder.resolve() / "main.py"
         self._environment = {
             "MICROPYPATH": f":lib:{BOARDS / board}:{_COMMON}:.frozen",
             "SPOTS_BOARD_ID": board_id,
@@ -110,8 +109,8 @@ class Machine:
         command = [*self._command, "-X", _HEAP]
         if self._terminal:
             command.append("-i")
-        if run_entry and (self.folder / self._entry).exists():
-            command.append(self._start)
+        if run_entry and self._entry.exists():
+            command.append(str(self._entry))
         self._process = subprocess.Popen(
             command,
             cwd=self.folder,

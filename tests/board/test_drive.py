@@ -1,0 +1,178 @@
+"""The firmware onto the drive of a virtual CircuitPython board, and off it."""
+
+import errno
+import shutil
+from types import SimpleNamespace
+
+import pytest
+from boards import running
+
+import spots
+from spots import drive, link, place
+from spots.build import build, files_of
+from spots.cli import main
+from spots.drive import Drive
+
+ABOUT = "Adafruit CircuitPython {} on 2026-01-01; Some board\nBoard ID:{}\nUID:0123AB\n"
+RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
+
+
+@pytest.fixture
+def mount(tmp_path, monkeypatch):
+    """Return a function that mounts a drive as CircuitPython makes them, and gives its folder."""
+    monkeypatch.setattr(drive, "_LINUX", [f"{tmp_path}/media/*"])
+    monkeypatch.setattr(link, "usb_ports", list)
+    monkeypatch.setattr(place, "usb_ports", list)
+    monkeypatch.setattr("sys.platform", "linux")
+
+    def mounted(version, board_id, name="CIRCUITPY"):
+        folder = tmp_path / "media" / name
+        folder.mkdir(parents=True)
+        (folder / "boot_out.txt").write_text(ABOUT.format(version, board_id))
+        return folder
+
+    return mounted
+
+
+def refused(capsys, *arguments):
+    """Run the command line; it must fail with one line, which is returned."""
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("spots: ")
+    assert error.count("\n") == 1
+    return error
+
+
+def test_onto_a_blank_board_which_then_says_hello_and_off_it_again(tmp_path, capsys):
+    folder = tmp_path / "board"
+    folder.mkdir()
+    (folder / "notes.py").write_text("the user's own")
+    wanted = files_of(build("virtual_circuitpython", tmp_path / "build"))
+    with running(folder, "virtual_circuitpython") as start:
+        there = place.Place(
+            str(folder), lambda: Drive(str(folder), start["console"]), lambda: [start["port"]]
+        )
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(place, "_on_drive", lambda name: there)
+            flash = ["flash", "virtual_circuitpython", "--port", str(folder)]
+            assert main(flash) == 0
+            said = capsys.readouterr().out
+            assert f"{len(wanted)} files copied" in said
+            assert said.splitlines()[-1].startswith("virtual_circuitpython, firmware ")
+            (folder / "settings.txt").write_text("mine\n")
+            assert main(flash) == 0
+            assert "nothing to copy" in capsys.readouterr().out
+            about = {"boot_out.txt": (folder / "boot_out.txt").read_bytes()}
+            own = {"settings.txt": b"mine\n", "notes.py": b"the user's own"}
+            assert files_of(folder) == wanted | own | about
+            assert main(["erase", "virtual_circuitpython", "--port", str(folder), "--yes"]) == 0
+            assert set(files_of(folder)) == {"notes.py", "boot_out.txt"}
+            assert not (folder / "lib").exists()
+
+
+def test_the_libraries_come_first_and_the_entry_last(mount, capsys):
+    folder = mount(*RIGHT)
+    (folder / "lib").mkdir()
+    (folder / "lib" / "adafruit_as7341.mpy").write_text("of another version, it would win")
+    (folder / "lib" / "neopixel.py").write_text("the user's own")
+    (folder / "code.py").write_text("print('hello')")
+    before = files_of(folder)
+    assert main(["flash", "qtpy_rp2040", "--dry-run"]) == 0
+    steps = [line.split()[:2] for line in capsys.readouterr().out.splitlines()[:-1]]
+    assert files_of(folder) == before
+    removed = [path for step, path in steps if step == "remove"]
+    assert removed == ["code.py", "lib/adafruit_as7341.mpy"]
+    copied = [path for step, path in steps if step == "copy"]
+    libraries = [path for path in copied if path.startswith("lib/")]
+    assert "lib/adafruit_as7341.py" in libraries
+    assert copied[: len(libraries)] == libraries
+    assert copied[-1] == "code.py"
+
+
+def test_a_drive_without_a_console_is_written_and_the_user_told_to_press_reset(
+    mount, capsys, monkeypatch, tmp_path
+):
+    monkeypatch.setattr("spots.flash._RETURN_S", 0)
+    folder = mount(*RIGHT)
+    assert "does not come back" in refused_after_copying(capsys)
+    files = files_of(folder)
+    assert files.pop("boot_out.txt")
+    assert files == files_of(build("qtpy_rp2040", tmp_path / "build"))
+
+
+def refused_after_copying(capsys):
+    assert main(["flash", "qtpy_rp2040"]) == 2
+    said = capsys.readouterr()
+    assert "press the board's reset button" in said.out
+    return said.err
+
+
+@pytest.mark.parametrize(
+    ("about", "sentence"),
+    [
+        (("9.2.1", "raspberry_pi_pico"), "is raspberry_pi_pico, and qtpy_rp2040 is adafruit_qtpy"),
+        (("7.3.3", "adafruit_qtpy_rp2040"), "7.3.3: install CircuitPython 8.0 or newer"),
+    ],
+)
+def test_a_board_that_will_not_do(mount, capsys, about, sentence):
+    folder = mount(*about)
+    assert sentence in refused(capsys, "flash", "qtpy_rp2040")
+    assert set(files_of(folder)) == {"boot_out.txt"}
+
+
+def test_no_drive_two_drives_and_what_is_none(mount, capsys, tmp_path):
+    assert "no CIRCUITPY drive found" in refused(capsys, "flash", "qtpy_rp2040")
+    assert "is no CircuitPython drive" in refused(
+        capsys, "flash", "qtpy_rp2040", "--port", str(tmp_path)
+    )
+    mount(*RIGHT)
+    mount(*RIGHT, name="CIRCUITPY1")
+    line = refused(capsys, "flash", "qtpy_rp2040")
+    assert "name one with --port" in line
+    assert line.count("/media/CIRCUITPY") == 2
+
+
+@pytest.mark.parametrize(
+    ("number", "sentence"),
+    [
+        (errno.ENOSPC, "is full: remove files of yours"),
+        (errno.EROFS, "press its button within half a second"),
+        (errno.EIO, "replug the board"),
+    ],
+)
+def test_a_drive_that_fails_in_mid_copy_holds_nothing_that_starts(
+    mount, capsys, monkeypatch, number, sentence
+):
+    folder = mount(*RIGHT)
+    (folder / "code.py").write_text("print('the one before')")
+    settle = drive._settle
+    written = []
+
+    def fail(of):
+        written.append(of)
+        if len(written) == 10:
+            raise OSError(number, "so it is")
+        settle(of)
+
+    monkeypatch.setattr(drive, "_settle", fail)
+    assert sentence in refused(capsys, "flash", "qtpy_rp2040")
+    assert len(written) == 10
+    assert "code.py" not in files_of(folder)
+
+
+def test_too_little_room_is_seen_before_anything_is_touched(mount, capsys, monkeypatch):
+    folder = mount(*RIGHT)
+    (folder / "code.py").write_text("print('the one before')")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
+    assert "1000 bytes free" in refused(capsys, "flash", "qtpy_rp2040")
+    assert set(files_of(folder)) == {"boot_out.txt", "code.py"}
+
+
+def test_the_ports_of_a_drive_are_its_boards_with_the_one_for_data_first(mount, monkeypatch):
+    folder = mount(*RIGHT)
+    usb = [("/dev/a", "0123ab"), ("/dev/b", "0123ab"), ("/dev/c", "77"), ("/dev/d", None)]
+    ports = [SimpleNamespace(device=name, serial_number=uid) for name, uid in usb]
+    monkeypatch.setattr(place, "usb_ports", lambda: ports)
+    with place.place(spots.stage.device_of("qtpy_rp2040"), None) as there:
+        assert there.name == str(folder)
+        assert there.ports() == ["/dev/b", "/dev/a"]
