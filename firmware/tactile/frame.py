@@ -89,7 +89,7 @@ class Framer:
             decode.position_um,
             decode.force_mN,
         )
-        return self._send_flagged(_TOUCH_SIZE)
+        return self._send(_TOUCH_SIZE, 0)
 
     def spectrum(self, sensor, flags, gain, counts):
         """Send a SPECTRUM frame with six counts of 16 bits."""
@@ -110,22 +110,17 @@ class Framer:
             counts[4],
             counts[5],
         )
-        return self._send_flagged(_SPECTRUM_SIZE)
+        return self._send(_SPECTRUM_SIZE, 0)
 
     def text(self, data):
         """Send a TEXT frame with at most `TEXT_MAX` bytes. Allocates."""
         payload = self._payload
         pack_into(HEADER, payload, 0, TEXT, self._sequence, self._time.low, self._time.high)
         payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
-        return self._send(HEADER_SIZE + len(data))
+        return self._send(HEADER_SIZE + len(data), self._gap)
 
-    def _send_flagged(self, size):
-        sent = self._send(size)
-        if sent:
-            self._gap = 0
-        return sent
-
-    def _send(self, size):
+    def _send(self, size, gap_after):
+        # `gap_after` is what is left to tell of a gap once this one is out: text has no flags.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
@@ -134,6 +129,7 @@ class Framer:
         self._sequence = (self._sequence + 1) & 0xFFFF
         # What was dropped may have been cut short: without a delimiter it would swallow this one.
         if (not self._gap or self._write(_DELIMITER, 1)) and self._write(self._encoded, length):
+            self._gap = gap_after
             return True
         self._gap = DROPPED
         self.dropped += 1
