@@ -24,18 +24,13 @@ if _simulator.simulated_time:
     def ticks_us():
         return _simulator.now_us
 
-    def sleep_us(us):
-        while us > 0:
-            part = min(us, 0xFFFFFF)
-            _simulator.call(_simulator.SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
-            us -= part
-
 else:
 
     def ticks_us():
         return utime.ticks_us() & (_PERIOD - 1)
 
-    sleep_us = utime.sleep_us
+
+sleep_us = _simulator.sleep_us
 
 
 def sleep_ms(ms):

@@ -3,7 +3,7 @@
 import gc
 import json
 
-from .as7341 import AS7341, SensorError
+from .as7341 import SensorError
 from .calibration import Calibration, CalibrationError
 from .command import Commands, LineReader
 from .frame import TEXT_MAX, Framer, Time32
@@ -26,12 +26,13 @@ class App:
         ``NAME`` and ``LED_MAX_MA`` (module board_config).
     runtime, uid : str
         What runs this, and the board's unique id.
-    bus, clock, serial : object
-        As `as7341.AS7341`, `frame.Time32` and `frame.Framer` ask for; ``serial.read()`` returns
-        the next byte or -1 and allocates nothing.
+    sensor : as7341.AS7341
+    clock, serial : object
+        As `frame.Time32` and `frame.Framer` ask for; ``serial.read()`` returns the next byte or -1
+        and allocates nothing.
     """
 
-    def __init__(self, board, runtime, uid, bus, clock, serial):
+    def __init__(self, board, runtime, uid, sensor, clock, serial):
         self.board = board
         self.runtime = runtime
         self.uid = uid
@@ -43,7 +44,7 @@ class App:
         self._serial = serial
         self._time = Time32(clock)
         self.framer = Framer(serial, self._time)
-        self.strip = Strip(0, AS7341(bus, clock), self.framer, self._time, clock, self.settings)
+        self.strip = Strip(0, sensor, self.framer, self._time, clock, self.settings)
         self._reader = LineReader()
         self._commands = Commands(self)
         self._claimed = None

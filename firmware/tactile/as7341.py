@@ -42,6 +42,9 @@ _SMUX_WRITE = const(0x10)
 _POWER_UP_US = const(5_000)
 _SMUX_US = const(10_000)
 _AUTO_ZERO_US = const(50_000)
+# The first integration begins so long after `start`: longer than any bring-up takes at 400 kHz,
+# so that what a recording holds does not depend on who brought the chip up.
+_START_US = const(20_000)
 
 
 class SensorError(Exception):
@@ -50,6 +53,9 @@ class SensorError(Exception):
 
 class AS7341:
     """One AS7341 that samples six diodes without a gap.
+
+    A runtime whose users have a driver of their own lets that bring the chip up, in `_configure`
+    and `_light`; the one-pass map and the burst read above it stay these.
 
     Parameters
     ----------
@@ -103,11 +109,10 @@ class AS7341:
         """
         image = smux_map(plan)
         atime, astep = exposure.registers(exposure_us)
+        began = self._clock.ticks_us()
         self._identify()
         self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
-        self._write(_ATIME, atime)
-        self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
-        self._write(_CFG1, gain)
+        self._configure(atime, astep, gain, led_mA)
         self._write(_PERS, 0)  # AINT at every sample
         self._write(_INTENAB, _AINT)
         self._write(_CFG6, _SMUX_WRITE)
@@ -119,8 +124,8 @@ class AS7341:
         self.exposure_us = exposure.actual_us(atime, astep)
         self.full_scale = exposure.full_scale(atime, astep)
         self.led_mA = led_mA
-        self._led_code = exposure.led_code(led_mA)
         self.switch_led(True)
+        self._sleep_until(began, _START_US)
         self._bus.write(self._clear)
         self._write(_ENABLE, _PON | _SP_EN)
         now = self._clock.ticks_us()
@@ -136,12 +141,7 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED. Samples that began before this are marked not `steady`."""
         on = on and self.led_mA > 0
-        self._write(_CFG0, _BANK_1)
-        try:
-            self._write(_CONFIG, _LED_SEL)
-            self._write(_LED, self._led_code | (_LED_ON if on else 0))
-        finally:
-            self._write(_CFG0, 0)
+        self._light(on)
         self.led_on = on
         self.steady = False
         self._settled = self._clock.ticks_us()
@@ -202,6 +202,22 @@ class AS7341:
         self._bus.read_into(_STATUS2, self._byte)
         return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
 
+    def _configure(self, atime, astep, gain, led_mA):
+        """Set exposure, gain and LED current; the chip is on and does not sample."""
+        self._write(_ATIME, atime)
+        self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
+        self._write(_CFG1, gain)
+        self._led_code = exposure.led_code(led_mA)
+
+    def _light(self, on):
+        """Switch the LED driver."""
+        self._write(_CFG0, _BANK_1)
+        try:
+            self._write(_CONFIG, _LED_SEL)
+            self._write(_LED, self._led_code | (_LED_ON if on else 0))
+        finally:
+            self._write(_CFG0, 0)
+
     def _identify(self):
         # The chip does not answer for about 200 us after power-up (section 8.2).
         clock = self._clock
@@ -217,6 +233,11 @@ class AS7341:
                 clock.sleep_us(200)
         if self._byte[0] >> 2 != 9:
             raise SensorError("the chip at 0x39 is no AS7341 (ID 0x%02x)" % self._byte[0])
+
+    def _sleep_until(self, began, duration_us):
+        left_us = duration_us - self._clock.ticks_diff(self._clock.ticks_us(), began)
+        if left_us > 0:
+            self._clock.sleep_us(left_us)
 
     def _await_clear(self, register, bit, timeout_us):
         clock = self._clock

@@ -115,7 +115,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
 
 def start_simulator(
-    sensor: str, scenario: str, seed: int, folder: str = ""
+    sensor: str, scenario: str, seed: int, folder: str = "", board: str = VIRTUAL
 ) -> tuple[dict, Callable[[], None]]:
     """Start a virtual board in a process of its own.
 
@@ -127,11 +127,14 @@ def start_simulator(
         Of the noise.
     folder : str
         The board's file system, used as it is; a new one with the firmware, if empty.
+    board : str
+        Which one of the virtual boards.
 
     Returns
     -------
     start : dict
-        ``port``, and ``started_s``, the host's time of power-on.
+        ``port``, ``console`` (the port with the prompt, the same one but on CircuitPython), and
+        ``started_s``, the host's time of power-on.
     end : callable
         Ends it.
 
@@ -140,7 +143,7 @@ def start_simulator(
     SpotsError
         If it does not start.
     """
-    arguments = [sensor, scenario, str(seed), VIRTUAL, folder]
+    arguments = [sensor, scenario, str(seed), board, folder]
     process = subprocess.Popen(
         [sys.executable, "-m", "spots.sim.realtime", *arguments],
         stdin=subprocess.PIPE,

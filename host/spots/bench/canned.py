@@ -5,6 +5,7 @@ what a sample costs is the firmware's own. Used by the benchmark and by the test
 """
 
 from tactile.app import App
+from tactile.as7341 import AS7341
 
 _AINT = 0x08
 _SP_EN = 0x02
@@ -127,7 +128,7 @@ def app(calibration=(), serial=None, make=App):
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()
-    made = make(BoardConfig, "canned", "00", bus, clock, serial)
+    made = make(BoardConfig, "canned", "00", AS7341(bus, clock), clock, serial)
     made.step()
     made.use_calibration(list(calibration))
     strip = made.strip

@@ -179,8 +179,11 @@ class AS7341:
             self._smux_ram[register] = value
         elif 0x60 <= register <= 0x74:
             if self._bank1_selected() and register >= 0x70:
-                self._collect(self._now)  # the light may change here
+                before_mA = self._led_mA()
                 self._bank1[register] = value
+                # One part for each light, so that noise does not depend on idle writes.
+                if self._led_mA() != before_mA:
+                    self._collect(self._now, before_mA)
         elif register == 0xA9:
             self._main[register] = value
         elif register < 0x80 or self._bank1_selected() or register in (0x90, 0x91, 0x92):
@@ -249,10 +252,11 @@ class AS7341:
         on = self._bank1[0x70] & 0x08 and self._bank1[0x74] & 0x80
         return 4.0 + 2.0 * (self._bank1[0x74] & 0x7F) if on else 0.0
 
-    def _collect(self, until_us: float) -> None:
+    def _collect(self, until_us: float, led_mA: float | None = None) -> None:
         if self._start is None or until_us <= self._part_start:
             return
-        part = self._light.collect(self._part_start, until_us, self._led_mA())
+        lit_mA = self._led_mA() if led_mA is None else led_mA
+        part = self._light.collect(self._part_start, until_us, lit_mA)
         self._collected += [part.get(diode, 0.0) for diode in DIODES]
         self._part_start = until_us
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 
 from ..errors import SpotsError
+from ..stage import device_of
 from . import server
 from .bus import Bus, SimulatedClock
 from .files import SensorFile
@@ -55,7 +56,12 @@ class LockstepLink:
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
         self._open = [board_in, self._to_board, self._from_board, board_out]
-        self._machine = Machine(board_id(sensor), True, board_in, board_out, folder, board)
+        stdin, data = board_in, None
+        if device_of(board).runtime == "circuitpython":
+            # Nobody types at its console; what it says there is told with the frames.
+            stdin, data = os.open(os.devnull, os.O_RDONLY), (board_in, board_out)
+            self._open.append(stdin)
+        self._machine = Machine(board_id(sensor), True, stdin, board_out, folder, board, data=data)
         self._pending = self._next_request()
 
     def now_s(self) -> float:

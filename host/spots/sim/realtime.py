@@ -1,9 +1,10 @@
-"""A virtual board in real time: a process of its own with a PTY that pyserial opens.
+"""A virtual board in real time: a process of its own with PTYs that pyserial opens.
 
 Run as ``python -m spots.sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
 file system, used as it is; where it is empty, a new one gets the firmware. It prints one JSON
-object, the port and the host's monotonic time of power-on, and lives until its standard input
-closes, so that it never outlives whoever started it.
+object: the ports for frames and for the prompt, which are one but on CircuitPython, and the host's
+monotonic time of power-on. It lives until its standard input closes, so that it never outlives
+whoever started it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import tty
 from pathlib import Path
 
 from ..errors import SpotsError
+from ..stage import device_of
 from . import server
 from .bus import Bus
 from .files import ScenarioFile, SensorFile, load
@@ -44,26 +46,35 @@ class RealClock:
 
 
 class SerialPort:
-    """The board's USB serial port: what the host opens, and what MicroPython has for it.
+    """A USB serial port: its host's end, by name, and the board's.
+
+    Raw before anyone opens it: a terminal would echo the board's frames back as commands. The
+    host's end stays open here, so that the board sees no hang-up between two readers.
+    """
+
+    def __init__(self):
+        self.board_end, host_end = pty.openpty()
+        tty.setraw(host_end)
+        os.set_blocking(self.board_end, False)
+        self.name = os.ttyname(host_end)
+
+
+class Console(SerialPort):
+    """The port with the prompt.
 
     What the host writes passes through a terminal of MicroPython's own, since it has a prompt
     only on one.
     """
 
     def __init__(self):
-        self.from_host, self._host_end = pty.openpty()
+        super().__init__()
         self._to_board, self.board_in = pty.openpty()
-        # Raw before anyone opens it: a terminal would echo the board's frames back as commands.
-        # The host's end stays open here, so that the board sees no hang-up between two readers.
-        tty.setraw(self._host_end)
         tty.setraw(self.board_in)
-        os.set_blocking(self.from_host, False)
-        self.name = os.ttyname(self._host_end)
         self.raw_prompt = False
 
     def pass_on(self) -> None:
         """Give the board what the host has written."""
-        data = os.read(self.from_host, 4096)
+        data = os.read(self.board_end, 4096)
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
             self.raw_prompt = modes[-1] == _RAW_PROMPT
@@ -71,7 +82,7 @@ class SerialPort:
 
     def after_soft_reset(self) -> None:
         """Say what a board says, and go back to the raw prompt if that is where it was."""
-        os.write(self.from_host, b"MPY: soft reboot\r\n")
+        os.write(self.board_end, b"MPY: soft reboot\r\n")
         if self.raw_prompt:
             os.write(self._to_board, bytes((_RAW_PROMPT,)))
 
@@ -80,40 +91,47 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     """Serve a board until standard input closes."""
     sensor = load(SensorFile, sensor_name)
     scenario = Scenario(load(ScenarioFile, scenario_name))
-    port = SerialPort()
+    console = Console()
+    data = SerialPort() if device_of(board).runtime == "circuitpython" else None
     clock = RealClock()
     bus = Bus(chip(sensor, scenario, seed), clock)
     machine = Machine(
         board_id(sensor),
         False,
-        port.board_in,
-        port.from_host,
+        console.board_in,
+        console.board_end,
         folder=Path(folder) if folder else None,
         board=board,
         blank=bool(folder),
         terminal=True,
+        data=data and (data.board_end, data.board_end),
     )
+    start = {
+        "port": (data or console).name,
+        "console": console.name,
+        "started_s": clock.started_s,
+    }
     try:
-        print(json.dumps({"port": port.name, "started_s": clock.started_s}), flush=True)
-        _serve(machine, bus, port)
+        print(json.dumps(start), flush=True)
+        _serve(machine, bus, console)
     finally:
         machine.close()
 
 
-def _serve(machine: Machine, bus: Bus, port: SerialPort) -> None:
+def _serve(machine: Machine, bus: Bus, console: Console) -> None:
     stdin = sys.stdin.fileno()
     while True:
-        ready, _, _ = select.select([machine.requests, stdin, port.from_host], [], [])
+        ready, _, _ = select.select([machine.requests, stdin, console.board_end], [], [])
         if stdin in ready and not os.read(stdin, 1):
             return
-        if port.from_host in ready:
-            port.pass_on()
+        if console.board_end in ready:
+            console.pass_on()
         if machine.requests in ready:
             request = server.read_request(machine.requests)
             if request is None:
                 machine.ended()
-                machine.boot(run_entry=not port.raw_prompt)
-                port.after_soft_reset()
+                machine.boot(run_entry=not console.raw_prompt)
+                console.after_soft_reset()
             elif server.is_reset(request):
                 machine.boot()
             else:

@@ -1,6 +1,6 @@
 """Answers the virtual board's bus requests from a simulated bus.
 
-A request is 4 bytes: operation and three arguments; see boards/virtual/_simulator.py.
+A request is 4 bytes: operation and three arguments; see boards/_virtual/_simulator.py.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ def answer(request: bytes, bus: Bus, fd: int) -> None:
             bus.frequency_hz = 1000 * (request[1] | request[2] << 8)
         elif request[:1] == b"R":
             data = bus.write_read(request[1], request[2:3], request[3])
+        elif request[:1] == b"G":
+            data = bus.read(request[1], request[3])
         else:
             bus.write(request[1], request[4:])
     except OSError as failure:

@@ -11,12 +11,14 @@ import tempfile
 from pathlib import Path
 
 from ..errors import SpotsError
-from ..stage import BOARDS, device_of, stage
+from ..stage import BOARDS, ENTRIES, device_of, stage
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 _HEAP = "heapsize=384k"
-# What runs after a reset, by runtime.
-_ENTRIES = {"micropython": "main.py", "circuitpython": "_circuitpython.py"}
+# What the virtual boards share.
+_COMMON = BOARDS / "_virtual"
+# Does after a reset what CircuitPython does, in the place of a board's built-in part.
+_CIRCUITPYTHON = "_circuitpython.py"
 
 
 def micropython_command() -> list[str]:
@@ -51,7 +53,7 @@ class Machine:
     simulated_time : bool
         Whether time is the bus server's.
     stdin, stdout : int
-        File descriptors of the serial port's board end.
+        File descriptors of the board's end of the serial port with the prompt.
     folder : Path, optional
         The board's file system; a new one, removed at the end, if not given.
     board : str
@@ -60,6 +62,8 @@ class Machine:
         Whether to leave the file system as it is, instead of putting the board's files on it.
     terminal : bool
         Whether `stdin` is a terminal. Then MicroPython's own prompt begins where the entry ends.
+    data : tuple of int, optional
+        File descriptors, to read and to write, of a second serial port.
     """
 
     def __init__(
@@ -72,21 +76,27 @@ class Machine:
         board: str = "virtual",
         blank: bool = False,
         terminal: bool = False,
+        data: tuple[int, int] | None = None,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self.folder = Path(self._own.name) if self._own else folder
         if not blank:
             stage(board, self.folder)
-        self._entry = _ENTRIES[device_of(board).runtime]
+        self._entry = ENTRIES[device_of(board).runtime][-1]
+        launcher = BOARDS / board / _CIRCUITPYTHON
+        self._start = str(launcher) if launcher.exists() else self._entry
         self._environment = {
-            "MICROPYPATH": f":lib:{BOARDS / board}:.frozen",
+            "MICROPYPATH": f":lib:{BOARDS / board}:{_COMMON}:.frozen",
             "SPOTS_BOARD_ID": board_id,
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
             "PATH": os.environ.get("PATH", ""),
             # "held" stands for a finger on the board's button.
             "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
         }
+        self._data = data or ()
+        if data:
+            self._environment |= dict(zip(("SPOTS_DATA_IN", "SPOTS_DATA_OUT"), map(str, data)))
         self._stdio = stdin, stdout
         self._terminal = terminal
         self._process = None
@@ -101,7 +111,7 @@ class Machine:
         if self._terminal:
             command.append("-i")
         if run_entry and (self.folder / self._entry).exists():
-            command.append(self._entry)
+            command.append(self._start)
         self._process = subprocess.Popen(
             command,
             cwd=self.folder,
@@ -110,7 +120,7 @@ class Machine:
             stdin=self._stdio[0],
             stdout=self._stdio[1],
             stderr=subprocess.STDOUT,
-            pass_fds=(request_end, answer_end),
+            pass_fds=(request_end, answer_end, *self._data),
             start_new_session=True,
         )
         os.close(request_end)

@@ -7,13 +7,17 @@ nothing, so that the firmware's own promise to allocate nothing can be tested on
 
 import os
 
+import utime
 from micropython import const
 
 READ = const(0x52)  # device address, register, size
 WRITE = const(0x57)  # device address, size, 0
 SLEEP = const(0x53)  # time in us, 3 bytes, low first
 RESET = const(0x58)  # 0, 0, 0; ends this run
+RECEIVE = const(0x47)  # device address, 0, size
 SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
+
+_READS = (READ, RECEIVE)
 
 _requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
 _answers = open("/dev/fd/" + os.getenv("SPOTS_ANSWERS"), "rb")
@@ -40,8 +44,19 @@ def call(operation, a, b, c, buffer=None):
     now_us = _answer[1] | _answer[2] << 8 | _answer[3] << 16 | _answer[4] << 24
     if _answer[0]:
         raise OSError(_answer[0])
-    if operation == READ:
+    if operation in _READS:
         _receive(buffer, c)
+
+
+def sleep_us(us):
+    """Let time pass, by whichever clock there is."""
+    if not simulated_time:
+        utime.sleep_us(us)
+        return
+    while us > 0:
+        part = min(us, 0xFFFFFF)
+        call(SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
+        us -= part
 
 
 def _receive(buffer, size):

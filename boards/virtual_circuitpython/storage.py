@@ -1,0 +1,17 @@
+"""`storage` of the virtual board: the drive is the host's to write on, until it is remounted."""
+
+
+class VfsFat:
+    def __init__(self):
+        self.readonly = True
+
+
+_root = VfsFat()
+
+
+def getmount(mount_path):
+    return _root
+
+
+def remount(mount_path, readonly=False, *, disable_concurrent_write_protection=False):
+    _root.readonly = readonly

@@ -1,0 +1,28 @@
+"""`time` of the virtual board: CircuitPython's, whose `sleep` counts whole milliseconds."""
+
+import _simulator
+import utime
+
+_PERIOD_US = 1 << 30  # of the simulator's clock
+
+_last_us = _wraps = 0
+
+if _simulator.simulated_time:
+
+    def monotonic_ns():
+        global _last_us, _wraps
+        if _simulator.now_us < _last_us:
+            _wraps += 1
+        _last_us = _simulator.now_us
+        return 1000 * (_wraps * _PERIOD_US + _last_us)
+
+else:
+    monotonic_ns = utime.time_ns
+
+
+def monotonic():
+    return monotonic_ns() * 1e-9
+
+
+def sleep(seconds):
+    _simulator.sleep_us(1000 * int(1000 * seconds + 0.5))

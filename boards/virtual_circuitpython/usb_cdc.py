@@ -1,0 +1,75 @@
+"""`usb_cdc` of the virtual board: a second serial port, if boot.py asks for it.
+
+A real board looks at its console for Ctrl-C between any two steps; this one does whenever the
+data port is read.
+"""
+
+import os
+import select
+import sys
+
+_CTRL_C = 3
+_FIFO = 256  # bytes that the USB stack takes at once
+
+
+class Serial:
+    """A port whose reads and writes never wait; the real one does unless its timeouts are 0."""
+
+    def __init__(self, read_fd, write_fd):
+        self.timeout = None
+        self.write_timeout = None
+        self._in = open(read_fd, "rb")
+        self._out = open(write_fd, "wb")
+        self._readable = select.poll()
+        self._readable.register(self._in, select.POLLIN)
+        self._writable = select.poll()
+        self._writable.register(self._out, select.POLLOUT)
+
+    def readinto(self, buf):
+        _look_for_ctrl_c()
+        if self.timeout != 0:
+            raise NotImplementedError("this would wait for ever")
+        for _ in self._readable.ipoll(0):
+            return self._in.readinto(buf) or 0
+        return 0
+
+    def write(self, buf):
+        if self.write_timeout != 0:
+            raise NotImplementedError("this may wait for ever")
+        for _ in self._writable.ipoll(0):
+            return self._out.write(buf, min(len(buf), _FIFO)) or 0
+        return 0
+
+
+console = None
+data = None
+
+_wanted = {"console": True, "data": False}
+_started = False
+_keys = select.poll()
+_keys.register(sys.stdin, select.POLLIN)
+
+
+def enable(*, console=True, data=False):
+    if _started:
+        raise RuntimeError("Cannot change USB devices now")
+    _wanted["console"] = console
+    _wanted["data"] = data
+
+
+def disable():
+    enable(console=False, data=False)
+
+
+def start():
+    """USB starts: what boot.py enabled is there from now on."""
+    global data, _started
+    _started = True
+    if _wanted["data"]:
+        data = Serial(int(os.getenv("SPOTS_DATA_IN")), int(os.getenv("SPOTS_DATA_OUT")))
+
+
+def _look_for_ctrl_c():
+    for _, event in _keys.ipoll(0):
+        if event & select.POLLIN and sys.stdin.buffer.read(1) == bytes((_CTRL_C,)):
+            raise KeyboardInterrupt

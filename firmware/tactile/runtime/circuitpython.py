@@ -1,0 +1,226 @@
+"""All that is CircuitPython's own: Adafruit's driver, serial port, clock, identity, entries."""
+
+import sys
+import time
+import traceback
+
+import adafruit_as7341
+import board
+import busio
+import digitalio
+import microcontroller
+import storage
+import usb_cdc
+from adafruit_bus_device.i2c_device import I2CDevice
+from micropython import const
+
+from ..as7341 import AS7341, SensorError
+
+_ADDRESS = const(0x39)
+_PERIOD_US = const(1 << 30)
+_HALF_PERIOD_US = const(1 << 29)
+# Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
+_SAFE_BOOT_MS = const(500)
+_SAFE_BOOT_STEP_MS = const(20)
+_AFTER_CRASH_S = const(1)  # for Ctrl-C, when it crashes again and again
+_CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
+_FINISH_US = const(20_000)  # what a frame longer than the port's buffer may take
+_COMMON_SIZE = const(64)  # frames up to here are sent again and again
+
+
+class Bus:
+    """The sensor's registers over ``busio``. Allocates nothing but what Adafruit's device does."""
+
+    def __init__(self, i2c):
+        self._device = I2CDevice(i2c, _ADDRESS, probe=False)
+        self._register = bytearray(1)
+
+    def read_into(self, register, buffer):
+        self._register[0] = register
+        with self._device as device:
+            device.write_then_readinto(self._register, buffer)
+
+    def write(self, buffer):
+        with self._device as device:
+            device.write(buffer)
+
+
+class Sensor(AS7341):
+    """An AS7341 that Adafruit's driver brings up: power, exposure, gain and LED are its part.
+
+    Parameters
+    ----------
+    open_i2c : callable
+        Returns a ``busio.I2C``; called again until it does, for it raises RuntimeError where
+        nothing pulls the wires up.
+    clock : object
+        As `as7341.AS7341` asks for.
+    """
+
+    def __init__(self, open_i2c, clock):
+        super().__init__(None, clock)
+        self._open = open_i2c
+        self._i2c = self._driver = None
+
+    def start(self, plan, gain, exposure_us, led_mA):
+        if self._i2c is None:
+            try:
+                self._i2c = self._open()
+            except RuntimeError as error:
+                raise SensorError("the I2C bus does not start (%s)" % error)
+            self._bus = Bus(self._i2c)
+        super().start(plan, gain, exposure_us, led_mA)
+
+    def stop(self):
+        if self._driver is not None:
+            super().stop()
+
+    def _configure(self, atime, astep, gain, led_mA):
+        if self._driver is None:
+            try:
+                self._driver = adafruit_as7341.AS7341(self._i2c)
+            except (ValueError, RuntimeError) as error:
+                raise SensorError(str(error))
+        else:
+            self._driver.initialize()
+        self._driver.atime = atime
+        self._driver.astep = astep
+        self._driver.gain = gain
+        self._driver.led_current = led_mA
+
+    def _light(self, on):
+        self._driver.led = on
+
+
+class Clock:
+    """Ticks as in MicroPython's ``time``.
+
+    The only clock of microseconds here is a long integer, so that each look at it allocates.
+    """
+
+    @staticmethod
+    def ticks_us():
+        return time.monotonic_ns() // 1000 % _PERIOD_US
+
+    @staticmethod
+    def ticks_add(ticks, delta):
+        return (ticks + delta) % _PERIOD_US
+
+    @staticmethod
+    def ticks_diff(end, start):
+        return (end - start + _HALF_PERIOD_US) % _PERIOD_US - _HALF_PERIOD_US
+
+    @staticmethod
+    def sleep_us(us):
+        # `sleep` counts whole milliseconds and serves USB meanwhile; `delay_us` does neither.
+        ms = us // 1000
+        if ms > 0:
+            time.sleep(ms / 1000)
+            us -= 1000 * ms
+        if us > 0:
+            microcontroller.delay_us(us)
+
+
+class Serial:
+    """The USB serial port for data; the console stays what it was."""
+
+    def __init__(self, port, clock):
+        # Either one left at None waits for ever.
+        port.timeout = 0
+        port.write_timeout = 0
+        self._port = port
+        self._clock = clock
+        self._byte = bytearray(1)
+        self._views = {}  # by length: `write` takes no size, and a slice would allocate
+
+    def write(self, buffer, size):
+        """Write `size` bytes if the port takes them now; return whether it took them all.
+
+        A frame that is longer than the port's buffer is finished while the host reads.
+        """
+        view = self._views.get(size)
+        if view is None or view[0] is not buffer:
+            view = (buffer, memoryview(buffer)[:size])
+            if size <= _COMMON_SIZE:
+                self._views[size] = view
+        sent = self._port.write(view[1])
+        return sent == size or (sent > 0 and self._finish(view[1], sent))
+
+    def read(self):
+        """Return the next byte, or -1 if there is none."""
+        if self._port.readinto(self._byte) == 1:
+            return self._byte[0]
+        return -1
+
+    def _finish(self, view, sent):
+        clock = self._clock
+        began = clock.ticks_us()
+        while clock.ticks_diff(clock.ticks_us(), began) < _FINISH_US:
+            sent += self._port.write(view[sent:])
+            if sent == len(view):
+                return True
+            clock.sleep_us(1000)
+        return False
+
+
+def boot():
+    """Prepare USB, once after a reset; all stays as it was while the board's button is pressed.
+
+    The drive is the board's to write on, so that ``save`` works: the host may then only read it.
+    """
+    import board_config
+
+    if not _asked_to_stay(board_config):
+        usb_cdc.enable(console=True, data=True)
+        storage.remount("/", readonly=False)
+
+
+def main():
+    """Run the application on this board until it is told to reboot.
+
+    Returns to the prompt if there is no port for data. An exception of the application is told to
+    the host before the board starts anew; Ctrl-C gives it back.
+    """
+    import board_config
+
+    if usb_cdc.data is None:
+        print("no port for data, so the application was not started: press reset, not the button")
+        return
+    from ..app import App
+
+    def open_i2c():
+        scl = getattr(board, board_config.SCL_PIN)
+        sda = getattr(board, board_config.SDA_PIN)
+        return busio.I2C(scl, sda, frequency=board_config.I2C_HZ)
+
+    runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
+    uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
+    serial = Serial(usb_cdc.data, Clock)
+    app = App(board_config, runtime, uid, Sensor(open_i2c, Clock), Clock, serial)
+    try:
+        app.run()
+    except Exception as error:  # all but Ctrl-C
+        app.log("error", _crash(error))
+        time.sleep(_AFTER_CRASH_S)
+    microcontroller.reset()
+
+
+def _asked_to_stay(board_config):
+    name = getattr(board_config, "SAFE_BOOT", None)
+    if name is None:
+        return False
+    with digitalio.DigitalInOut(getattr(board, name)) as button:
+        button.switch_to_input(pull=digitalio.Pull.UP)
+        for _ in range(_SAFE_BOOT_MS // _SAFE_BOOT_STEP_MS):
+            if not button.value:
+                return True
+            time.sleep(_SAFE_BOOT_STEP_MS / 1000)
+    return False
+
+
+def _crash(error):
+    try:
+        text = "".join(traceback.format_exception(error))
+        return "crashed and starts anew: " + text[-_CRASH_CHARACTERS:]
+    except MemoryError:
+        return "crashed and starts anew: no memory left"

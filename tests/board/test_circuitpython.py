@@ -1,0 +1,201 @@
+"""The CircuitPython build, in a real MicroPython over modules with CircuitPython's interface."""
+
+import contextlib
+
+import pytest
+from cobs import cobs
+
+import spots
+from spots.board import Board
+from spots.calibrate.stage import calibrate
+from spots.connect import prepare, start_simulator
+from spots.errors import SpotsError
+from spots.link import SerialLink
+from spots.sim.files import ScenarioFile, load
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Scenario
+from spots.stage import stage
+
+BOARD = "virtual_circuitpython"
+DEADLINE_S = 20.0
+
+
+class Tapped(LockstepLink):
+    """A link that remembers every byte."""
+
+    def __init__(self, *arguments, **named):
+        self.bytes = b""
+        super().__init__(*arguments, **named)
+
+    def read(self, timeout_s):
+        received = super().read(timeout_s)
+        self.bytes += received
+        return received
+
+
+def touch_frames(sensor, seed, board):
+    """Return the payloads of all TOUCH frames of a run, and the board's description."""
+    link = Tapped(sensor, Scenario(load(ScenarioFile, "demo")), seed, board=board)
+    # The bring-ups differ in their transfers: what is said meanwhile would arrive at other times.
+    link.read(0.2)
+    with Board(link) as board:
+        prepare(board, calibrate(sensor))
+        board.command("set average=2")
+        board.command("stream touch")
+        for _ in board.frames(15.0):
+            pass
+        board.command("dark")
+        board.command("set exposure_us=5000 gain=10")  # a second bring-up
+        for _ in board.frames(2.0):
+            pass
+        info = board.info
+    payloads = [cobs.decode(frame) for frame in link.bytes.split(b"\0") if frame]
+    return [payload for payload in payloads if payload[0] & 15 == 1], info
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_touch_frames_are_those_of_micropython_to_the_byte(sensor, seed):
+    theirs, _ = touch_frames(sensor, seed, "virtual")
+    ours, info = touch_frames(sensor, seed, BOARD)
+    assert info["board"] == BOARD
+    assert len(ours) > 900
+    assert any(payload[7] & 1 for payload in ours)  # touched
+    assert ours == theirs
+
+
+def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(sensor, tmp_path):
+    link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), folder=tmp_path, board=BOARD)
+    with Board(link) as board:
+        board.command("set gain=7")
+        board.command("save")
+        board.command("reboot")
+    assert "gain=7" in (tmp_path / "settings.txt").read_text()
+    (tmp_path / "tactile").rename(tmp_path / "gone")  # staged afresh by the next one
+    link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), folder=tmp_path, board=BOARD)
+    with Board(link) as board:
+        assert board.info["gain"] == 7
+
+
+def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, tmp_path):
+    stage(BOARD, tmp_path)
+    boot = tmp_path / "tactile" / "runtime" / "circuitpython.py"
+    remount = '        storage.remount("/", readonly=False)\n'
+    assert remount in boot.read_text()
+    broken = boot.read_text().replace(remount, "")
+    link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), folder=tmp_path, board=BOARD)
+    with Board(link) as board:
+        boot.write_text(broken)
+        board.command("reboot")
+        link.read(1.0)
+        board.command("set gain=7")
+        with pytest.raises(SpotsError, match="30"):
+            board.command("save")
+        assert board.command("get")["gain"] == 7
+    assert not (tmp_path / "settings.txt").exists()
+
+
+def test_a_bus_without_pull_ups_is_told_once_and_tried_again(sensor, tmp_path):
+    (tmp_path / "busio.py").write_text(
+        "tries = []\n"
+        "def I2C(scl, sda, *, frequency):\n"
+        "    tries.append(1)\n"
+        "    if len(tries) < 60:\n"
+        "        raise RuntimeError('No pull up found on SDA or SCL; check your wiring')\n"
+        "    import sys\n"
+        "    sys.modules.pop('busio')\n"
+        "    sys.path.reverse()\n"
+        "    import busio\n"
+        "    return busio.I2C(scl, sda, frequency=frequency)\n"
+    )
+    link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), folder=tmp_path, board=BOARD)
+    with Board(link) as board:
+        assert "No pull up found" in board.command("get")["fault"]
+        for _ in board.frames(6.0):
+            pass
+        state = board.command("get")
+    assert state["fault"] is None
+    assert state["faults"] == 1
+    assert [line["text"] for line in board.log][-1] == "the sensor is back"
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Return a function that starts a board with the files in `tmp_path`: frames, console."""
+    stage(BOARD, tmp_path)
+    with contextlib.ExitStack() as boards:
+
+        def begin():
+            start, end = start_simulator("default", "demo", 0, str(tmp_path), BOARD)
+            boards.callback(end)
+            return start["port"], start["console"]
+
+        yield begin
+
+
+def until(link, wanted):
+    """Return what came until `wanted` did."""
+    received = b""
+    end_s = link.now_s() + DEADLINE_S
+    while wanted not in received:
+        assert link.now_s() < end_s, received[-300:]
+        received += link.read(0.1)
+    return received
+
+
+def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):
+    data, console = start()
+    with spots.open(data) as board:
+        assert len([touch for touch, _ in zip(board.touches(), range(20))]) == 20
+    link = SerialLink(console)
+    link.write(b"\x03")
+    assert b"KeyboardInterrupt" in until(link, b">>> ")
+    for line in (
+        b"import board, busio, adafruit_as7341 as a",
+        b"chip = a.AS7341(busio.I2C(board.SCL, board.SDA))",  # touches neither of the two
+        b"print('led', chip.led, 'sampling', chip._color_meas_enabled)",
+    ):
+        link.write(line + b"\r")
+        said = until(link, b">>> ")
+    assert b"led False sampling False" in said
+    link.close()
+
+
+def test_the_button_leaves_the_drive_to_the_host_and_the_prompt_to_people(
+    start, tmp_path, monkeypatch
+):
+    with (tmp_path / "board_config.py").open("a") as file:
+        file.write("SAFE_BOOT = 'BUTTON'\n")
+    monkeypatch.setenv("SPOTS_BUTTON", "held")
+    _, console = start()
+    link = SerialLink(console)
+    link.write(b"\r")  # what it said on starting may be gone
+    until(link, b">>> ")
+    link.write(b"import storage, sys\r")
+    until(link, b">>> ")
+    link.write(b"print(storage.getmount('/').readonly, 'tactile.app' in sys.modules)\r")
+    until(link, b"\nTrue False")
+    link.close()
+
+
+def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
+    path = tmp_path / "tactile" / "app.py"
+    broken = path.read_text().replace(
+        "    def time_us(self):\n", "    def time_us(self):\n        self.nonsense()\n"
+    )
+    path.write_text(broken)
+    data, _ = start()
+    link = SerialLink(data)
+    decoder = spots.Decoder()
+    link.write(b"\nsync\n")
+    told, end_s = [], link.now_s() + DEADLINE_S
+    while not told:
+        assert link.now_s() < end_s
+        told = [f.content for f in decoder.feed(link.read(0.1)) if "log" in f.content]
+    assert "AttributeError" in told[0]["text"]
+    hello = []
+    while not hello:
+        assert link.now_s() < end_s
+        link.write(b"hello\n")
+        frames = decoder.feed(link.read(0.2))
+        hello = [frame for frame in frames if frame.content.get("re") == "hello"]
+    link.close()
