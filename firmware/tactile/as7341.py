@@ -7,6 +7,8 @@ The bus is any object with ``read_into(register, buffer)`` and ``write(buffer)``
 byte is the register; both raise OSError when the chip does not answer.
 """
 
+from array import array
+
 from micropython import const
 
 from . import exposure
@@ -73,7 +75,7 @@ class AS7341:
         self._led_code = 0
         self._settled = 0
         self.pacing = Pacing(clock)
-        self.counts = [0] * CHANNELS
+        self.counts = array("i", bytes(4 * CHANNELS))
         self.saturated = False
         self.steady = False
         self.complete = 0

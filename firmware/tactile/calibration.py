@@ -20,10 +20,12 @@ Strains ascend from 0 and have the same number of knots, so that the board can g
 next in straight lines. Segments follow the ascending coarse contrast.
 """
 
+from array import array
+
 from .smux import CHANNELS, PIXELS
 
 ONE_Q13 = 1 << 13
-# Keeps every sum of decode.dot inside 31 bits.
+# Keeps every sum of kernel.project inside 31 bits.
 WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
@@ -47,16 +49,20 @@ class Segment:
 
     Attributes
     ----------
-    position, force : tuple of int
+    position, force : array of int
         Six weights each, Q13.
-    contrasts, positions_um, fits, offsets : tuple of int
+    contrasts, positions_um, fits, offsets : array of int
         The knots.
+    weights, columns : tuple of array
+        The same, as `kernel.project` and `kernel.look_up` take them.
     """
 
     def __init__(self, weights, knots):
-        self.position = weights[:CHANNELS]
-        self.force = weights[CHANNELS:]
+        self.position = array("i", weights[:CHANNELS])
+        self.force = array("i", weights[CHANNELS:])
+        self.weights = self.position, self.force
         self.contrasts, self.positions_um, self.fits, self.offsets = knots
+        self.columns = knots[1:]
 
 
 class Calibration:
@@ -91,13 +97,16 @@ class Calibration:
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
             raise CalibrationError("'touch' needs 0 < end <= begin")
-        self.coarse = _weights("coarse", seen["coarse"], 0)
-        self.fit = _weights("fit", seen["fit"], 0)
+        self.coarse = array("i", _weights("coarse", seen["coarse"], 0))
+        self.fit = array("i", _weights("fit", seen["fit"], 0))
+        self.weights = self.coarse, self.fit
         self.brightnesses, self.forces_mN, self.tolerances = _table("f", seen["f"])
+        self.columns = self.forces_mN, self.tolerances
         if not 0 <= self.forces_mN[0] < self.forces_mN[-1] <= FORCE_MAX_MN:
             raise CalibrationError("the forces of 'f' must rise from 0 or more to 65535 or less")
         _check_strains(strains, seen["segment"])
-        self.bounds, tables = _between(strains, strain_ppm)
+        bounds, tables = _between(strains, strain_ppm)
+        self.bounds = array("i", bounds)
         self.segments = tuple(
             Segment(weights, _table("x", knots)) for weights, knots in zip(seen["segment"], tables)
         )
@@ -185,7 +194,7 @@ def _table(name, knots):
             raise CalibrationError("the table of '%s' is not monotone" % name)
         if any(step * (abs(b[i] - a[i]) + 1) >= _SMALL for i in range(1, len(a))):
             raise CalibrationError("the knots of '%s' lie too far apart" % name)
-    return tuple(tuple(knot[i] for knot in knots) for i in range(len(knots[0])))
+    return tuple(array("i", [knot[i] for knot in knots]) for i in range(len(knots[0])))
 
 
 def _check_strains(strains, segments):

@@ -4,10 +4,10 @@ The layouts below are the one place where both ends look them up. The board's 32
 written as two halves, since a small int holds 31 bits. Packing and sending allocate nothing.
 """
 
-from array import array
 from struct import pack_into
 
 from .decode import DROPPED
+from .kernel import frame
 
 TOUCH = 1
 SPECTRUM = 2
@@ -25,46 +25,6 @@ _TOUCH_FRAME = HEADER + TOUCH_BODY
 _TOUCH_SIZE = HEADER_SIZE + 15
 _SPECTRUM_FRAME = HEADER + SPECTRUM_BODY
 _SPECTRUM_SIZE = HEADER_SIZE + 14
-
-
-def _crc_table():
-    # CRC-16/CCITT-FALSE, polynomial 0x1021, as binascii.crc_hqx of CPython.
-    table = array("H", bytes(512))
-    for byte in range(256):
-        crc = byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x1021) if crc & 0x8000 else crc << 1
-        table[byte] = crc & 0xFFFF
-    return table
-
-
-_CRC = _crc_table()
-
-
-def crc16(data, size, crc=0xFFFF):
-    """Return the CRC-16/CCITT-FALSE of the first `size` bytes."""
-    table = _CRC
-    for i in range(size):
-        crc = (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ data[i]]
-    return crc
-
-
-def cobs_encode(source, size, target):
-    """Write the COBS form of the first `size` bytes and its zero byte; return its length."""
-    code_at = 0
-    write = 1
-    for read in range(size):
-        byte = source[read]
-        if byte:
-            target[write] = byte
-            write += 1
-        if not byte or write - code_at == 255:
-            target[code_at] = write - code_at
-            code_at = write
-            write += 1
-    target[code_at] = write - code_at
-    target[write] = 0
-    return write + 1
 
 
 class Time32:
@@ -129,7 +89,7 @@ class Framer:
             decode.position_um,
             decode.force_mN,
         )
-        return self._send_flagged(_TOUCH_SIZE)
+        return self._send(_TOUCH_SIZE, 0)
 
     def spectrum(self, sensor, flags, gain, counts):
         """Send a SPECTRUM frame with six counts of 16 bits."""
@@ -150,27 +110,18 @@ class Framer:
             counts[4],
             counts[5],
         )
-        return self._send_flagged(_SPECTRUM_SIZE)
+        return self._send(_SPECTRUM_SIZE, 0)
 
     def text(self, data):
         """Send a TEXT frame with at most `TEXT_MAX` bytes. Allocates."""
         payload = self._payload
         pack_into(HEADER, payload, 0, TEXT, self._sequence, self._time.low, self._time.high)
         payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
-        return self._send(HEADER_SIZE + len(data))
+        return self._send(HEADER_SIZE + len(data), self._gap)
 
-    def _send_flagged(self, size):
-        sent = self._send(size)
-        if sent:
-            self._gap = 0
-        return sent
-
-    def _send(self, size):
-        payload = self._payload
-        crc = crc16(payload, size)
-        payload[size] = crc & 0xFF
-        payload[size + 1] = crc >> 8
-        length = cobs_encode(payload, size + 2, self._encoded)
+    def _send(self, size, gap_after):
+        # `gap_after` is what is left to tell of a gap once this one is out: text has no flags.
+        length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
             self._encoded[length] = 0
@@ -178,6 +129,7 @@ class Framer:
         self._sequence = (self._sequence + 1) & 0xFFFF
         # What was dropped may have been cut short: without a delimiter it would swallow this one.
         if (not self._gap or self._write(_DELIMITER, 1)) and self._write(self._encoded, length):
+            self._gap = gap_after
             return True
         self._gap = DROPPED
         self.dropped += 1

@@ -10,7 +10,7 @@ import os
 from . import exposure
 from .calibration import STRAIN_MAX_PPM
 from .decode import AVERAGE_MAX
-from .frame import crc16
+from .kernel import crc16
 from .smux import smux_map
 
 DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")

@@ -5,8 +5,11 @@ search for an exposure. `take` allocates nothing but in the rare steps that end 
 search.
 """
 
-from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED, Decode
+from array import array
+
+from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE, Search
+from .kernel import accumulate
 from .smux import CHANNELS
 
 IDLE_US = 1_000_000  # untouched for so long before the strip may blink
@@ -17,6 +20,10 @@ DARK_EVERY_SAMPLES = 100
 _LIT = 0
 _BLINKING = 1  # LED off, dark samples wanted
 _RISING = 2  # LED on again, a wholly lit sample wanted
+
+
+def _six():
+    return array("i", bytes(4 * CHANNELS))
 
 
 class Strip:
@@ -41,13 +48,13 @@ class Strip:
         self.sensor = sensor
         self.settings = settings
         self.decode = Decode()
-        self.dark = [0] * CHANNELS
+        self.dark = _six()
         self.stream_touch = self.stream_spectrum = False
         self._framer = framer
         self._time = time
         self._add = clock.ticks_add
-        self._sums = [0] * CHANNELS
-        self._blink_sums = [0] * CHANNELS
+        self._sums = _six()
+        self._blink_sums = _six()
         self._samples = 0
         self._flags = 0
         self._blink = _LIT
@@ -108,10 +115,7 @@ class Strip:
             self._start_blink(sensor)
 
     def _take_lit(self, sensor):
-        counts = sensor.counts
-        sums = self._sums
-        for i in range(CHANNELS):
-            sums[i] += counts[i]
+        accumulate(self._sums, sensor.counts, self._samples)
         if sensor.saturated:
             self._flags |= SATURATED
         self._samples += 1
@@ -129,7 +133,7 @@ class Strip:
             flags |= DARK_SUBTRACTED
         decode = self.decode
         decode.update(self._sums, samples, self.dark, flags)
-        if decode.touching:
+        if decode.flags & TOUCHING:
             self._idle_us = 0
         elif self._idle_us < IDLE_US:
             self._idle_us += samples * sensor.exposure_us
@@ -145,8 +149,6 @@ class Strip:
         self._restart_average()
 
     def _restart_average(self):
-        for i in range(CHANNELS):
-            self._sums[i] = 0
         self._samples = 0
         self._flags = 0
 
@@ -160,8 +162,6 @@ class Strip:
     def _start_blink(self, sensor):
         sensor.switch_led(False)
         self._restart_average()
-        for i in range(CHANNELS):
-            self._blink_sums[i] = 0
         self._blink_samples = 0
         self._blink = _BLINKING
 
@@ -172,11 +172,9 @@ class Strip:
                 self._take_lit(sensor)
                 return
         elif sensor.steady:
-            for i in range(CHANNELS):
-                self._blink_sums[i] += sensor.counts[i]
+            accumulate(self._blink_sums, sensor.counts, self._blink_samples)
             self._blink_samples += 1
-        for i in range(CHANNELS):
-            self._sums[i] = sensor.counts[i]
+        accumulate(self._sums, sensor.counts, 0)
         self._samples = 1
         self._emit(LED_OFF)
         if self._blink_samples == DARK_SAMPLES and self._blink == _BLINKING:

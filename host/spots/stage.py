@@ -29,6 +29,9 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
+# The two forms of tactile's kernel: every board knows the one it has by the first one's name.
+KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
+
 
 @dataclass(frozen=True)
 class Device:
@@ -42,6 +45,8 @@ class Device:
         ``micropython`` or ``circuitpython``.
     march : str or None
         Architecture of its native code, as ``mpy-cross -march`` names it; None for sources only.
+    viper : bool
+        Whether its sample path is machine code, by MicroPython's viper, which needs `march`.
     board_id : str or None
         As CircuitPython names the board.
     config : dict
@@ -54,6 +59,7 @@ class Device:
     title: str
     runtime: str
     march: str | None
+    viper: bool
     board_id: str | None
     config: dict
     wiring: dict
@@ -70,16 +76,20 @@ def device_of(board: str) -> Device:
     Raises
     ------
     SpotsError
-        If there is no such board.
+        If there is no such board, or it asks for viper where that cannot be compiled.
     """
     if board not in board_names():
         raise SpotsError(f"no board is called {board}; there are {', '.join(board_names())}")
     said = toml.loads((BOARDS / board / "board.toml").read_text(encoding="utf-8"))
+    viper = said.get("viper", False)
+    if viper and (said["runtime"] != "micropython" or "march" not in said):
+        raise SpotsError(f"boards/{board}/board.toml: viper needs MicroPython and a march")
     return Device(
         name=board,
         title=said["title"],
         runtime=said["runtime"],
         march=said.get("march"),
+        viper=viper,
         board_id=said.get("board_id"),
         config={"NAME": board} | said["device"],
         wiring=said.get("wiring", {}),
@@ -98,12 +108,15 @@ def stage(board: str, folder: Path) -> None:
     for library in LIBRARIES[device.runtime]:
         _copy_library(library, folder / "lib")
     (others,) = set(ENTRIES) - {device.runtime}
+    firmware = Path(tactile.__file__).parent
     shutil.copytree(
-        Path(tactile.__file__).parent,
+        firmware,
         folder / "tactile",
-        ignore=shutil.ignore_patterns("__pycache__", f"{others}.py"),
+        ignore=shutil.ignore_patterns("__pycache__", f"{others}.py", KERNEL_VIPER),
         dirs_exist_ok=True,
     )
+    if device.viper:
+        shutil.copy(firmware / KERNEL_VIPER, folder / "tactile" / KERNEL)
     for entry in ENTRIES[device.runtime]:
         shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
     config = "".join(f"{name} = {value!r}\n" for name, value in device.config.items())

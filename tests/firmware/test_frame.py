@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
 
-from tactile import frame
+from tactile import frame, kernel
 from tactile.decode import Decode
 
 
@@ -38,13 +38,13 @@ class Port:
 
 @given(st.binary(max_size=600))
 def test_crc_is_that_of_the_standard_library(data):
-    assert frame.crc16(data, len(data)) == binascii.crc_hqx(data, 0xFFFF)
+    assert kernel.crc16(data, len(data), 0xFFFF) == binascii.crc_hqx(data, 0xFFFF)
 
 
 @given(st.binary(min_size=1, max_size=520))
 def test_cobs_is_undone_by_the_reference_decoder(data):
     target = bytearray(len(data) + 8)
-    size = frame.cobs_encode(data, len(data), target)
+    size = kernel.cobs_encode(data, len(data), target)
     encoded = bytes(target[:size])
     assert encoded[-1] == 0
     assert 0 not in encoded[:-1]
@@ -55,7 +55,7 @@ def test_cobs_is_undone_by_the_reference_decoder(data):
 def test_cobs_at_the_edges_of_its_blocks(size):
     for data in (b"\x01" * size, b"\x01" * (size - 1) + b"\0", b"\0" + b"\x01" * (size - 1)):
         target = bytearray(size + 8)
-        encoded = bytes(target[: frame.cobs_encode(data, size, target)])
+        encoded = bytes(target[: kernel.cobs_encode(data, size, target)])
         assert cobs.decode(encoded[:-1]) == data
 
 

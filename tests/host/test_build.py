@@ -8,6 +8,7 @@ import pytest
 import spots
 from spots import SpotsError
 from spots import build as builder
+from spots import stage as staging
 from spots.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.cli import main
 from spots.stage import board_names, device_of, stage
@@ -25,10 +26,37 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
     assert "main.py" in files
     assert "tactile/runtime/micropython.mpy" in files
     assert all(path.endswith(".mpy") for path in modules)
+    assert "tactile/kernel.mpy" in files
+    assert "tactile/kernel_viper.mpy" not in files
     for path in modules:
         header = mpy_header(files[path])
         assert header.version == 6
-        assert header.arch == 0 or ARCHITECTURES[header.arch] == device.march
+        machine_code = device.viper and path == "tactile/kernel.mpy"
+        assert ARCHITECTURES[header.arch] == (device.march if machine_code else None), path
+
+
+@pytest.mark.parametrize(
+    ("board", "viper"),
+    [("pico", True), ("pico2", True), ("xiao_esp32s3", True), ("virtual", False)],
+)
+def test_a_board_has_one_kernel_by_one_name(board, viper, tmp_path):
+    assert device_of(board).viper is viper
+    stage(board, tmp_path)
+    kernels = list((tmp_path / "tactile").glob("kernel*"))
+    assert [path.name for path in kernels] == ["kernel.py"]
+    assert ("@micropython.viper" in kernels[0].read_text()) is viper
+
+
+@pytest.mark.parametrize(
+    "said", ['runtime = "circuitpython"\nmarch = "armv6m"', 'runtime = "micropython"']
+)
+def test_viper_is_for_boards_whose_machine_code_is_known(said, tmp_path, monkeypatch):
+    (tmp_path / "odd").mkdir()
+    text = f'title = "Odd"\n{said}\nviper = true\n[device]\n'
+    (tmp_path / "odd" / "board.toml").write_text(text)
+    monkeypatch.setattr(staging, "BOARDS", tmp_path)
+    with pytest.raises(SpotsError, match=r"odd/board\.toml: viper needs MicroPython and a march"):
+        device_of("odd")
 
 
 def test_the_modules_of_a_pico_stay_small(tmp_path):

@@ -1,7 +1,8 @@
 """The machines that the scripts of this tier run in.
 
 Two real MicroPythons, one with words of 64 bits and one of 32, and CPython to compare them with.
-Each gets the firmware's package and the same scripts, unchanged, in a folder of its own.
+Each gets the firmware's package and the same scripts, unchanged, in a folder of its own; the one
+of 64 bits also with the sample path as machine code, which WebAssembly has no emitter for.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from viper import need_viper
 
 import tactile
 from spots.bench import canned
 from spots.sim.vm import micropython_command
+from spots.stage import KERNEL, KERNEL_VIPER
 
 HERE = Path(__file__).parent
 WASM = HERE.parent / "wasm"
@@ -98,6 +101,13 @@ class Unix64(Machine):
         return [*micropython_command(), "-X", f"heapsize={HEAP_64_BYTES}", f"{script}.py"]
 
 
+class Viper64(Unix64):
+    def __init__(self, folder: Path):
+        need_viper()
+        super().__init__(folder)
+        (folder / "tactile" / KERNEL_VIPER).replace(folder / "tactile" / KERNEL)
+
+
 class Wasm32(Machine):
     def command(self, script: str) -> list[str]:
         places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
@@ -107,16 +117,10 @@ class Wasm32(Machine):
         return [node, str(WASM / "run.mjs"), str(self.folder), script, str(HEAP_32_BYTES)]
 
 
-@pytest.fixture(params=[Unix64, Wasm32], ids=["unix64", "wasm32"])
+@pytest.fixture(params=[Unix64, Wasm32, Viper64], ids=["unix64", "wasm32", "viper64"])
 def machine(request, tmp_path):
     """A MicroPython."""
     return request.param(tmp_path / "micropython")
-
-
-@pytest.fixture
-def unix64(tmp_path):
-    """The MicroPython of 64 bits."""
-    return Unix64(tmp_path / "micropython")
 
 
 @pytest.fixture

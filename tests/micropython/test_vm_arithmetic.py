@@ -64,20 +64,6 @@ def weights_of(rng, total):
     return weights
 
 
-def test_dot(compare, rng):
-    cases = []
-    for total in (0, ONE_Q13):
-        half = (WEIGHT_SUM_MAX + total) // 2
-        lone = [half, half - WEIGHT_SUM_MAX, 0, 0, 0, 0]
-        for ends in itertools.product((0, 8191, LOG_MAX - 1, LOG_MAX), repeat=2):
-            cases.append((lone, [*ends, *[LOG_MAX] * 4]))
-        for _ in range(100):
-            cases.append(
-                (weights_of(rng, total), [rng.randint(0, LOG_MAX) for _ in range(CHANNELS)])
-            )
-    compare("dot", cases)
-
-
 def a_table(rng, knots):
     """Return knots and values whose steps are as far apart as a calibration may have them."""
     at = [-rng.randint(0, 1 << 26)]
@@ -127,7 +113,7 @@ def test_tables(compare, calibration, rng):
     tables = [a_table(rng, knots) for knots in [2] * 10 + [3] * 10 + [33] * 3 + [KNOTS_MAX]]
     assert all(accepted(calibration, *table) for table in tables)
     cases = [(*table, readings(rng, table[0])) for table in tables]
-    compare("table", cases, width=2 * len(cases[0][2]))
+    compare("table", cases, width=len(cases[0][2]))
 
 
 @pytest.mark.parametrize("name", LIMIT_TABLES)
@@ -135,7 +121,60 @@ def test_a_table_at_the_limit_works_if_a_calibration_may_hold_it(compare, calibr
     knots, values = LIMIT_TABLES[name]
     if accepted(calibration, knots, values):
         at = readings(rng, knots)
-        compare("table", [(knots, values, at)], width=2 * len(at))
+        compare("table", [(knots, values, at)], width=len(at))
+
+
+FULL = 65_535
+
+
+def a_column(rng, at, least, most):
+    """Return values at these knots that jump about as far as a calibration may let them."""
+    values = [rng.randint(least, most)]
+    for a, b in itertools.pairwise(at):
+        farthest = SMALL_MAX // (b - a) - 1
+        jump = rng.randint(-farthest, farthest)
+        values.append(min(max(values[-1] + jump, least), most))
+    return values
+
+
+def a_calibration(rng):
+    """Return tables as a calibration may have them, with weights as large as they may be."""
+    segments = []
+    for knots in rng.sample(range(2, 40), rng.randint(1, 5)):
+        contrasts, positions = a_table(rng, knots)
+        fits, offsets = (a_column(rng, contrasts, -5000, 5000) for _ in range(2))
+        weights = weights_of(rng, 0), weights_of(rng, ONE_Q13)
+        segments.append((weights, (contrasts, positions, fits, offsets)))
+    brightnesses, forces = a_table(rng, rng.randint(2, 40))
+    tolerances = a_column(rng, brightnesses, 0, 1 << 27)
+    weights = weights_of(rng, 0), weights_of(rng, 0)
+    bounds = sorted(rng.sample(range(-(1 << 26), 1 << 26), len(segments)))
+    forces = brightnesses, forces, tolerances
+    return {"weights": weights, "bounds": bounds, "forces": forces, "segments": segments}
+
+
+def a_reading(rng):
+    """Return a number of samples and the sums of lit and dark counts, some of them too dark."""
+    samples = rng.choice((1, 1, 2, 63, 64))
+    brightest = int(2 ** rng.uniform(1, 16))
+    lit = [rng.choice((rng.randint(1, brightest), brightest, FULL)) for _ in range(CHANNELS)]
+    dark = [rng.choice((0, 0, 0, rng.randint(0, 4), 4 * FULL)) for _ in range(CHANNELS)]
+    if rng.random() < 0.8:
+        dark = [min(d, 4 * count - 1) for d, count in zip(dark, lit)]
+    return samples, [samples * count for count in lit], dark
+
+
+def test_estimate(compare, rng):
+    cases = [(a_calibration(rng), [a_reading(rng) for _ in range(40)]) for _ in range(5)]
+    compare("estimate", cases, width=5 * 40)
+
+
+def test_accumulate(compare, rng):
+    cases = []
+    for samples in (0, 1, 63):
+        for count in (0, 1, 32_768, FULL):
+            cases.append(([samples * FULL] * CHANNELS, [count, FULL, 0, 1, 2, 3], samples))
+    compare("accumulate", cases, width=CHANNELS)
 
 
 def messages(rng):
@@ -153,6 +192,10 @@ def test_crc16(compare, rng):
 
 def test_cobs(compare, rng):
     compare("cobs", list(messages(rng)), width=516)
+
+
+def test_frame(compare, rng):
+    compare("frame", list(messages(rng))[:-3], width=516)
 
 
 def test_board_time(compare, rng):

@@ -16,27 +16,36 @@ def run() -> dict:
     -------
     dict
         ``driver``, ``firmware`` and ``host``, each as the module of that name describes it, and
-        the versions that were measured.
+        ``boards`` as `space` does.
 
     Raises
     ------
     SpotsError
-        If Adafruit's driver or MicroPython is not installed.
+        If Adafruit's driver, MicroPython or mpy-cross is not installed.
     """
+    from ..calibrate.stage import calibrate
     from ..sim.files import SensorFile, load
     from ..sim.vm import micropython_command
-    from . import driver, firmware, host
+    from . import driver, firmware, host, space
     from .adafruit import published
 
     published()
     micropython_command()
     sensor = load(SensorFile, "default")
+    _say("boards: what the firmware takes of each")
+    calibration = firmware.for_canned_board(calibrate(sensor))
+    boards = space.run(calibration)
     _say("driver: our firmware and Adafruit's driver on the simulated sensor")
     on_the_bus = driver.run(sensor)
     _say("firmware: integers and floats in MicroPython")
-    on_the_board, stream = firmware.run(sensor)
+    on_the_board, stream = firmware.run(sensor, calibration)
     _say("host: frames and lines of JSON")
-    return {"driver": on_the_bus, "firmware": on_the_board, "host": host.run(stream)}
+    return {
+        "driver": on_the_bus,
+        "firmware": on_the_board,
+        "boards": boards,
+        "host": host.run(stream),
+    }
 
 
 def _say(what: str) -> None:

@@ -1,7 +1,8 @@
 """Runs in MicroPython: times the sample path and its float peers, and weighs them on the heap.
 
-Reads ``inputs.json``, prints one JSON object. Every round runs every path over the same counts,
-one path after the other, so that a machine that slows down slows all of them.
+The package ``tactile_viper`` is ``tactile`` with its kernel as machine code. Reads ``inputs.json``,
+prints one JSON object. Every round runs every path over the same counts, one path after the other,
+so that a machine that slows down slows all of them.
 """
 
 import binascii
@@ -11,6 +12,13 @@ import time
 
 import canned
 from floats import FloatPath
+
+from tactile.app import App
+
+try:
+    from tactile_viper.app import App as ViperApp
+except SyntaxError:  # this MicroPython makes no machine code
+    ViperApp = None
 
 _DARK_SAMPLES = 4
 _WARM_UP = 100
@@ -33,12 +41,16 @@ class Port:
 
 
 class Spots:
-    """The firmware's own path: the application's loop, or only what follows the counts."""
+    """The firmware's own path: the application's loop, what follows the counts, or its core."""
 
-    def __init__(self, calibration):
+    def __init__(self, calibration, make):
         self.port = Port()
-        self.app, self.bus, self.clock, _ = canned.app(calibration, self.port)
-        self.app.strip.stream_spectrum = False
+        self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make)
+        strip = self.app.strip
+        strip.stream_spectrum = False
+        self._decode = strip.decode
+        self._update = strip.decode.update
+        self._touch = self.app.framer.touch
         # Bound once: a bound method is an object, and these are not the sample's.
         self._step = self.app.step
         self._take = self.app.strip.take
@@ -54,6 +66,17 @@ class Spots:
         take = self._take
         for _ in range(samples):
             take()
+
+    def from_sums(self, samples):
+        """Arithmetic and framing alone, without averaging, dark windows and time."""
+        update = self._update
+        touch = self._touch
+        decode = self._decode
+        counts = self.app.strip.sensor.counts
+        dark = self.app.strip.dark
+        for _ in range(samples):
+            update(counts, 1, dark, 0)
+            touch(0, decode)
 
     def dark(self):
         return [total / _DARK_SAMPLES for total in self.app.strip.dark]
@@ -87,20 +110,25 @@ def main():
     """Measure, and print what was found."""
     with open("inputs.json") as file:
         given = json.load(file)
-    spots = Spots(given["calibration"])
+    spots = Spots(given["calibration"], App)
     paths = {
         "spots": spots,
         "float_json": Floats(given["calibration"], spots.dark(), "send_json"),
         "float_struct": Floats(given["calibration"], spots.dark(), "send_struct"),
     }
+    if ViperApp:
+        paths["spots_viper"] = Spots(given["calibration"], ViperApp)
     found = {name: measure_space(path, given) for name, path in paths.items()}
     for name in paths:
         found[name]["vm_us"] = []
         found[name]["vm_us_from_counts"] = []
+        found[name]["vm_us_from_sums"] = []
     for _ in range(given["rounds"]):
         for name, path in paths.items():
             found[name]["vm_us"].append(timed_us(path, path.whole, given))
             found[name]["vm_us_from_counts"].append(timed_us(path, path.from_counts, given))
+            if name.startswith("spots"):
+                found[name]["vm_us_from_sums"].append(timed_us(path, path.from_sums, given))
     stream, lines = record(given, spots.dark())
     print(json.dumps({"paths": found, "stream": stream, "lines": lines}))
 

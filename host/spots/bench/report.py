@@ -11,6 +11,7 @@ from rich.table import Table
 _WIDTH = 100
 _PATHS = {
     "spots": "spots, a TOUCH frame",
+    "spots_viper": "the same by viper",
     "float_json": "floats, a line of JSON",
     "float_struct": "floats, a packed struct",
 }
@@ -18,7 +19,12 @@ _PATHS = {
 
 def report(results: dict) -> str:
     """Return the results of `run` as text."""
-    tables = _driver(results["driver"]), _firmware(results["firmware"]), _host(results["host"])
+    tables = (
+        _driver(results["driver"]),
+        _firmware(results["firmware"]),
+        _boards(results["boards"]),
+        _host(results["host"]),
+    )
     return "\n\n".join(_text(table) for table in tables)
 
 
@@ -78,17 +84,38 @@ def _firmware(results: dict) -> Table:
         "heap bytes",
         "bytes sent",
         "VM us",
-        "of these from counts on",
+        "from counts on",
+        "arithmetic, framing",
     )
+    if "spots_viper" in results:
+        ratio = results["spots_viper"]["vm_time_ratio_of_portable_from_sums"]
+        table.caption += f"\nArithmetic and framing are {ratio:.1f} times faster by viper."
     for name, label in _PATHS.items():
+        if name not in results:
+            continue  # this MicroPython makes no machine code
         cost = results[name]
+        from_sums_us = cost.get("vm_us_per_sample_from_sums")
         table.add_row(
             label,
             f"{cost['heap_bytes_per_sample']:.0f}",
             f"{cost['wire_bytes_per_sample']:.1f}",
             f"{cost['vm_us_per_sample']:.1f}",
             f"{cost['vm_us_per_sample_from_counts']:.1f}",
+            "" if from_sums_us is None else f"{from_sums_us:.1f}",
         )
+    return table
+
+
+def _boards(results: dict) -> Table:
+    table = _table(
+        "Boards: what the firmware takes",
+        "Heap once it runs, calibrated; estimated for words of 32 bits.",
+        "board",
+        ".mpy bytes",
+        "heap bytes",
+    )
+    for name, spent in results.items():
+        table.add_row(name, f"{spent['mpy_bytes']:,}", f"{spent['heap_bytes']:,}")
     return table
 
 

@@ -11,7 +11,7 @@ from locked import locked
 
 with open("given.json") as file:
     given = json.load(file)
-cases = given["cases"]
+cases = getattr(trials, "prepare_" + given["trial"], list)(given["cases"])
 width = given["width"]
 results = array("i", bytes(4 * width * len(cases)))
 locked(getattr(trials, given["trial"]), cases, results)

@@ -1,8 +1,11 @@
 """The firmware's arithmetic on many cases; each trial fills results that were made before it."""
 
+from array import array
+
 from canned import Clock
 
-from tactile import decode, frame
+from tactile import kernel
+from tactile.frame import Time32
 from tactile.log2 import log2_q20
 from tactile.pacing import Pacing
 
@@ -10,8 +13,10 @@ _BURST_US = 390
 _CLEAR_US = 73
 
 _encoded = bytearray(520)
+_scratch = array("i", bytes(4 * kernel.SCRATCH))
+_reading = array("i", bytes(4 * 4))
 _clock = Clock()
-_time = frame.Time32(_clock)
+_time = Time32(_clock)
 _pacing = Pacing(_clock)
 
 
@@ -20,37 +25,108 @@ def log2(cases, results):
         results[i] = log2_q20(cases[i])
 
 
-def dot(cases, results):
+class Made:
+    """Stands where a calibration or a segment of one stands in the kernel."""
+
+
+def prepare_estimate(cases):
+    prepared = []
+    for tables, readings in cases:
+        made = Made()
+        made.weights = _arrays(tables["weights"])
+        made.bounds = array("i", tables["bounds"])
+        made.brightnesses, *columns = _arrays(tables["forces"])
+        made.columns = tuple(columns)
+        made.segments = []
+        for weights, knots in tables["segments"]:
+            part = Made()
+            part.weights = part.position, part.force = _arrays(weights)
+            part.contrasts, *columns = _arrays(knots)
+            part.columns = tuple(columns)
+            made.segments.append(part)
+        readings = [
+            (samples, array("i", sums), array("i", dark)) for samples, sums, dark in readings
+        ]
+        prepared.append((made, readings))
+    return prepared
+
+
+def estimate(cases, results):
+    at = 0
+    for i in range(len(cases)):
+        made = cases[i][0]
+        readings = cases[i][1]
+        for j in range(len(readings)):
+            case = readings[j]
+            results[at] = kernel.estimate(made, case[1], case[0], case[2], 4, _scratch, _reading)
+            for k in range(4):
+                results[at + 1 + k] = _reading[k]
+            at += 5
+
+
+def prepare_accumulate(cases):
+    return [(array("i", sums), array("i", counts), samples) for sums, counts, samples in cases]
+
+
+def accumulate(cases, results):
     for i in range(len(cases)):
         case = cases[i]
-        results[i] = decode.dot(case[0], case[1])
+        kernel.accumulate(case[0], case[1], case[2])
+        for j in range(6):
+            results[6 * i + j] = case[0][j]
+
+
+def prepare_table(cases):
+    return [(array("i", knots), _arrays([values]), at) for knots, values, at in cases]
 
 
 def table(cases, results):
     at = 0
     for i in range(len(cases)):
         case = cases[i]
-        knots = case[0]
         readings = case[2]
         for j in range(len(readings)):
-            segment = decode.segment(knots, readings[j])
-            results[at] = segment
-            results[at + 1] = decode.interpolate(knots, case[1], segment, readings[j])
-            at += 2
+            kernel.look_up(case[0], case[1], readings[j], _scratch)
+            results[at] = _scratch[0]
+            at += 1
+
+
+def prepare_bytes(cases):
+    # Room for a checksum.
+    return [(bytearray(case + [0, 0]), len(case)) for case in cases]
+
+
+prepare_crc16 = prepare_cobs = prepare_frame = prepare_bytes
 
 
 def crc16(cases, results):
     for i in range(len(cases)):
-        results[i] = frame.crc16(cases[i], len(cases[i]))
+        case = cases[i]
+        results[i] = kernel.crc16(case[0], case[1], 0xFFFF)
 
 
 def cobs(cases, results):
     width = len(results) // len(cases)
     for i in range(len(cases)):
-        size = frame.cobs_encode(cases[i], len(cases[i]), _encoded)
-        results[i * width] = size
-        for j in range(size):
-            results[i * width + 1 + j] = _encoded[j]
+        case = cases[i]
+        _keep(kernel.cobs_encode(case[0], case[1], _encoded), i * width, results)
+
+
+def frame(cases, results):
+    width = len(results) // len(cases)
+    for i in range(len(cases)):
+        case = cases[i]
+        _keep(kernel.frame(case[0], case[1], _encoded), i * width, results)
+
+
+def _keep(size, at, results):
+    results[at] = size
+    for j in range(size):
+        results[at + 1 + j] = _encoded[j]
+
+
+def _arrays(rows):
+    return tuple([array("i", row) for row in rows])
 
 
 def time32(cases, results):

@@ -1,0 +1,177 @@
+"""The arithmetic and framing of a sample, portable form.
+
+What a sample spends its time on, from counts to framed bytes, in few calls. Boards whose
+board.toml says ``viper = true`` get kernel_viper.py in this one's place: the same functions, the
+same results bit for bit. Integers of 31 bits only, allocates nothing.
+
+Every sequence of integers is an ``array('i')`` on a board, for the other form reads memory.
+"""
+
+from array import array
+
+from .log2 import log2_q20
+from .smux import CHANNELS
+
+SCRATCH = 11  # seven logarithms, four sums: what `estimate` works in
+
+
+def accumulate(sums, counts, samples):
+    """Add six counts to the sums of `samples` earlier ones; with 0 of them, begin anew."""
+    if samples == 0:
+        for i in range(CHANNELS):
+            sums[i] = counts[i]
+    else:
+        for i in range(CHANNELS):
+            sums[i] += counts[i]
+
+
+def look_up(knots, columns, at, found):
+    """Put each column's piecewise-linear value at `at` into `found`; beyond the ends, the end's.
+
+    Parameters
+    ----------
+    knots : sequence of int
+        Ascending.
+    columns : tuple of sequences of int
+        A value for each knot.
+    at : int
+    found : sequence of int
+        Gets one rounded value for each column.
+    """
+    low = 0
+    high = len(knots) - 1
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if at < knots[middle]:
+            high = middle
+        else:
+            low = middle
+    start = knots[low]
+    width = knots[low + 1] - start
+    offset = min(max(at - start, 0), width)
+    half = width >> 1
+    for column in range(len(columns)):
+        values = columns[column]
+        value = values[low]
+        found[column] = value + (offset * (values[low + 1] - value) + half) // width
+
+
+def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
+    """Estimate contrast, brightness, position in um and force in mN from sums of counts.
+
+    Parameters
+    ----------
+    calibration : calibration.Calibration or None
+    sums, dark : sequence of int
+        Six sums of counts over `samples` and over `dark_samples` samples; times the other number
+        of samples, at most 2**24.
+    samples, dark_samples : int
+    scratch : sequence of int
+        Of `SCRATCH`, to work in.
+    reading : sequence of int
+        Gets the four; 0 for what is not known.
+
+    Returns
+    -------
+    int
+        1 where it is too dark to tell a position, 2 if one press cannot have made this, else 0.
+    """
+    for i in range(4):
+        reading[i] = 0
+    if not _take_logs(sums, samples, dark, dark_samples, scratch):
+        return 1
+    if calibration is None:
+        return 0
+    coarse, fit = calibration.weights
+    reading[0] = contrast = _dot(coarse, scratch)
+    fit = _dot(fit, scratch) >> 8
+    part = calibration.segments[_below(calibration.bounds, contrast)]
+    at = _dot(part.position, scratch)
+    brightness = _dot(part.force, scratch) - scratch[CHANNELS]
+    look_up(part.contrasts, part.columns, at, scratch)
+    reading[1] = brightness = brightness - scratch[2]
+    if brightness < calibration.brightnesses[0]:
+        return 1
+    reading[2] = scratch[0]
+    misfit = abs(fit - scratch[1])
+    look_up(calibration.brightnesses, calibration.columns, brightness, scratch)
+    reading[3] = scratch[0]
+    return 2 if misfit > scratch[1] else 0
+
+
+def _take_logs(sums, samples, dark, dark_samples, logs):
+    for i in range(CHANNELS):
+        net = sums[i] * dark_samples - samples * dark[i]
+        if net <= 0:
+            return False
+        logs[i] = log2_q20(net)
+    logs[CHANNELS] = log2_q20(samples * dark_samples)
+    return True
+
+
+def _dot(weights, logs):
+    # Weight (Q13) times logarithm (Q20), in Q20. Split so that nothing passes 31 bits for
+    # logarithms below 2**25 and weights whose absolute values add up to 2**16 at most.
+    high = low = 0
+    for i in range(CHANNELS):
+        weight = weights[i]
+        log = logs[i]
+        high += weight * (log >> 13)
+        low += weight * (log & 8191)
+    return high + (low >> 13)
+
+
+def _below(bounds, value):
+    # The last i with bounds[i] <= value, or 0.
+    i = len(bounds) - 1
+    while i > 0 and value < bounds[i]:
+        i -= 1
+    return i
+
+
+def _crc_table():
+    # CRC-16/CCITT-FALSE, polynomial 0x1021, as binascii.crc_hqx of CPython.
+    table = array("H", bytes(512))
+    for byte in range(256):
+        crc = byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021) if crc & 0x8000 else crc << 1
+        table[byte] = crc & 0xFFFF
+    return table
+
+
+_CRC = _crc_table()
+
+
+def crc16(data, size, crc):
+    """Return the CRC-16/CCITT-FALSE of the first `size` bytes, begun with `crc` (0xFFFF)."""
+    table = _CRC
+    for i in range(size):
+        crc = (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ data[i]]
+    return crc
+
+
+def cobs_encode(source, size, target):
+    """Write the COBS form of the first `size` bytes and its zero byte; return its length."""
+    code_at = 0
+    write = 1
+    for read in range(size):
+        byte = source[read]
+        if byte:
+            target[write] = byte
+            write += 1
+        if not byte or write - code_at == 255:
+            target[code_at] = write - code_at
+            code_at = write
+            write += 1
+    target[code_at] = write - code_at
+    target[write] = 0
+    return write + 1
+
+
+def frame(payload, size, encoded):
+    """Put the CRC behind the first `size` bytes and write their frame; return its length."""
+    crc = crc16(payload, size, 0xFFFF)
+    payload[size] = crc & 0xFF
+    payload[size + 1] = crc >> 8
+    return cobs_encode(payload, size + 2, encoded)

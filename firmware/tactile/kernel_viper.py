@@ -1,0 +1,194 @@
+"""The arithmetic and framing of a sample, as machine code. See kernel.py, whose place it takes.
+
+Written for words of 32 bits and right in words of 64, where ``ptr32`` loads without a sign: what
+it loads may be too large by 2**32, and so are sums and products of that by multiples of it. Where
+the sign matters, ``x - ((x >> 31) + 1 >> 1 << 16 << 16)`` takes these off; in words of 32 bits it
+takes off nothing. ``ptr32`` stores the lower 32 bits, which are right in any case.
+
+Nothing checks a bound here. A function takes exactly its arguments, and a call of one from another
+costs about as much as ten additions: what runs for every channel is written out.
+"""
+
+import micropython
+
+from .log2 import TABLE
+
+SCRATCH = 11
+
+
+@micropython.viper
+def accumulate(sums: ptr32, counts: ptr32, samples: int):
+    for i in range(6):
+        if samples == 0:
+            sums[i] = counts[i]
+        else:
+            sums[i] = sums[i] + counts[i]
+
+
+@micropython.viper
+def look_up(knots, columns, at: int, found: ptr32):
+    words = ptr32(knots)
+    low = 0
+    high = int(len(knots)) - 1
+    while high - low > 1:
+        middle = (low + high) >> 1
+        knot = words[middle]
+        knot -= (knot >> 31) + 1 >> 1 << 16 << 16
+        if at < knot:
+            high = middle
+        else:
+            low = middle
+    start = words[low]
+    start -= (start >> 31) + 1 >> 1 << 16 << 16
+    width = words[low + 1] - start
+    width -= (width >> 31) + 1 >> 1 << 16 << 16
+    offset = at - start
+    if offset < 0:
+        offset = 0
+    if offset > width:
+        offset = width
+    half = width >> 1
+    for column in range(int(len(columns))):
+        values = ptr32(columns[column])
+        value = values[low]
+        rise = values[low + 1] - value
+        rise -= (rise >> 31) + 1 >> 1 << 16 << 16
+        found[column] = value + (offset * rise + half) // width
+
+
+@micropython.viper
+def estimate(
+    calibration, sums: ptr32, samples: int, dark: ptr32, dark_samples: int, scratch, reading: ptr32
+) -> int:
+    logs = ptr32(scratch)
+    for i in range(4):
+        reading[i] = 0
+
+    table = ptr32(TABLE)
+    for i in range(7):
+        n = samples * dark_samples
+        if i < 6:
+            n = sums[i] * dark_samples - samples * dark[i]
+            if n <= 0:
+                return 1
+        # log2.log2_q20, whose table holds no negative number.
+        if n >= 1 << 24:
+            logs[i] = 24 << 20
+            continue
+        exponent = 23
+        if n < 1 << 8:
+            n <<= 16
+            exponent -= 16
+        if n < 1 << 16:
+            n <<= 8
+            exponent -= 8
+        if n < 1 << 20:
+            n <<= 4
+            exponent -= 4
+        if n < 1 << 22:
+            n <<= 2
+            exponent -= 2
+        if n < 1 << 23:
+            n <<= 1
+            exponent -= 1
+        step = (n >> 14) & 511
+        base = table[step]
+        fraction = base + (((n & 16383) * (table[step + 1] - base)) >> 14)
+        logs[i] = (exponent << 20) + ((fraction + 8) >> 4)
+    if not calibration:  # there is no 'is' here
+        return 0
+
+    # Contrast and fit by the weights of the whole strip, then position and force by the segment's.
+    rows = calibration.weights
+    part = rows
+    for row in range(4):
+        if row == 2:
+            contrast = logs[7]
+            contrast -= (contrast >> 31) + 1 >> 1 << 16 << 16
+            bounds = ptr32(calibration.bounds)
+            i = int(len(calibration.bounds)) - 1
+            while i > 0:
+                bound = bounds[i]
+                bound -= (bound >> 31) + 1 >> 1 << 16 << 16
+                if contrast >= bound:
+                    break
+                i -= 1
+            part = calibration.segments[i]
+            rows = part.weights
+        weights = ptr32(rows[row & 1])
+        high = 0
+        low = 0
+        for i in range(6):
+            weight = weights[i]
+            log = logs[i]
+            high += weight * (log >> 13)
+            low += weight * (log & 8191)
+        low -= (low >> 31) + 1 >> 1 << 16 << 16
+        logs[7 + row] = high + (low >> 13)
+    reading[0] = contrast
+    at = logs[9]
+    at -= (at >> 31) + 1 >> 1 << 16 << 16
+    brightness = logs[10] - logs[6]
+    fit = logs[8]
+    fit -= (fit >> 31) + 1 >> 1 << 16 << 16
+    fit >>= 8
+
+    look_up(part.contrasts, part.columns, at, scratch)
+    brightness -= logs[2]
+    brightness -= (brightness >> 31) + 1 >> 1 << 16 << 16
+    reading[1] = brightness
+    knots = ptr32(calibration.brightnesses)
+    least = knots[0]
+    least -= (least >> 31) + 1 >> 1 << 16 << 16
+    if brightness < least:
+        return 1
+    reading[2] = logs[0]
+    misfit = fit - logs[1]
+    misfit -= (misfit >> 31) + 1 >> 1 << 16 << 16
+    if misfit < 0:
+        misfit = 0 - misfit
+
+    look_up(calibration.brightnesses, calibration.columns, brightness, scratch)
+    reading[3] = logs[0]
+    tolerance = logs[1]
+    tolerance -= (tolerance >> 31) + 1 >> 1 << 16 << 16
+    if misfit > tolerance:
+        return 2
+    return 0
+
+
+@micropython.viper
+def crc16(data: ptr8, size: int, crc: int) -> int:
+    for i in range(size):
+        # The eight steps of a byte at once: the polynomial has bits 12, 5 and 0 alone.
+        x = crc >> 8 ^ data[i]
+        x ^= x >> 4
+        crc = (crc << 8 ^ x << 12 ^ x << 5 ^ x) & 0xFFFF
+    return crc
+
+
+@micropython.viper
+def cobs_encode(source: ptr8, size: int, target: ptr8) -> int:
+    code_at = 0
+    write = 1
+    for read in range(size):
+        byte = source[read]
+        if byte:
+            target[write] = byte
+            write += 1
+        if byte == 0 or write - code_at == 255:
+            target[code_at] = write - code_at
+            code_at = write
+            write += 1
+    target[code_at] = write - code_at
+    target[write] = 0
+    return write + 1
+
+
+@micropython.viper
+def frame(payload, size: int, encoded) -> int:
+    crc = int(crc16(payload, size, 0xFFFF))
+    data = ptr8(payload)
+    data[size] = crc & 0xFF
+    data[size + 1] = crc >> 8
+    return int(cobs_encode(payload, size + 2, encoded))

@@ -1,0 +1,14 @@
+"""Runs in MicroPython: prints how much heap the application takes, calibrated and running."""
+
+import gc
+import json
+
+import canned
+
+with open("inputs.json") as file:
+    given = json.load(file)
+gc.collect()
+made = canned.app(given["calibration"])
+given = None
+gc.collect()
+print(json.dumps({"taken_bytes": gc.mem_alloc()}))

@@ -1,0 +1,29 @@
+"""What the firmware takes of a board: the bytes that are built, and an estimate of the heap."""
+
+from __future__ import annotations
+
+import pytest
+
+from spots.build import build, files_of
+from spots.stage import board_names, device_of
+
+HEAP_MAX_BYTES = 64 * 1024
+FLASH_MAX_BYTES = 64 * 1024
+BOARDS = [name for name in board_names() if device_of(name).runtime == "micropython"]
+
+
+def test_every_board_with_mpy_files_is_there(results):
+    assert sorted(results["boards"]) == sorted(BOARDS)
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_flash_is_that_of_the_built_modules(results, board, tmp_path):
+    files = files_of(build(board, tmp_path))
+    built = sum(len(data) for path, data in files.items() if path.endswith(".mpy"))
+    assert results["boards"][board]["mpy_bytes"] == built <= FLASH_MAX_BYTES
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_the_running_application_leaves_most_of_a_small_board_free(results, board):
+    spent = results["boards"][board]
+    assert spent["mpy_bytes"] < spent["heap_bytes"] <= HEAP_MAX_BYTES
