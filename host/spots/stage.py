@@ -87,7 +87,7 @@ def stage(board: str, folder: Path) -> None:
     shutil.copytree(
         Path(tactile.__file__).parent,
         folder / "tactile",
-        ignore=shutil.ignore_patterns("__pycache__", f"{others}.py"),
+        ignore=shutil.ignore_patterns("__pycache__", f"*{others}.py"),
         dirs_exist_ok=True,
     )
     for entry in ENTRIES[device.runtime]:

@@ -24,6 +24,7 @@ from .bus import Bus
 from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .scenario import Scenario
+from .usb import UsbHost
 from .vm import Machine
 from .world import chip
 
@@ -82,7 +83,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     scenario = Scenario(load(ScenarioFile, scenario_name))
     port = SerialPort()
     clock = RealClock()
-    bus = Bus(chip(sensor, scenario, seed), clock)
+    bus, usb = Bus(chip(sensor, scenario, seed), clock), UsbHost()
     machine = Machine(
         board_id(sensor),
         False,
@@ -95,12 +96,12 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     )
     try:
         print(json.dumps({"port": port.name, "started_s": clock.started_s}), flush=True)
-        _serve(machine, bus, port)
+        _serve(machine, bus, usb, port)
     finally:
         machine.close()
 
 
-def _serve(machine: Machine, bus: Bus, port: SerialPort) -> None:
+def _serve(machine: Machine, bus: Bus, usb: UsbHost, port: SerialPort) -> None:
     stdin = sys.stdin.fileno()
     while True:
         ready, _, _ = select.select([machine.requests, stdin, port.from_host], [], [])
@@ -117,7 +118,7 @@ def _serve(machine: Machine, bus: Bus, port: SerialPort) -> None:
             elif server.is_reset(request):
                 machine.boot()
             else:
-                server.answer(request, bus, machine.answers)
+                server.answer(request, bus, usb, machine.answers)
 
 
 if __name__ == "__main__":
