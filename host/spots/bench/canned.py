@@ -113,7 +113,7 @@ class BoardConfig:
     LED_MAX_MA = 100
 
 
-def app(calibration=(), serial=None):
+def app(calibration=(), serial=None, usb=None):
     """Return (App, Bus, Clock, Serial), past the dark window, streaming readings and spectra.
 
     Parameters
@@ -122,10 +122,12 @@ def app(calibration=(), serial=None):
         Lines of a calibration made on board ``00`` at the default settings.
     serial : object, optional
         A port in place of `Serial`.
+    usb : object, optional
+        As `app.App` asks for.
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()
-    made = App(BoardConfig, "canned", "00", bus, clock, serial)
+    made = App(BoardConfig, "canned", "00", bus, clock, serial, usb)
     made.step()
     made.use_calibration(list(calibration))
     strip = made.strip
