@@ -3,8 +3,6 @@
 Settings say which; a board without USB for them sends keys as frames alone.
 """
 
-from .gamepad import GamepadAxes
-from .hid import Gamepad, Keyboard
 from .keypad import Keypad
 
 INTERFACES = (("keys", "keyboard"), ("gamepad", "gamepad"))  # setting, USB interface
@@ -35,10 +33,9 @@ class Uses:
         self._usb = usb
         self._sensor = 0
         self.fault = None
-        self._keyboard = self._gamepad = None
+        self._keyboard = self._gamepad = self._axes = None
         self._open()
         self._keypad = Keypad(self)
-        self._axes = self._gamepad and GamepadAxes(self._gamepad)
         self._keys_on = self._gamepad_on = False
 
     def apply(self, calibration):
@@ -115,10 +112,15 @@ class Uses:
         except OSError as error:
             self.fault = str(error)
             return
+        # Here, so that other boards have the memory for something else.
+        from .gamepad import GamepadAxes
+        from .hid import Gamepad, Keyboard
+
         if "keyboard" in sends:
             self._keyboard = Keyboard(sends["keyboard"])
         if "gamepad" in sends:
             self._gamepad = Gamepad(sends["gamepad"])
+            self._axes = GamepadAxes(self._gamepad)
 
     def _why_not(self, setting, name):
         if self._usb is None:

@@ -71,6 +71,11 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
                     _show(plan, files, name)
                 else:
                     carry_out(plan, files, prompt)
+                    if device.config["USB_HID"] and not prompt.has("usb.device.hid"):
+                        print(
+                            "to be a USB keyboard or gamepad, this board also needs: "
+                            f"mpremote connect {name} mip install usb-device-hid"
+                        )
             finally:
                 prompt.reset()  # also what was refused goes on with what it did before
         if not dry_run:

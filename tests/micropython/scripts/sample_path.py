@@ -54,7 +54,7 @@ class Usb:
         self.offers = 0
 
     def open(self, names):
-        return {name: self.send for name in names}
+        return dict.fromkeys(names, self.send)
 
     def send(self, report):
         self.offers += 1
