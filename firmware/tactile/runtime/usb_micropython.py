@@ -30,7 +30,6 @@ class _Reports(HIDInterface):
     def desc_cfg(self, desc, itf_num, ep_num, strs):
         # It is called twice, and the library's own leaves another meaning in this attribute: the
         # second time every interface would be described as one of a boot keyboard.
-        self.protocol = self._described_as
         super().desc_cfg(desc, itf_num, ep_num, strs)
 
     def on_interface_control_xfer(self, stage, request):
