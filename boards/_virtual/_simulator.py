@@ -1,8 +1,8 @@
 """The pipe pair to the simulated sensor, and the clock that comes with its answers.
 
-Request: operation, three argument bytes, then the bytes of a write. Answer: errno (0 if all is
-well), the simulator's clock in us (4 bytes, modulo 2**30), then the bytes of a read. Allocates
-nothing, so that the firmware's own promise to allocate nothing can be tested on this board.
+Request: operation, three argument bytes, then the bytes of a write or report. Answer: errno (0 if
+all is well), the simulator's clock in us (4 bytes, modulo 2**30), then the bytes of a read.
+Allocates nothing, so that the firmware's own promise to allocate nothing can be tested here.
 """
 
 import os
@@ -16,6 +16,8 @@ SLEEP = const(0x53)  # time in us, 3 bytes, low first
 RESET = const(0x58)  # 0, 0, 0; ends this run
 RECEIVE = const(0x47)  # device address, 0, size
 SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
+HID = const(0x48)  # USB interface, size of the report or 0 to ask for room, 0
+HOST = const(0x55)  # 0, 0, 0; fails unless a USB host is there and awake
 
 _READS = (READ, RECEIVE)
 
@@ -30,9 +32,9 @@ now_us = 0
 
 
 def call(operation, a, b, c, buffer=None):
-    """Send a request and take its answer; `buffer` is written to, or filled by a read."""
+    """Send a request and take its answer; `buffer` is what is sent, or filled by a read."""
     global now_us
-    if operation == WRITE:
+    if operation in (WRITE, HID):
         _fill(_long, operation, a, b, c)
         for i in range(b):
             _long[4 + i] = buffer[i]

@@ -34,6 +34,10 @@ class I2C:
         return len(buf)
 
 
+class USBDevice:
+    """There is one; `usb.device` stands for all of it."""
+
+
 def unique_id():
     text = os.getenv("SPOTS_BOARD_ID")
     return bytes(int(text[i : i + 2], 16) for i in range(0, len(text), 2))

@@ -9,6 +9,7 @@ sys.path[0] = ""  # not this folder, which comes after the board's own files
 import _simulator  # noqa: E402, F401
 import storage  # noqa: E402
 import usb_cdc  # noqa: E402
+import usb_hid  # noqa: E402, F401
 
 _ABOUT = (
     "Adafruit CircuitPython 10.3.1 on 2026-01-01; Virtual board with a simulator\n"

@@ -7,14 +7,15 @@ from .as7341 import SensorError
 from .calibration import Calibration, CalibrationError
 from .command import Commands, LineReader
 from .frame import TEXT_MAX, Framer, Time32
-from .settings import Settings, checksum, load_lines, save_lines
+from .settings import SETTINGS_FILE, Settings, checksum, load_lines, save_lines
 from .strip import Strip
+from .uses import Uses
 
-SETTINGS_FILE = "settings.txt"
 CALIBRATION_FILE = "calibration.txt"
 
 _SLICE_US = 10_000  # longest sleep with a deaf ear
 _RETRY_US = 100_000  # between attempts to bring a lost sensor back
+_LAST_US = 100_000  # for the host to hear, at the end, that no key is down
 
 
 class App:
@@ -30,9 +31,11 @@ class App:
     clock, serial : object
         As `frame.Time32` and `frame.Framer` ask for; ``serial.read()`` returns the next byte or -1
         and allocates nothing.
+    usb : object, optional
+        As `uses.Uses` asks for; None on a board that cannot be a USB keyboard.
     """
 
-    def __init__(self, board, runtime, uid, sensor, clock, serial):
+    def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
         self.board = board
         self.runtime = runtime
         self.uid = uid
@@ -44,28 +47,37 @@ class App:
         self._serial = serial
         self._time = Time32(clock)
         self.framer = Framer(serial, self._time)
-        self.strip = Strip(0, sensor, self.framer, self._time, clock, self.settings)
         self._reader = LineReader()
         self._commands = Commands(self)
         self._claimed = None
         self._lost = True
         self.fault = None  # why the sensor was lost, until it is back
         self._load()
+        # USB tells the host once, at the start, what the board is.
+        self.uses = Uses(self.settings, self.framer, usb)
+        if self.uses.fault:
+            self.log("error", self.uses.fault)
+        self.strip = Strip(0, sensor, self.framer, self._time, clock, self.settings, self.uses)
 
     def run(self):
-        """Run until told to reboot; whatever happens, leave the LED off."""
+        """Run until told to reboot; whatever happens, leave no key down and the LED off."""
         try:
             while not self.reboot:
                 self.step()
         finally:
             try:
-                self.strip.sensor.stop()
-            except OSError:
-                pass
+                self._set_time()
+                self.uses.finish(self._clock, _LAST_US)
+            finally:
+                try:
+                    self.strip.sensor.stop()
+                except OSError:
+                    pass
 
     def step(self):
         """Do what is due now; sleeps at most a slice. Allocates nothing while sampling."""
         self._listen()
+        self.uses.pump()
         if self._lost:
             self._find_sensor()
             return
@@ -116,7 +128,20 @@ class App:
         return checksum(self.calibration_lines) if self.strip.decode.calibration else None
 
     def apply_calibration(self):
-        """Use the calibration if it fits the present settings; return why not, or None."""
+        """Use the calibration if it fits the present settings, and what builds on it.
+
+        Returns
+        -------
+        str or None
+            What keeps something that is wanted from working.
+        """
+        why_not = self._choose_calibration()
+        calibration = self.strip.decode.calibration
+        self._set_time()
+        self.uses.apply(calibration)
+        return "; ".join([note for note in (why_not, self.uses.note(calibration)) if note]) or None
+
+    def _choose_calibration(self):
         self.strip.decode.calibration = None
         if not self.calibration_lines:
             return None
@@ -140,6 +165,11 @@ class App:
         reply["plan"] = list(reply["plan"])
         return reply
 
+    def let_go(self):
+        """Release all keys, for no reading may come for a while."""
+        self._set_time()
+        self.uses.release()
+
     def save(self):
         """Store settings and calibration."""
         save_lines(SETTINGS_FILE, self.settings.lines())
@@ -147,7 +177,7 @@ class App:
 
     def time_us(self):
         """Return the board's time in us modulo 2**32."""
-        self._time.set(self._clock.ticks_us())
+        self._set_time()
         return self._time.high << 16 | self._time.low
 
     def _load(self):
@@ -179,7 +209,7 @@ class App:
                 gc.collect()
 
     def _find_sensor(self):
-        self._time.set(self._clock.ticks_us())  # or it would lose its turns meanwhile
+        self._set_time()  # or it would lose its turns meanwhile
         try:
             self.strip.start()
         except (OSError, SensorError) as error:
@@ -194,6 +224,7 @@ class App:
 
     def _lose(self, error):
         self._lost = True
+        self.let_go()
         self.abandon("the sensor was lost")
         known, self.fault = self.fault, str(error)
         if isinstance(error, OSError):
@@ -208,8 +239,11 @@ class App:
         if self._claimed:
             self.finish(self._claimed, {"error": why + " before this ended"})
 
-    def _send(self, reply):
+    def _set_time(self):
         self._time.set(self._clock.ticks_us())
+
+    def _send(self, reply):
+        self._set_time()
         data = json.dumps(reply).encode()
         if len(data) > TEXT_MAX:
             data = json.dumps({"re": reply.get("re"), "error": "the reply is too long"}).encode()

@@ -64,6 +64,8 @@ class Commands:
             "get": self._get,
             "set": self._set,
             "stream": self._stream,
+            "keys": self._keys,
+            "gamepad": self._gamepad,
             "dark": self._dark,
             "auto": self._auto,
             "cal": self._cal,
@@ -118,6 +120,7 @@ class Commands:
         reply["dark"] = list(app.strip.dark)
         reply["missed"] = app.strip.sensor.pacing.missed
         reply["dropped"] = app.framer.dropped
+        reply["dropped_reports"] = app.uses.dropped()
         reply["faults"] = app.faults
         reply["fault"] = app.fault
         reply["full_scale"] = app.strip.sensor.full_scale
@@ -150,6 +153,23 @@ class Commands:
         strip.stream_spectrum = "spectrum" in kinds
         return {"stream": sorted(kinds)}
 
+    def _keys(self, words):
+        return self._switch("keys", words)
+
+    def _gamepad(self, words):
+        return self._switch("gamepad", words)
+
+    def _switch(self, name, words):
+        if words not in (["on"], ["off"]):
+            raise ValueError("%s takes on or off" % name)
+        app = self._app
+        app.settings.change(["%s=%d" % (name, words == ["on"])])
+        note = app.apply_calibration()
+        reply = {name: words[0]}
+        if note:
+            reply["note"] = note
+        return reply
+
     def _dark(self, words):
         self._app.claim("dark")
         self._app.strip.request_dark(self._dark_done)
@@ -160,6 +180,7 @@ class Commands:
 
     def _auto(self, words):
         self._app.claim("auto")
+        self._app.let_go()
         self._app.strip.request_search(self._auto_done)
         return None
 

@@ -12,12 +12,14 @@ from .kernel import frame
 TOUCH = 1
 SPECTRUM = 2
 TEXT = 3
+KEY = 4
 
 # kind and sensor, sequence, time low, time high
 HEADER = "<BHHH"
 HEADER_SIZE = 7
 TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 SPECTRUM_BODY = "BB6H"  # flags, gain, counts
+KEY_BODY = "BBB"  # usage, modifiers, pressed
 TEXT_MAX = 500
 
 _DELIMITER = b"\0"
@@ -25,6 +27,8 @@ _TOUCH_FRAME = HEADER + TOUCH_BODY
 _TOUCH_SIZE = HEADER_SIZE + 15
 _SPECTRUM_FRAME = HEADER + SPECTRUM_BODY
 _SPECTRUM_SIZE = HEADER_SIZE + 14
+_KEY_FRAME = HEADER + KEY_BODY
+_KEY_SIZE = HEADER_SIZE + 3
 
 
 class Time32:
@@ -112,6 +116,22 @@ class Framer:
         )
         return self._send(_SPECTRUM_SIZE, 0)
 
+    def key(self, sensor, usage, modifiers, pressed):
+        """Send a KEY frame: a HID keyboard usage goes down or up."""
+        pack_into(
+            _KEY_FRAME,
+            self._payload,
+            0,
+            KEY | sensor << 4,
+            self._sequence,
+            self._time.low,
+            self._time.high,
+            usage,
+            modifiers,
+            1 if pressed else 0,
+        )
+        return self._send(_KEY_SIZE, self._gap)
+
     def text(self, data):
         """Send a TEXT frame with at most `TEXT_MAX` bytes. Allocates."""
         payload = self._payload
@@ -120,7 +140,7 @@ class Framer:
         return self._send(HEADER_SIZE + len(data), self._gap)
 
     def _send(self, size, gap_after):
-        # `gap_after` is what is left to tell of a gap once this one is out: text has no flags.
+        # `gap_after` is what is left to tell of a gap once this one is out: some have no flags.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.

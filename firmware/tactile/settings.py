@@ -13,6 +13,7 @@ from .decode import AVERAGE_MAX
 from .kernel import crc16
 from .smux import smux_map
 
+SETTINGS_FILE = "settings.txt"
 DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 
 # name: smallest, largest, default
@@ -22,9 +23,11 @@ LIMITS = {
     "led_mA": (0, exposure.LED_MAX_MA, exposure.DEFAULT_LED_MA),
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
+    "keys": (0, 1, 0),
+    "gamepad": (0, 1, 0),
 }
 # A change of these needs no new start of the sensor.
-_DECODING = ("average", "strain_ppm")
+_AFTER_THE_SENSOR = ("average", "strain_ppm", "keys", "gamepad")
 
 
 class Settings:
@@ -80,7 +83,7 @@ class Settings:
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         self.values.update(checked)
-        return any(name not in _DECODING for name in checked)
+        return any(name not in _AFTER_THE_SENSOR for name in checked)
 
     def lines(self):
         """Return the settings as assignments, as `change` takes them."""

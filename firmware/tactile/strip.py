@@ -41,9 +41,11 @@ class Strip:
         ``ticks_add``.
     settings : settings.Settings
         Read at every (re)start.
+    uses : uses.Uses
+        Gets every reading.
     """
 
-    def __init__(self, index, sensor, framer, time, clock, settings):
+    def __init__(self, index, sensor, framer, time, clock, settings, uses):
         self.index = index
         self.sensor = sensor
         self.settings = settings
@@ -51,6 +53,7 @@ class Strip:
         self.dark = _six()
         self.stream_touch = self.stream_spectrum = False
         self._framer = framer
+        self._uses = uses
         self._time = time
         self._add = clock.ticks_add
         self._sums = _six()
@@ -140,6 +143,7 @@ class Strip:
         self._time.set(self._add(sensor.complete, -(samples * sensor.exposure_us >> 1)))
         if self.stream_touch:
             self._framer.touch(self.index, decode)
+        self._uses.take(self.index, decode)
         if self.stream_spectrum:
             if samples > 1:
                 sums = self._sums

@@ -10,12 +10,13 @@
 from .board import Board
 from .connect import open
 from .errors import SpotsError
-from .frames import Decoder, LinkStats, Spectrum, Text, Touch
+from .frames import Decoder, Key, LinkStats, Spectrum, Text, Touch
 
 __version__ = "0.1.0"
 __all__ = [
     "Board",
     "Decoder",
+    "Key",
     "LinkStats",
     "Spectrum",
     "SpotsError",

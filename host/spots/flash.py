@@ -68,6 +68,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
                 _show(plan, files, there.name)
                 return
             carry_out(plan, files, target)
+            _tell_of_library(device, target)
             target.reset()
         _greet(there)
 
@@ -177,6 +178,15 @@ def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
     for path in plan.copy:
         print(f"copy {path}  {len(files[path])} bytes")
     print(f"{len(plan.copy)} files to copy to {port}" if plan.copy else "nothing to copy")
+
+
+def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
+    built_in = device.runtime == "circuitpython"
+    if device.config["USB_HID"] and not built_in and not target.has("usb.device.hid"):
+        print(
+            "to be a USB keyboard or gamepad, this board also needs: "
+            f"mpremote connect {target.port} mip install usb-device-hid"
+        )
 
 
 def _greet(there: Place) -> None:

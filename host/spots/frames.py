@@ -18,6 +18,7 @@ from tactile import decode, frame
 _HEADER = struct.Struct(frame.HEADER)
 _TOUCH = struct.Struct("<" + frame.TOUCH_BODY)
 _SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
+_KEY = struct.Struct("<" + frame.KEY_BODY)
 _CRC_SIZE = 2
 # COBS adds one byte, and one more for each 254.
 _ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + _CRC_SIZE + 4
@@ -103,6 +104,26 @@ class Spectrum(NamedTuple):
     time_s: float | None = None
 
 
+class Key(NamedTuple):
+    """A key of the strip goes down or up.
+
+    Attributes
+    ----------
+    usage, modifiers : int
+        As in a USB HID keyboard report.
+    pressed : bool
+        Whether it goes down.
+    """
+
+    sensor: int
+    sequence: int
+    t_us: int
+    usage: int
+    modifiers: int
+    pressed: bool
+    time_s: float | None = None
+
+
 class Text(NamedTuple):
     """A reply to a command, or a log line."""
 
@@ -112,7 +133,7 @@ class Text(NamedTuple):
     content: dict
 
 
-Frame = Union[Touch, Spectrum, Text]
+Frame = Union[Touch, Spectrum, Key, Text]
 
 
 @dataclass
@@ -211,6 +232,11 @@ def _spectrum(sensor, sequence, t_us, body):
     return Spectrum(sensor, sequence, t_us, flags, gain, tuple(counts))
 
 
+def _key(sensor, sequence, t_us, body):
+    usage, modifiers, pressed = _KEY.unpack(body)
+    return Key(sensor, sequence, t_us, usage, modifiers, bool(pressed))
+
+
 def _text(sensor, sequence, t_us, body):
     content = json.loads(body)
     if not isinstance(content, dict):
@@ -218,4 +244,9 @@ def _text(sensor, sequence, t_us, body):
     return Text(sensor, sequence, t_us, content)
 
 
-_PARSERS = {frame.TOUCH: _touch, frame.SPECTRUM: _spectrum, frame.TEXT: _text}
+_PARSERS = {
+    frame.TOUCH: _touch,
+    frame.SPECTRUM: _spectrum,
+    frame.KEY: _key,
+    frame.TEXT: _text,
+}

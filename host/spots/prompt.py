@@ -163,6 +163,12 @@ class Prompt:
                 f"the board on {self.port} was disconnected: replug it and flash again"
             ) from None
 
+    def has(self, module: str) -> bool:
+        """Whether a module can be imported on the board."""
+        return self._tool(
+            f"try:\n import {module}\n print(True)\nexcept ImportError:\n print(False)"
+        )
+
     def files(self) -> dict[str, int]:
         """Return the sizes of the files at the top and in ``tactile``, by path."""
         return self._tool('print(_list("", "", {}))')

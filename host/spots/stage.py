@@ -112,7 +112,7 @@ def stage(board: str, folder: Path) -> None:
     shutil.copytree(
         firmware,
         folder / "tactile",
-        ignore=shutil.ignore_patterns("__pycache__", f"{others}.py", KERNEL_VIPER),
+        ignore=shutil.ignore_patterns("__pycache__", f"*{others}.py", KERNEL_VIPER),
         dirs_exist_ok=True,
     )
     if device.viper:

@@ -14,9 +14,9 @@ from spots.sim.scenario import Held, Press
 class Rig:
     """A board, the link under it, and a stage that holds a press."""
 
-    def __init__(self, sensor, calibration=None, folder=None, scenario=None, seed=0):
+    def __init__(self, sensor, calibration=None, folder=None, scenario=None, seed=0, **options):
         self.held = Held()
-        self.link = LockstepLink(sensor, scenario or self.held, seed, folder)
+        self.link = LockstepLink(sensor, scenario or self.held, seed, folder, **options)
         self.board = Board(self.link)
         if calibration:
             upload(self.board, calibration)

@@ -58,7 +58,9 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
     wanted = files_of(build("virtual", tmp_path / "build"))
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
-        assert "remove tactile/app.py" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert "remove tactile/app.py" in said
+        assert "mip install" not in said  # the stand-in for the library is built in
         assert (empty / "tactile" / "app.py").exists()
         assert main(["flash", "virtual", "--port", port]) == 0
         said = capsys.readouterr().out
@@ -69,6 +71,15 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
         assert "nothing to copy" in capsys.readouterr().out
     own = {"settings.txt": b"mine\n", "calibration.txt": b"mine too\n"}
     assert files_of(empty) == wanted | own | {"notes.py": b"the user's own"}
+
+
+def test_a_board_without_the_library_for_usb_is_told_of_in_a_sentence(empty, capsys):
+    (empty / "usb").mkdir()
+    (empty / "usb" / "__init__.py").write_text("")  # without what is looked for in it
+    with virtual_board(empty) as port:
+        assert main(["flash", "virtual", "--port", port]) == 0
+        command = f"mpremote connect {port} mip install usb-device-hid\n"
+        assert command in capsys.readouterr().out
 
 
 def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, tmp_path, capsys):

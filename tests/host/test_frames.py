@@ -10,7 +10,7 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots.frames import Decoder, Spectrum, Text, Touch
+from spots.frames import Decoder, Key, Spectrum, Text, Touch
 
 
 def encoded(payload):
@@ -46,13 +46,15 @@ def test_time_is_32_bits_wide():
     assert frame.t_us == 0xFEDCBA98
 
 
-def test_a_spectrum_and_a_text():
+def test_a_spectrum_a_key_and_a_text():
     decoder = Decoder()
     counts = (0, 65_535, 2, 3, 4, 5)
     (spectrum,) = decoder.feed(encoded(struct.pack("<BHIBB6H", 2, 0, 9, 8, 10, *counts)))
     assert spectrum == Spectrum(0, 0, 9, 8, 10, counts)
-    (text,) = decoder.feed(encoded(struct.pack("<BHI", 3, 1, 0) + b'{"re": "get"}'))
-    assert text == Text(0, 1, 0, {"re": "get"})
+    (key,) = decoder.feed(encoded(struct.pack("<BHIBBB", 0x14, 1, 9, 30, 2, 1)))
+    assert key == Key(1, 1, 9, 30, 2, True)
+    (text,) = decoder.feed(encoded(struct.pack("<BHI", 3, 2, 0) + b'{"re": "get"}'))
+    assert text == Text(0, 2, 0, {"re": "get"})
 
 
 def test_an_unknown_kind_is_skipped_and_is_no_error():

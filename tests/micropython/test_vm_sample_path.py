@@ -6,7 +6,7 @@ of the same scenes.
 
 import pytest
 
-from spots.frames import Decoder, Spectrum, Touch
+from spots.frames import Decoder, Key, Spectrum, Touch
 from tactile.calibration import Calibration, CalibrationError
 from tactile.decode import (
     DARK_SUBTRACTED,
@@ -118,6 +118,7 @@ def given(calibration):
         "calibrations": calibrations,
         "scenes": [played for played, _ in SCENES.values()],
         "port_bytes": 40_000,
+        "uses": [],
         "lock": True,
     }
 
@@ -150,6 +151,16 @@ def expected_long(cpython, given_long):
 
 
 @pytest.fixture(scope="module")
+def given_uses(given):
+    return {**given, "uses": ["keys=1", "gamepad=1"]}
+
+
+@pytest.fixture(scope="module")
+def expected_uses(cpython, given_uses):
+    return cpython.run("sample_path", given_uses)
+
+
+@pytest.fixture(scope="module")
 def frames(expected, expected_long):
     return {**frames_of(expected, SCENES), **frames_of(expected_long, LONG_SCENES)}
 
@@ -162,8 +173,27 @@ def test_nor_does_it_at_the_longest_exposure_and_average(machine, given_long, ex
     assert machine.run("sample_path", given_long) == expected_long
 
 
+def test_nor_does_it_as_a_keyboard_and_gamepad(machine, given_uses, expected_uses):
+    assert machine.run("sample_path", given_uses) == expected_uses
+
+
+def test_keys_and_axes_move_in_these_scenes(expected_uses):
+    frames = Decoder().feed(bytes.fromhex("".join(expected_uses[:-2])))
+    # The first press falls to the port that takes nothing.
+    assert [f.pressed for f in frames if isinstance(f, Key)] == [False, True, False]
+    kept = bytes.fromhex(expected_uses[-2])
+    reports = [kept[i : i + 8] for i in range(0, len(kept), 8)]
+    key = bytes((0, 0, 30, 0, 0, 0, 0, 0))
+    assert reports.count(key) == 2
+    assert any(report[6:] == b"\1\0" for report in reports)
+
+
 def test_no_byte_more_is_allocated_when_the_heap_is_open(machine, given):
     assert machine.run("sample_path", {**given, "lock": False})[-1] == "0"
+
+
+def test_nor_as_a_keyboard_and_gamepad(machine, given_uses):
+    assert machine.run("sample_path", {**given_uses, "lock": False})[-1] == "0"
 
 
 @pytest.mark.parametrize("name", [*SCENES, *LONG_SCENES])

@@ -15,6 +15,7 @@ from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
 
 from ..as7341 import AS7341, SensorError
+from ..settings import SETTINGS_FILE, Settings, load_lines
 
 _ADDRESS = const(0x39)
 _PERIOD_US = const(1 << 30)
@@ -163,6 +164,16 @@ class Serial:
         return False
 
 
+class Usb:
+    """The board as a USB keyboard and gamepad, where `boot` made it one."""
+
+    def open(self, names):
+        """See `uses.Uses`."""
+        from .usb_circuitpython import open_interfaces
+
+        return open_interfaces(names)
+
+
 def boot():
     """Prepare USB, once after a reset; all stays as it was while the board's button is pressed.
 
@@ -170,9 +181,15 @@ def boot():
     """
     import board_config
 
-    if not _asked_to_stay(board_config):
-        usb_cdc.enable(console=True, data=True)
-        storage.remount("/", readonly=False)
+    if _asked_to_stay(board_config):
+        return
+    usb_cdc.enable(console=True, data=True)
+    storage.remount("/", readonly=False)
+    if board_config.USB_HID:
+        from .usb_circuitpython import enable
+
+        wanted = _stored_settings(board_config)
+        enable(wanted["keys"], wanted["gamepad"])
 
 
 def main():
@@ -196,7 +213,8 @@ def main():
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
     serial = Serial(usb_cdc.data, Clock)
-    app = App(board_config, runtime, uid, Sensor(open_i2c, Clock), Clock, serial)
+    usb = Usb() if board_config.USB_HID else None
+    app = App(board_config, runtime, uid, Sensor(open_i2c, Clock), Clock, serial, usb)
     try:
         app.run()
     except Exception as error:  # all but Ctrl-C
@@ -216,6 +234,15 @@ def _asked_to_stay(board_config):
                 return True
             time.sleep(_SAFE_BOOT_STEP_MS / 1000)
     return False
+
+
+def _stored_settings(board_config):
+    settings = Settings(board_config.LED_MAX_MA)
+    try:
+        settings.change(load_lines(SETTINGS_FILE))
+    except ValueError:
+        pass  # the application says so
+    return settings.values
 
 
 def _crash(error):

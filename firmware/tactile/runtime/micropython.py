@@ -71,6 +71,20 @@ class Serial:
         return -1
 
 
+class Usb:
+    """The board as a USB keyboard and gamepad, beside its serial port."""
+
+    def open(self, names):
+        """See `uses.Uses`. The host sees the board leave and come back."""
+        if not hasattr(machine, "USBDevice"):
+            raise OSError("this MicroPython cannot be a USB device: install the newest one")
+        try:
+            from .usb_micropython import open_interfaces
+        except ImportError:
+            raise OSError("the library for USB is missing: mpremote mip install usb-device-hid")
+        return open_interfaces(names)
+
+
 def main():
     """Run the application on this board until it is told to reboot.
 
@@ -94,7 +108,8 @@ def main():
     )
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
-    app = App(board_config, runtime, uid, AS7341(Bus(i2c), time), time, Serial())
+    usb = Usb() if board_config.USB_HID else None
+    app = App(board_config, runtime, uid, AS7341(Bus(i2c), time), time, Serial(), usb)
     try:
         app.run()
     except Exception as error:  # all but Ctrl-C

@@ -114,7 +114,7 @@ class BoardConfig:
     LED_MAX_MA = 100
 
 
-def app(calibration=(), serial=None, make=App):
+def app(calibration=(), serial=None, usb=None, make=App):
     """Return (App, Bus, Clock, Serial), past the dark window, streaming readings and spectra.
 
     Parameters
@@ -123,12 +123,14 @@ def app(calibration=(), serial=None, make=App):
         Lines of a calibration made on board ``00`` at the default settings.
     serial : object, optional
         A port in place of `Serial`.
+    usb : object, optional
+        As `app.App` asks for.
     make : type, optional
         The `App` of another copy of the firmware.
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()
-    made = make(BoardConfig, "canned", "00", AS7341(bus, clock), clock, serial)
+    made = make(BoardConfig, "canned", "00", AS7341(bus, clock), clock, serial, usb)
     made.step()
     made.use_calibration(list(calibration))
     strip = made.strip

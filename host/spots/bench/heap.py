@@ -2,6 +2,7 @@
 
 import gc
 import json
+import sys
 
 import canned
 
@@ -11,4 +12,5 @@ gc.collect()
 made = canned.app(given["calibration"])
 given = None
 gc.collect()
-print(json.dumps({"taken_bytes": gc.mem_alloc()}))
+taken = gc.mem_alloc()
+print(json.dumps({"taken_bytes": taken, "modules": list(sys.modules)}))

@@ -45,7 +45,7 @@ class Spots:
 
     def __init__(self, calibration, make):
         self.port = Port()
-        self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make)
+        self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make=make)
         strip = self.app.strip
         strip.stream_spectrum = False
         self._decode = strip.decode

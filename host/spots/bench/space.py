@@ -2,8 +2,9 @@
 
 The modules are weighed as they are built for the board. The heap is estimated from MicroPython in
 words of 64 bits, calibrated and streaming: code, constants and names are as long on every board,
-about as the .mpy files hold them, and of all else half is left where a word is half as long. What
-stands in for bus, clock and port is counted too; what MicroPython itself takes at start is not.
+about as the .mpy files hold them, and of all else half is left where a word is half as long. Only
+what is loaded counts: a keyboard and a gamepad are not, unless they are switched on. What stands in
+for bus, clock and port is counted too; what MicroPython itself takes at start is not.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from ..stage import board_names, device_of, stage
 from .firmware import run_script
 
 _PORTABLE = "virtual"
+_PACKAGES = ("tactile", "tactile.runtime")
+_RUNTIME = "tactile/runtime/micropython.mpy"  # what stands for it was loaded instead
 
 
 def run(calibration: list[str]) -> dict:
@@ -33,15 +36,28 @@ def run(calibration: list[str]) -> dict:
     """
     names = [name for name in board_names() if device_of(name).runtime == "micropython"]
     with tempfile.TemporaryDirectory(prefix="spots-") as folder:
-        codes = {name: _mpy_bytes(build(name, Path(folder) / "build")) for name in names}
+        sizes = {name: _mpy_bytes(build(name, Path(folder) / "build")) for name in names}
         running = Path(folder) / "running"
         running.mkdir()
         stage(_PORTABLE, running)
         inputs = {"calibration": calibration}
-        taken = run_script(running, inputs, "canned.py", "heap.py")["taken_bytes"]
-    rest = (taken - codes[_PORTABLE]) // 2
-    return {name: {"mpy_bytes": code, "heap_bytes": code + rest} for name, code in codes.items()}
+        measured = run_script(running, inputs, "canned.py", "heap.py")
+    loaded = [path for path in map(_path, measured["modules"]) if path in sizes[_PORTABLE]]
+    rest = (measured["taken_bytes"] - sum(sizes[_PORTABLE][path] for path in loaded)) // 2
+    return {
+        name: {
+            "mpy_bytes": sum(of.values()),
+            "heap_bytes": sum(of[path] for path in (*loaded, _RUNTIME)) + rest,
+        }
+        for name, of in sizes.items()
+    }
 
 
-def _mpy_bytes(folder: Path) -> int:
-    return sum(len(data) for path, data in files_of(folder).items() if path.endswith(".mpy"))
+def _path(module: str) -> str:
+    path = module.replace(".", "/")
+    return f"{path}/__init__.mpy" if module in _PACKAGES else f"{path}.mpy"
+
+
+def _mpy_bytes(folder: Path) -> dict[str, int]:
+    files = files_of(folder)
+    return {path: len(data) for path, data in files.items() if path.endswith(".mpy")}

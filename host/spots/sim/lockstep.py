@@ -15,6 +15,7 @@ from . import server
 from .bus import Bus, SimulatedClock
 from .files import SensorFile
 from .identity import board_id
+from .usb import UsbHost
 from .vm import Machine, micropython_command
 from .world import chip
 
@@ -35,6 +36,11 @@ class LockstepLink:
         How long everything but the board's processor has been on: the LED is as warm as then.
     board : str
         See `vm.Machine`.
+
+    Attributes
+    ----------
+    usb : usb.UsbHost
+        The computer that gets the board's USB reports.
     """
 
     name = "virtual"
@@ -52,6 +58,7 @@ class LockstepLink:
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed)
         self.bus = Bus(self.chip, self.clock)
+        self.usb = UsbHost()
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
@@ -77,7 +84,7 @@ class LockstepLink:
             received = self._received()
             if received or self.clock.now_us() >= horizon_us:
                 return received
-            server.answer(self._pending, self.bus, self._machine.answers)
+            server.answer(self._pending, self.bus, self.usb, self._machine.answers)
             self._pending = self._next_request()
 
     def write(self, data: bytes) -> None:

@@ -26,6 +26,7 @@ from .bus import Bus
 from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .scenario import Scenario
+from .usb import UsbHost
 from .vm import Machine
 from .world import chip
 
@@ -94,7 +95,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     console = Console()
     data = SerialPort() if device_of(board).runtime == "circuitpython" else None
     clock = RealClock()
-    bus = Bus(chip(sensor, scenario, seed), clock)
+    bus, usb = Bus(chip(sensor, scenario, seed), clock), UsbHost()
     machine = Machine(
         board_id(sensor),
         False,
@@ -113,12 +114,12 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     }
     try:
         print(json.dumps(start), flush=True)
-        _serve(machine, bus, console)
+        _serve(machine, bus, usb, console)
     finally:
         machine.close()
 
 
-def _serve(machine: Machine, bus: Bus, console: Console) -> None:
+def _serve(machine: Machine, bus: Bus, usb: UsbHost, console: Console) -> None:
     stdin = sys.stdin.fileno()
     while True:
         ready, _, _ = select.select([machine.requests, stdin, console.board_end], [], [])
@@ -135,7 +136,7 @@ def _serve(machine: Machine, bus: Bus, console: Console) -> None:
             elif server.is_reset(request):
                 machine.boot()
             else:
-                server.answer(request, bus, machine.answers)
+                server.answer(request, bus, usb, machine.answers)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Answers the virtual board's bus requests from a simulated bus.
+"""Answers the virtual board's requests from a simulated bus and USB host.
 
 A request is 4 bytes: operation and three arguments; see boards/_virtual/_simulator.py.
 """
@@ -9,6 +9,7 @@ import contextlib
 import os
 
 from .bus import Bus
+from .usb import UsbHost
 
 _TICKS = 1 << 30
 
@@ -18,7 +19,8 @@ def read_request(fd: int) -> bytes | None:
     header = os.read(fd, 4)
     if len(header) < 4:
         return None
-    return header + os.read(fd, header[2]) if header[:1] == b"W" else header
+    size = header[2] if header[:1] in (b"W", b"H") else 0
+    return header + os.read(fd, size) if size else header
 
 
 def is_reset(request: bytes) -> bool:
@@ -26,7 +28,7 @@ def is_reset(request: bytes) -> bool:
     return request[:1] == b"X"
 
 
-def answer(request: bytes, bus: Bus, fd: int) -> None:
+def answer(request: bytes, bus: Bus, usb: UsbHost, fd: int) -> None:
     """Carry a request out and write its answer, in one piece."""
     data, error = b"", 0
     try:
@@ -38,6 +40,10 @@ def answer(request: bytes, bus: Bus, fd: int) -> None:
             data = bus.write_read(request[1], request[2:3], request[3])
         elif request[:1] == b"G":
             data = bus.read(request[1], request[3])
+        elif request[:1] == b"H":
+            usb.offer(request[1], request[4:])
+        elif request[:1] == b"U":
+            usb.look()
         else:
             bus.write(request[1], request[4:])
     except OSError as failure:

@@ -1,8 +1,9 @@
 """Runs the firmware's loop through scenes and prints the bytes that it sent, a scene a line.
 
 Reads from given.json: ``settings``, ``calibrations``, ``scenes`` (see `play`), ``port_bytes`` for
-what the port is to keep, and ``lock``: whether the heap is locked meanwhile. The last line tells
-how many bytes more are allocated after the scenes than before.
+what the port is to keep, ``uses``: settings at the start, and ``lock``: whether the heap is locked
+meanwhile. The last line but one has the USB reports; the last one tells how many bytes more are
+allocated after the scenes than before.
 """
 
 import gc
@@ -13,6 +14,7 @@ import canned
 from locked import locked
 
 from tactile.calibration import Calibration
+from tactile.settings import save_lines
 
 _ASTATUS = 0x94
 _ASAT = 0x80
@@ -44,6 +46,21 @@ class Port:
         return -1
 
 
+class Usb:
+    """USB interfaces that keep their reports; they refuse two offers of three."""
+
+    def __init__(self, size):
+        self.kept = Port(size)
+        self.offers = 0
+
+    def open(self, names):
+        return dict.fromkeys(names, self.send)
+
+    def send(self, report):
+        self.offers += 1
+        return self.offers % 3 == 0 and self.kept.write(report, len(report))
+
+
 def step_for(lasts_us, lit, dark):
     """Step for some time; the counts are dark while the LED is off."""
     until = clock.ticks_add(clock.now, lasts_us)
@@ -56,7 +73,9 @@ def play(scenes, ends):
     """Step through the scenes; note how many bytes were sent up to the end of each."""
     for i in range(len(scenes)):
         scene = scenes[i]
-        strip.decode.calibration = calibrations[scene["calibration"]]
+        if strip.decode.calibration is not calibrations[scene["calibration"]]:
+            strip.decode.calibration = calibrations[scene["calibration"]]
+            app.uses.apply(strip.decode.calibration)
         strip.settings.values["average"] = scene["average"]
         if scene["request_dark"]:
             strip.request_dark(None)
@@ -65,6 +84,15 @@ def play(scenes, ends):
         clock.sleep_us(scene["stall_us"])
         step_for(1000 * scene["lasts_ms"], scene["lit"], scene["dark"])
         ends[i] = port.size
+
+
+def tell(port, begin, end):
+    """Print what was kept, in a line."""
+    while begin < end:
+        piece = min(_PIECE_BYTES, end - begin)
+        print(hexlify(port.kept[begin : begin + piece]).decode(), end="")
+        begin += piece
+    print()
 
 
 def allocated_by(scenes, ends):
@@ -83,7 +111,9 @@ def allocated_by(scenes, ends):
 with open("given.json") as file:
     given = json.load(file)
 port = Port(given["port_bytes"])
-app, bus, clock, _ = canned.app((), port)
+usb = Usb(given["port_bytes"])
+save_lines("settings.txt", given["uses"])
+app, bus, clock, _ = canned.app((), port, usb)
 strip = app.strip
 calibrations = [Calibration(lines) if lines else None for lines in given["calibrations"]]
 first = given["scenes"][0]
@@ -98,13 +128,12 @@ app.restart()
 step_for(_WARM_UP_US, first["lit"], first["dark"])
 
 port.size = 0
+usb.kept.size = 0
 ends = [0] * len(given["scenes"])
 allocated = allocated_by(given["scenes"], ends)
 begin = 0
 for end in ends:
-    while begin < end:
-        piece = min(_PIECE_BYTES, end - begin)
-        print(hexlify(port.kept[begin : begin + piece]).decode(), end="")
-        begin += piece
-    print()
+    tell(port, begin, end)
+    begin = end
+tell(usb.kept, 0, usb.kept.size)
 print(allocated)

@@ -1,0 +1,1 @@
+"""Stands for MicroPython's library ``usb-device``."""

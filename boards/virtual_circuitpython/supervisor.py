@@ -1,0 +1,22 @@
+"""`supervisor` of the virtual board: ticks, and whether a USB host is there and awake."""
+
+import time
+
+import _simulator
+
+
+class Runtime:
+    @property
+    def usb_connected(self):
+        try:
+            _simulator.call(_simulator.HOST, 0, 0, 0)
+        except OSError:
+            return False
+        return True
+
+
+runtime = Runtime()
+
+
+def ticks_ms():
+    return time.monotonic_ns() // 1_000_000 % (1 << 29)

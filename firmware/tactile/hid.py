@@ -1,0 +1,198 @@
+"""USB reports: a keyboard's, a gamepad's, and the line in which they wait for the host.
+
+Knows no USB: ``send(report) -> bool`` hands 8 bytes to the stack without waiting and tells
+whether it took them. Integers only, allocates nothing once made.
+"""
+
+from struct import pack_into
+
+REPORT_SIZE = 8
+KEYS_MAX = 6
+WAITING_MAX = 16  # eight quick presses with their releases
+
+# Boot keyboard, USB HID 1.11, appendices B.1 and E.6: modifiers, a byte that is 0, six usages.
+KEYBOARD_DESCRIPTOR = (
+    b"\x05\x01\x09\x06\xa1\x01"  # generic desktop, keyboard, application
+    b"\x05\x07\x19\xe0\x29\xe7\x15\x00\x25\x01\x75\x01\x95\x08\x81\x02"  # eight modifiers
+    b"\x75\x08\x95\x01\x81\x01"  # a byte that is 0
+    b"\x05\x08\x19\x01\x29\x05\x75\x01\x95\x05\x91\x02\x75\x03\x95\x01\x91\x01"  # LEDs, from host
+    b"\x05\x07\x19\x00\x29\xdd\x15\x00\x26\xdd\x00\x75\x08\x95\x06\x81\x00"  # six usages
+    b"\xc0"
+)
+# X and Y, -32767 to 32767; Z, 0 to 32767; 16 buttons.
+GAMEPAD_DESCRIPTOR = (
+    b"\x05\x01\x09\x05\xa1\x01"  # generic desktop, gamepad, application
+    b"\x09\x30\x09\x31\x16\x01\x80\x26\xff\x7f\x75\x10\x95\x02\x81\x02"  # X, Y
+    b"\x09\x32\x15\x00\x26\xff\x7f\x75\x10\x95\x01\x81\x02"  # Z
+    b"\x05\x09\x19\x01\x29\x10\x15\x00\x25\x01\x75\x01\x95\x10\x81\x02"  # buttons 1 to 16
+    b"\xc0"
+)
+_GAMEPAD = "<hhhH"
+_BUTTONS = 6  # where they begin in a report
+
+
+def with_report_id(descriptor, report_id):
+    """Return a descriptor whose reports share an endpoint with those of other devices."""
+    return descriptor[:6] + bytes((0x85, report_id)) + descriptor[6:]
+
+
+class Outbox:
+    """Reports in their order, each handed over once, however often the host refuses.
+
+    A line that is full is dropped as a whole: what the host gets next is a report with nothing
+    pressed. Keys that do not come are better than keys that stay.
+
+    Parameters
+    ----------
+    send : callable
+        See the module.
+
+    Attributes
+    ----------
+    dropped : int
+        Reports that the host never got.
+    """
+
+    def __init__(self, send):
+        self._send = send
+        self._waiting = [bytearray(REPORT_SIZE) for _ in range(WAITING_MAX)]
+        self._first = self._count = 0
+        # Set before a report goes out: an exception in between must not hide a key that is down.
+        self._maybe_down = False
+        self.dropped = 0
+
+    def newest(self):
+        """Return the report that waits longest to go, to be changed in place, or None."""
+        if self._count == 0:
+            return None
+        return self._waiting[(self._first + self._count - 1) % WAITING_MAX]
+
+    def put(self, report):
+        """Let a report wait; False if there was no room for it and all is dropped."""
+        if self._count == WAITING_MAX:
+            self.dropped += 1
+            self.release()
+            return False
+        self._append(report)
+        return True
+
+    def release(self):
+        """Drop what waits; if the host may know of something pressed, it is to be released."""
+        self.dropped += self._count
+        self._count = 0
+        if self._maybe_down:
+            self._append(None)
+
+    def pump(self):
+        """Offer the oldest report, once; return whether nothing waits any more."""
+        if self._count:
+            report = self._waiting[self._first]
+            down = _any(report)
+            if down:
+                self._maybe_down = True
+            if self._send(report):
+                self._first = (self._first + 1) % WAITING_MAX
+                self._count -= 1
+                self._maybe_down = down
+        return self._count == 0
+
+    def _append(self, report):
+        waiting = self._waiting[(self._first + self._count) % WAITING_MAX]
+        for i in range(REPORT_SIZE):
+            waiting[i] = report[i] if report is not None else 0
+        self._count += 1
+
+
+def _any(report):
+    bits = 0
+    for i in range(REPORT_SIZE):
+        bits |= report[i]
+    return bits != 0
+
+
+class Keyboard:
+    """Key events in, one report for each.
+
+    A key beyond six at once is not taken.
+    """
+
+    def __init__(self, send):
+        self.outbox = Outbox(send)
+        self._report = bytearray(REPORT_SIZE)
+        self._modifiers = bytearray(KEYS_MAX)
+
+    def key(self, usage, modifiers, pressed):
+        """Take a key event; `usage` is 1 to 0xDD."""
+        report = self._report
+        at = self._find(usage)
+        if pressed == (at >= 0):
+            return
+        if pressed:
+            at = self._find(0)
+            if at < 0:
+                return
+        report[2 + at] = usage if pressed else 0
+        self._modifiers[at] = modifiers if pressed else 0
+        report[0] = 0
+        for i in range(KEYS_MAX):
+            report[0] |= self._modifiers[i]
+        if not self.outbox.put(report):
+            self._forget()
+
+    def release(self):
+        """Let go of all keys."""
+        self._forget()
+        self.outbox.release()
+
+    def _find(self, usage):
+        for i in range(KEYS_MAX):
+            if self._report[2 + i] == usage:
+                return i
+        return -1
+
+    def _forget(self):
+        for i in range(REPORT_SIZE):
+            self._report[i] = 0
+        for i in range(KEYS_MAX):
+            self._modifiers[i] = 0
+
+
+class Gamepad:
+    """Axes and buttons in. Every change of a button is a report; of an axis, the latest value."""
+
+    def __init__(self, send):
+        self.outbox = Outbox(send)
+        self._report = bytearray(REPORT_SIZE)
+        self._last = bytearray(REPORT_SIZE)
+
+    def update(self, x, y, z, buttons):
+        """Take all axes and buttons, in the ranges of the descriptor."""
+        report, last = self._report, self._last
+        pack_into(_GAMEPAD, report, 0, x, y, z, buttons)
+        if _same(report, last, 0):
+            return
+        newest = self.outbox.newest()
+        if newest is not None and _same(report, newest, _BUTTONS):
+            _copy(report, newest)
+        elif not self.outbox.put(report):
+            self.release()
+            return
+        _copy(report, last)
+
+    def release(self):
+        """Let go of all buttons and centre all axes."""
+        for i in range(REPORT_SIZE):
+            self._last[i] = 0
+        self.outbox.release()
+
+
+def _same(one, other, start):
+    bits = 0
+    for i in range(start, REPORT_SIZE):
+        bits |= one[i] ^ other[i]
+    return bits == 0
+
+
+def _copy(source, target):
+    for i in range(REPORT_SIZE):
+        target[i] = source[i]

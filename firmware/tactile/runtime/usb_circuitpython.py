@@ -1,0 +1,100 @@
+"""USB reports through CircuitPython's usb_hid, which boot.py sets up before USB connects.
+
+All devices share one endpoint, which the host asks every 8 ms. While it is full ``send_report``
+waits for up to 2 s, and while the host sleeps it discards the report without a word
+(shared-module/usb_hid/Device.c). So reports are spaced out, none is sent to a host that is not
+there, and after a wait that was in vain the next one has to be earned.
+"""
+
+import supervisor
+import usb_hid
+
+from ..hid import GAMEPAD_DESCRIPTOR, REPORT_SIZE, with_report_id
+
+_PAGE = 0x01  # generic desktop
+_USAGES = {"keyboard": 0x06, "gamepad": 0x05}
+_GAMEPAD_ID = 4  # 1 to 3 are those of CircuitPython's own devices
+_SPACE_MS = 10
+_PAUSE_MS = 2_000  # after a wait in vain; twice as long after each further one
+_PAUSE_MAX_MS = 64_000
+_HALF = 1 << 28  # of the period of ticks_ms
+
+
+def enable(keyboard, gamepad):
+    """Choose what the host will see; for boot.py, USB must not be connected yet."""
+    devices = []
+    if keyboard:
+        devices.append(usb_hid.Device.KEYBOARD)
+    if gamepad:
+        devices.append(
+            usb_hid.Device(
+                report_descriptor=with_report_id(GAMEPAD_DESCRIPTOR, _GAMEPAD_ID),
+                usage_page=_PAGE,
+                usage=_USAGES["gamepad"],
+                report_ids=(_GAMEPAD_ID,),
+                in_report_lengths=(REPORT_SIZE,),
+                out_report_lengths=(0,),
+            )
+        )
+    usb_hid.enable(tuple(devices))
+
+
+def open_interfaces(names):
+    """Return what sends reports, by name, for those of the names that boot.py has set up."""
+    endpoint = _Endpoint()
+    sends = {}
+    for device in usb_hid.devices:
+        for name in names:
+            if (device.usage_page, device.usage) == (_PAGE, _USAGES[name]):
+                sends[name] = _Interface(endpoint, device).send
+    return sends
+
+
+class _Endpoint:
+    """When the next report may go."""
+
+    def __init__(self):
+        self._from_ms = supervisor.ticks_ms()
+        self._pause_ms = _PAUSE_MS
+
+    def free(self):
+        if not supervisor.runtime.usb_connected:  # neither mounted nor awake
+            self._wait(0)
+            self._pause_ms = _PAUSE_MS
+            return False
+        return _diff(supervisor.ticks_ms(), self._from_ms) >= 0
+
+    def took(self):
+        self._wait(_SPACE_MS)
+        self._pause_ms = _PAUSE_MS
+
+    def refused(self):
+        self._wait(self._pause_ms)
+        self._pause_ms = min(2 * self._pause_ms, _PAUSE_MAX_MS)
+
+    def _wait(self, duration_ms):
+        self._from_ms = supervisor.ticks_ms() + duration_ms
+
+
+def _diff(end, start):
+    return ((end - start + _HALF) & (2 * _HALF - 1)) - _HALF
+
+
+class _Interface:
+    def __init__(self, endpoint, device):
+        self._endpoint = endpoint
+        self._device = device
+
+    def send(self, report):
+        """Give a report to the stack, if that is not going to wait for the host."""
+        if not self._endpoint.free():
+            return False
+        try:
+            self._device.send_report(report)
+        except OSError:
+            self._endpoint.refused()
+            return False
+        self._endpoint.took()
+        # A host that has just gone to sleep did not get it. To be told of the same state twice
+        # does not harm.
+        return supervisor.runtime.usb_connected

@@ -1,0 +1,58 @@
+"""USB reports through MicroPython's usb-device-hid, which has to be on the board."""
+
+import usb.device
+from micropython import const
+from usb.device.hid import HIDInterface
+
+from ..hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, REPORT_SIZE
+
+_NONE = const(0)  # protocols of an interface, HID 1.11, section 4.3
+_KEYBOARD = const(1)
+_SETUP = const(1)  # stage of a control transfer
+_GET_REPORT = (0xA1, 1)  # bmRequestType, bRequest
+_INTERVAL_MS = const(1)  # how often the host is to ask
+
+_INTERFACES = {
+    "keyboard": (KEYBOARD_DESCRIPTOR, _KEYBOARD),
+    "gamepad": (GAMEPAD_DESCRIPTOR, _NONE),
+}
+
+
+class _Reports(HIDInterface):
+    def __init__(self, descriptor, protocol):
+        # Hosts tell a keyboard its LEDs; a refusal of that may upset them.
+        super().__init__(descriptor, set_report_buf=bytearray(1), protocol=protocol)
+        self.binterval = _INTERVAL_MS
+        self._described_as = protocol
+        # The stack reads it until the host has it.
+        self._report = bytearray(REPORT_SIZE)
+
+    def desc_cfg(self, desc, itf_num, ep_num, strs):
+        # It is called twice, and the library's own leaves another meaning in this attribute: the
+        # second time every interface would be described as one of a boot keyboard.
+        self.protocol = self._described_as
+        super().desc_cfg(desc, itf_num, ep_num, strs)
+
+    def on_interface_control_xfer(self, stage, request):
+        if stage == _SETUP and (request[0], request[1]) == _GET_REPORT:
+            return self._report  # the library prints at this, into the frames
+        return super().on_interface_control_xfer(stage, request)
+
+    def send(self, report):
+        """Give a report to the stack, if it has nothing of this interface left to send."""
+        if not self.is_open() or self.busy():
+            return False
+        for i in range(REPORT_SIZE):
+            self._report[i] = report[i]
+        try:
+            return self.send_report(self._report, 0)
+        except (OSError, RuntimeError):  # gone between the question and now
+            return False
+
+
+def open_interfaces(names):
+    """Make the board a USB device with these interfaces; return what sends reports, by name."""
+    interfaces = {name: _Reports(*_INTERFACES[name]) for name in names}
+    # Without the built-in driver there would be no serial port, and no prompt.
+    usb.device.get().init(*[interfaces[name] for name in names], builtin_driver=True)
+    return {name: interfaces[name].send for name in names}

@@ -1,0 +1,336 @@
+"""Reports reach the host whole, once and in order, or not at all; and no key stays down."""
+
+import importlib
+import sys
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactile.hid import (
+    GAMEPAD_DESCRIPTOR,
+    KEYBOARD_DESCRIPTOR,
+    KEYS_MAX,
+    REPORT_SIZE,
+    WAITING_MAX,
+    Gamepad,
+    Keyboard,
+    Outbox,
+    with_report_id,
+)
+
+UP = bytes(REPORT_SIZE)
+A, B = 4, 5
+SHIFT, ALT = 2, 4
+
+
+class Host:
+    """Takes what it is told to take, and keeps it."""
+
+    def __init__(self, takes=True):
+        self.takes = takes
+        self.got = []
+
+    def send(self, report):
+        if self.takes:
+            self.got.append(bytes(report))
+        return self.takes
+
+
+def drain(outbox, most=100):
+    for _ in range(most):
+        if outbox.pump():
+            return
+    raise AssertionError("the line does not end")
+
+
+def keyboard(takes=True):
+    host = Host(takes)
+    return Keyboard(host.send), host
+
+
+def report(*usages, modifiers=0):
+    return bytes((modifiers, 0, *usages, *[0] * (KEYS_MAX - len(usages))))
+
+
+def pressed(reports):
+    """Return, report by report, the set of what is down."""
+    return [frozenset(one[2:]) - {0} for one in reports]
+
+
+def test_a_press_and_a_release_are_two_reports():
+    keys, host = keyboard()
+    keys.key(A, SHIFT, True)
+    keys.key(A, SHIFT, False)
+    drain(keys.outbox)
+    assert host.got == [report(A, modifiers=SHIFT), UP]
+
+
+def test_a_pump_offers_once_and_a_refusal_costs_nothing():
+    keys, host = keyboard(takes=False)
+    keys.key(A, 0, True)
+    keys.key(A, 0, False)
+    for _ in range(1000):
+        assert not keys.outbox.pump()
+    host.takes = True
+    assert not keys.outbox.pump()
+    assert keys.outbox.pump()
+    assert keys.outbox.pump()
+    assert host.got == [report(A), UP]
+    assert keys.outbox.dropped == 0
+
+
+def test_keys_that_share_a_modifier_keep_it_until_the_last_one():
+    keys, host = keyboard()
+    keys.key(A, SHIFT, True)
+    keys.key(B, SHIFT | ALT, True)
+    keys.key(B, SHIFT | ALT, False)
+    keys.key(A, SHIFT, False)
+    drain(keys.outbox)
+    assert [one[0] for one in host.got] == [SHIFT, SHIFT | ALT, SHIFT, 0]
+
+
+def test_what_is_no_change_is_no_report():
+    keys, host = keyboard()
+    keys.key(A, 0, False)
+    keys.key(A, 0, True)
+    keys.key(A, 0, True)
+    drain(keys.outbox)
+    assert host.got == [report(A)]
+
+
+def test_a_seventh_key_is_not_taken():
+    keys, host = keyboard()
+    for usage in range(A, A + 7):
+        keys.key(usage, 0, True)
+    keys.key(A + 6, 0, False)
+    drain(keys.outbox)
+    assert host.got[-1] == report(*range(A, A + 6))
+    assert len(host.got) == 6
+
+
+def test_a_full_line_is_dropped_and_everything_released():
+    keys, host = keyboard()
+    keys.key(A, 0, True)
+    drain(keys.outbox)
+    host.takes = False
+    for _ in range(WAITING_MAX // 2):
+        keys.key(B, 0, True)
+        keys.outbox.pump()
+        keys.key(B, 0, False)
+    assert keys.outbox.dropped == 0
+    keys.key(B, 0, True)
+    assert keys.outbox.dropped == WAITING_MAX + 1
+    keys.key(B, 0, False)
+    keys.key(A, 0, False)
+    host.takes = True
+    drain(keys.outbox)
+    assert host.got == [report(A), UP]
+
+
+def test_after_a_full_line_the_next_key_works():
+    keys, host = keyboard(takes=False)
+    for _ in range(WAITING_MAX // 2 + 1):
+        keys.key(B, 0, True)
+        keys.key(B, 0, False)
+    host.takes = True
+    keys.key(A, 0, True)
+    keys.key(A, 0, False)
+    drain(keys.outbox)
+    assert host.got == [report(A), UP]
+
+
+def test_release_drops_what_waits_and_lets_go():
+    keys, host = keyboard()
+    keys.key(A, SHIFT, True)
+    keys.outbox.pump()
+    keys.key(B, 0, True)
+    keys.release()
+    drain(keys.outbox)
+    assert host.got == [report(A, modifiers=SHIFT), UP]
+    assert keys.outbox.dropped == 1
+    keys.key(B, 0, True)
+    drain(keys.outbox)
+    assert host.got[-1] == report(B)
+
+
+def test_release_says_nothing_to_a_host_that_knows_of_nothing():
+    keys, host = keyboard()
+    keys.release()
+    keys.key(A, 0, True)
+    keys.release()
+    drain(keys.outbox)
+    assert host.got == []
+
+
+def test_an_exception_after_the_host_took_a_press_does_not_hide_the_key():
+    class Interrupted(Host):
+        def send(self, report):
+            super().send(report)
+            raise KeyboardInterrupt
+
+    host = Interrupted()
+    outbox = Outbox(host.send)
+    outbox.put(report(A))
+    with pytest.raises(KeyboardInterrupt):
+        outbox.pump()
+    outbox._send = Host.send.__get__(host)
+    outbox.release()
+    drain(outbox)
+    assert host.got == [report(A), UP]
+
+
+EVENTS = st.lists(
+    st.tuples(st.integers(A, A + 8), st.integers(0, 255), st.booleans(), st.integers(0, 3)),
+    max_size=60,
+)
+
+
+@given(events=EVENTS, takes=st.lists(st.booleans(), max_size=200))
+def test_whatever_is_refused_the_host_gets_every_report_in_order(events, takes):
+    ideal, all_of_it = keyboard()
+    keys, host = keyboard()
+    answers = iter(takes)
+    for usage, modifiers, down, pumps in events:
+        ideal.key(usage, modifiers, down)
+        ideal.outbox.pump()
+        keys.key(usage, modifiers, down)
+        for _ in range(pumps):
+            host.takes = next(answers, True)
+            keys.outbox.pump()
+    host.takes = True
+    if keys.outbox.dropped == 0:
+        drain(keys.outbox)
+        assert host.got == all_of_it.got
+    keys.release()
+    drain(keys.outbox)
+    assert not host.got or host.got[-1] == UP
+
+
+@given(events=EVENTS, takes=st.lists(st.booleans(), max_size=200))
+def test_whatever_is_dropped_no_key_stays_that_was_let_go(events, takes):
+    keys, host = keyboard()
+    answers = iter(takes)
+    down_now = set()
+    for usage, _, down, pumps in events:
+        keys.key(usage, 0, down)
+        (down_now.add if down else down_now.discard)(usage)
+        for _ in range(pumps):
+            host.takes = next(answers, False)
+            keys.outbox.pump()
+    host.takes = True
+    drain(keys.outbox)
+    assert all(one != two for one, two in zip(host.got, host.got[1:]))
+    assert (pressed(host.got) or [frozenset()])[-1] <= down_now
+
+
+def test_a_gamepad_sends_the_latest_of_its_axes_and_every_change_of_its_buttons():
+    host = Host(takes=False)
+    pad = Gamepad(host.send)
+    for x in range(50):
+        pad.update(x, 0, 2 * x, 1)
+        pad.outbox.pump()
+    pad.update(0, 0, 0, 0)
+    pad.update(-1, 0, 7, 1)
+    pad.update(-32_767, 0, 32_767, 1)
+    host.takes = True
+    drain(pad.outbox)
+    assert [one.hex() for one in host.got] == [
+        "3100000062000100",
+        "0000000000000000",
+        "01800000ff7f0100",
+    ]
+
+
+def test_a_gamepad_that_rests_sends_nothing():
+    host = Host()
+    pad = Gamepad(host.send)
+    for _ in range(3):
+        pad.update(0, 0, 0, 0)
+        drain(pad.outbox)
+    pad.update(5, 0, 5, 1)
+    drain(pad.outbox)
+    pad.update(5, 0, 5, 1)
+    drain(pad.outbox)
+    assert len(host.got) == 1
+
+
+def test_a_gamepad_lets_go_and_begins_again():
+    host = Host()
+    pad = Gamepad(host.send)
+    pad.update(5, 0, 5, 1)
+    drain(pad.outbox)
+    pad.release()
+    drain(pad.outbox)
+    assert host.got[-1] == UP
+    pad.update(5, 0, 5, 1)
+    drain(pad.outbox)
+    assert len(host.got) == 3
+
+
+def items(descriptor):
+    """Return a report descriptor's short items: type and tag, value."""
+    found, at = [], 0
+    while at < len(descriptor):
+        size = (0, 1, 2, 4)[descriptor[at] & 3]
+        data = descriptor[at + 1 : at + 1 + size]
+        assert len(data) == size
+        found.append((descriptor[at] & 0xFC, int.from_bytes(data, "little")))
+        at += 1 + size
+    return found
+
+
+def bits(descriptor, wanted):
+    """Return how many bits of reports a descriptor describes: 0x80 input, 0x90 output."""
+    size = count = total = 0
+    for tag, value in items(descriptor):
+        size = value if tag == 0x74 else size
+        count = value if tag == 0x94 else count
+        total += size * count if tag == wanted else 0
+    return total
+
+
+@pytest.mark.parametrize("descriptor", [KEYBOARD_DESCRIPTOR, GAMEPAD_DESCRIPTOR])
+def test_a_descriptor_describes_reports_of_eight_bytes(descriptor):
+    assert bits(descriptor, 0x80) == 8 * REPORT_SIZE
+    assert bits(descriptor, 0x90) == (8 if descriptor is KEYBOARD_DESCRIPTOR else 0)
+    tags = [tag for tag, _ in items(descriptor)]
+    assert tags.count(0xA0) == tags.count(0xC0) == 1
+    assert tags[-1] == 0xC0
+
+
+def test_a_report_id_stands_inside_the_collection():
+    tags = items(with_report_id(GAMEPAD_DESCRIPTOR, 4))
+    assert tags[:4] == [(0x04, 1), (0x08, 5), (0xA0, 1), (0x84, 4)]
+    assert [pair for pair in tags if pair[0] != 0x84] == items(GAMEPAD_DESCRIPTOR)
+
+
+@pytest.fixture
+def adafruit_keyboard(monkeypatch):
+    """The module of Adafruit's keyboard, whose reports hosts have understood for years."""
+    usb_hid = SimpleNamespace(Device=None)
+    monkeypatch.setitem(sys.modules, "usb_hid", usb_hid)
+    return importlib.import_module("adafruit_hid.keyboard")
+
+
+def test_a_keyboard_reports_what_adafruits_does(adafruit_keyboard):
+    theirs = []
+    device = SimpleNamespace(
+        usage_page=1, usage=6, send_report=lambda report: theirs.append(bytes(report))
+    )
+    peer = adafruit_keyboard.Keyboard([device])
+    theirs.clear()  # it begins with a release
+    keys, host = keyboard()
+    shift = adafruit_keyboard.Keycode.LEFT_SHIFT
+    peer.press(A)
+    peer.press(shift, B)
+    keys.key(A, 0, True)
+    keys.key(B, SHIFT, True)
+    peer.release(A)
+    keys.key(A, 0, False)
+    peer.release(shift, B)
+    keys.key(B, SHIFT, False)
+    drain(keys.outbox)
+    assert [one[:2] for one in host.got] == [one[:2] for one in theirs]
+    assert pressed(host.got) == pressed(theirs) == [{A}, {A, B}, {B}, set()]

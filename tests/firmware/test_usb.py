@@ -1,0 +1,260 @@
+"""What the two runtimes' USB modules make of ``send(report) -> bool``, on stand-ins for both."""
+
+import importlib
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from tactile.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, with_report_id
+
+REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
+OTHER = bytes(8)
+
+
+def fresh(monkeypatch, name, **modules):
+    """Import a module of the firmware with these modules of its runtime."""
+    for module, content in modules.items():
+        stand_in = ModuleType(module)
+        vars(stand_in).update(content)
+        monkeypatch.setitem(sys.modules, module.replace("__", "."), stand_in)
+    name = "tactile.runtime." + name
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    return importlib.import_module(name)
+
+
+class HIDInterface:
+    """As published in micropython-lib, where the firmware can tell."""
+
+    def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
+        self.report_descriptor = report_descriptor
+        self.protocol = protocol
+        self.binterval = 8
+        self.open = False
+        self.pending = None
+        self.described = []
+
+    def desc_cfg(self, desc, itf_num, ep_num, strs):
+        self.described.append(self.protocol)
+        self.protocol = 1
+
+    def on_interface_control_xfer(self, stage, request):
+        return "the library's"
+
+    def is_open(self):
+        return self.open
+
+    def busy(self):
+        return self.open and self.pending is not None
+
+    def send_report(self, report_data, timeout_ms=100):
+        assert timeout_ms == 0
+        if not self.open or self.busy():
+            return False
+        self.pending = report_data  # the stack keeps no copy
+        return True
+
+
+class MicroPythonUsb:
+    """The device of ``usb.device``: describes every interface twice."""
+
+    def __init__(self):
+        self.interfaces = []
+        self.options = None
+
+    def init(self, *interfaces, **options):
+        self.interfaces, self.options = interfaces, options
+        for interface in interfaces:
+            interface.desc_cfg(None, 0, 0, [])
+            interface.desc_cfg(None, 2, 3, [])
+
+
+@pytest.fixture
+def micropython(monkeypatch):
+    device = MicroPythonUsb()
+    package = SimpleNamespace(get=lambda: device)
+    module = fresh(
+        monkeypatch,
+        "usb_micropython",
+        micropython={"const": lambda value: value},
+        usb={"device": package},
+        usb__device={"get": package.get},
+        usb__device__hid={"HIDInterface": HIDInterface},
+    )
+    return module, device
+
+
+def test_micropython_describes_each_interface_as_what_it_is(micropython):
+    module, device = micropython
+    sends = module.open_interfaces(["keyboard", "gamepad"])
+    assert list(sends) == ["keyboard", "gamepad"]
+    keyboard, gamepad = device.interfaces
+    assert device.options == {"builtin_driver": True}
+    assert keyboard.described == [1, 1]
+    assert gamepad.described == [0, 0]
+    assert keyboard.report_descriptor == KEYBOARD_DESCRIPTOR
+    assert gamepad.report_descriptor == GAMEPAD_DESCRIPTOR
+    assert keyboard.binterval == 1
+
+
+def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(micropython):
+    module, device = micropython
+    send = module.open_interfaces(["keyboard"])["keyboard"]
+    (interface,) = device.interfaces
+    assert not send(REPORT)  # no host yet
+    interface.open = True
+    assert send(REPORT)
+    assert not send(OTHER)
+    assert bytes(interface.pending) == REPORT
+    interface.pending = None
+    assert send(OTHER)
+    assert bytes(interface.pending) == OTHER
+
+
+def test_micropython_answers_a_host_that_asks_for_the_report(micropython):
+    module, device = micropython
+    send = module.open_interfaces(["keyboard"])["keyboard"]
+    (interface,) = device.interfaces
+    interface.open = True
+    send(REPORT)
+    assert bytes(interface.on_interface_control_xfer(1, (0xA1, 1))) == REPORT
+    for stage, request in ((1, (0x21, 9)), (3, (0xA1, 1))):
+        assert interface.on_interface_control_xfer(stage, request) == "the library's"
+
+
+@pytest.mark.parametrize("error", [OSError, RuntimeError])
+def test_micropython_whose_host_goes_away_in_between_has_not_sent(micropython, error):
+    module, device = micropython
+    send = module.open_interfaces(["keyboard"])["keyboard"]
+    (interface,) = device.interfaces
+    interface.open = True
+
+    def gone(report, timeout_ms):
+        raise error
+
+    interface.send_report = gone
+    assert not send(REPORT)
+
+
+class Device:
+    KEYBOARD = None
+
+    def __init__(self, *, usage_page, usage, **rest):
+        self.usage_page = usage_page
+        self.usage = usage
+        self.rest = rest
+        self.world = None
+
+    def send_report(self, report):
+        self.world.send(self, bytes(report))
+
+
+class CircuitPython:
+    """Clock, connection and endpoint of a board with CircuitPython."""
+
+    def __init__(self):
+        self.ticks = (1 << 29) - 30  # about to wrap
+        self.got = []
+        self.full = False
+        self.usb_connected = True
+        self.sleeps_at_once = False
+        self.waits = 0
+
+    def ticks_ms(self):
+        self.ticks &= (1 << 29) - 1
+        return self.ticks
+
+    def send(self, device, report):
+        if self.full:
+            self.waits += 1
+            self.ticks += 2000
+            raise OSError("USB busy")
+        if self.sleeps_at_once:
+            self.usb_connected = False
+        else:
+            self.got.append((device.usage, report))
+
+
+@pytest.fixture
+def circuitpython(monkeypatch):
+    world = CircuitPython()
+    keyboard = Device(usage_page=1, usage=6)
+    monkeypatch.setattr(Device, "KEYBOARD", keyboard)
+    hid = {"Device": Device, "devices": ()}
+    module = fresh(
+        monkeypatch,
+        "usb_circuitpython",
+        supervisor={"ticks_ms": world.ticks_ms, "runtime": world},
+        usb_hid=hid,
+    )
+
+    def enable(devices):
+        sys.modules["usb_hid"].devices = devices
+        for device in devices:
+            device.world = world
+
+    sys.modules["usb_hid"].enable = enable
+    return module, world
+
+
+@pytest.fixture
+def sends(circuitpython):
+    module, world = circuitpython
+    module.enable(True, True)
+    return module.open_interfaces(["keyboard", "gamepad"]), world
+
+
+def test_circuitpython_is_what_the_settings_say(circuitpython):
+    module, _ = circuitpython
+    for keyboard, gamepad in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        module.enable(keyboard, gamepad)
+        there = module.open_interfaces(["keyboard", "gamepad"])
+        assert ("keyboard" in there, "gamepad" in there) == (keyboard, gamepad)
+    pad = sys.modules["usb_hid"].devices[1].rest
+    assert pad["report_descriptor"] == with_report_id(GAMEPAD_DESCRIPTOR, 4)
+    assert (pad["report_ids"], pad["in_report_lengths"]) == ((4,), (8,))
+
+
+def test_circuitpython_gives_the_shared_endpoint_time_between_two_reports(sends):
+    by_name, world = sends
+    assert by_name["keyboard"](REPORT)
+    assert not by_name["gamepad"](OTHER)
+    world.ticks += 9
+    assert not by_name["gamepad"](OTHER)
+    world.ticks += 1
+    assert by_name["gamepad"](OTHER)
+    assert world.got == [(6, REPORT), (5, OTHER)]
+
+
+def test_circuitpython_does_not_wait_for_a_host_that_is_asleep_or_gone(sends):
+    by_name, world = sends
+    world.usb_connected = False
+    world.full = True
+    for _ in range(1000):
+        world.ticks += 100
+        assert not by_name["keyboard"](REPORT)
+    assert world.waits == 0
+    world.usb_connected, world.full = True, False
+    assert by_name["keyboard"](REPORT)
+
+
+def test_circuitpython_waits_ever_more_rarely_for_a_host_that_does_not_ask(sends):
+    by_name, world = sends
+    world.full = True
+    for _ in range(600_000):  # ten minutes and the waits
+        world.ticks += 1
+        assert not by_name["keyboard"](REPORT)
+    assert 10 <= world.waits <= 16
+    world.full = False
+    world.ticks += 64_000
+    assert by_name["keyboard"](REPORT)
+
+
+def test_circuitpython_whose_host_fell_asleep_meanwhile_has_not_sent(sends):
+    by_name, world = sends
+    world.sleeps_at_once = True
+    assert not by_name["keyboard"](REPORT)
+    world.sleeps_at_once, world.usb_connected = False, True
+    world.ticks += 10
+    assert by_name["keyboard"](REPORT)
+    assert world.got == [(6, REPORT)]
