@@ -1,9 +1,11 @@
-"""Draws docs/demo.svg: what ``make demo`` shows, from a run in simulated time."""
+"""Draws what ``make demo`` shows, from a run in simulated time, and each board's wiring."""
 
 from __future__ import annotations
 
 import io
+import textwrap
 from pathlib import Path
+from string import Template
 
 from rich.console import Console
 
@@ -12,14 +14,37 @@ from spots.frames import Touch
 from spots.score import Score
 from spots.sim.files import ScenarioFile, load
 from spots.sim.scenario import Scenario
+from spots.stage import board_names, device_of
 from spots.view import View
+
+_HERE = Path(__file__).parent
+_LINE = 15  # letters of a board's name that fit its picture
 
 # In the demo scenario a finger slides back towards the sensor at this moment.
 MOMENT_S = 4.0
 
 
 def main() -> None:
-    """Run the demo up to the moment and draw its picture."""
+    """Draw all pictures that no measurement makes."""
+    for path in (demo(), *wirings()):
+        print(path)
+
+
+def wirings() -> list[Path]:
+    """Draw the wiring of every board that has pins, as docs/wiring-BOARD.svg."""
+    template = Template((_HERE / "wiring.svg.in").read_text(encoding="utf-8"))
+    paths = []
+    for device in map(device_of, board_names()):
+        if device.wiring:
+            line1, line2 = textwrap.wrap(device.title, _LINE)
+            text = template.substitute(device.wiring, title=device.title, line1=line1, line2=line2)
+            paths.append(_HERE / f"wiring-{device.name}.svg")
+            paths[-1].write_text(text, encoding="utf-8")
+    return paths
+
+
+def demo() -> Path:
+    """Run the demo up to the moment and draw docs/demo.svg."""
     truth = Scenario(load(ScenarioFile, "demo"))
     board, _ = open_fast("default", truth, seed=0)
     score = Score(truth, 0.0)
@@ -37,9 +62,9 @@ def main() -> None:
         file=io.StringIO(), record=True, width=82, force_terminal=True, color_system="truecolor"
     )
     console.print(picture)
-    path = Path(__file__).with_name("demo.svg")
+    path = _HERE / "demo.svg"
     console.save_svg(str(path), title="make demo")
-    print(path)
+    return path
 
 
 if __name__ == "__main__":

@@ -160,6 +160,23 @@ def test_a_drive_that_fails_in_mid_copy_holds_nothing_that_starts(
     assert "code.py" not in files_of(folder)
 
 
+def test_an_erase_that_fails_in_the_middle_leaves_nothing_that_starts(mount, capsys, monkeypatch):
+    folder = mount(*RIGHT)
+    for name in ("boot.py", "board_config.py", "code.py", "settings.txt"):
+        (folder / name).write_text("")
+    settled = []
+
+    def fail(of):
+        settled.append(of)
+        if len(settled) == 2:
+            raise OSError(errno.EIO, "so it is")
+
+    monkeypatch.setattr(drive, "_settle", fail)
+    assert "replug the board" in refused(capsys, "erase", "qtpy_rp2040", "--yes")
+    assert "code.py" not in files_of(folder)
+    assert "settings.txt" in files_of(folder)
+
+
 def test_too_little_room_is_seen_before_anything_is_touched(mount, capsys, monkeypatch):
     folder = mount(*RIGHT)
     (folder / "code.py").write_text("print('the one before')")

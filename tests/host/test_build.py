@@ -116,3 +116,13 @@ def test_the_package_for_mip_lists_the_firmware(tmp_path):
     assert [target for target, _ in package["urls"]][-1] == "main.py"
     assert sorted(package["urls"]) == [[path, path] for path in sorted(wanted)]
     assert package["version"] == spots.__version__
+
+
+def test_every_board_with_pins_has_a_picture_of_its_wiring():
+    docs = Path(__file__).parents[2] / "docs"
+    devices = [device_of(name) for name in board_names()]
+    wired = [device for device in devices if not device.name.startswith("virtual")]
+    assert all(device.wiring for device in wired)
+    for device in wired:
+        picture = (docs / f"wiring-{device.name}.svg").read_text(encoding="utf-8")
+        assert all(f">{pin}</text>" in picture for pin in device.wiring.values())
