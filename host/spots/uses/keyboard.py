@@ -40,6 +40,7 @@ class KeyEngine:
 
     def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink):
         self.key = sink.key
+        self.length_um = length_um
         self.rests = 0
         self._names = list(layout.layers)
         self._pad = Keypad(self)

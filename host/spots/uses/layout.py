@@ -20,7 +20,7 @@ from tactile.layout import FULL, LIMITS
 
 from .. import toml
 from ..errors import SpotsError
-from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, name_of, usage_of
+from .usages import USAGES, chord_of, usage_of
 
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
@@ -197,7 +197,7 @@ class _Compiler:
                     # The ends of the strip belong to the outermost keys.
                     (begin + (gap if i else 0)) / whole,
                     (end - (gap if i + 1 < len(keys) else 0)) / whole,
-                    key.label if key.label is not None else _label(key.tap),
+                    key.label if key.label is not None else _label(key),
                     actions,
                 )
             )
@@ -217,21 +217,11 @@ class _Compiler:
             if verb == "toggle":
                 self._toggled.add(number)
             return lines_of.action(_LAYER_VERBS[verb], number)
-        *modifiers, name = text.split("+") if len(text) > 1 else [text]
-        bits = 0
         try:
-            for modifier in modifiers:
-                page, usage = usage_of(modifier)
-                if page != KEYBOARD or not 0 <= usage - MODIFIERS_FROM < MODIFIERS:
-                    known = [name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(MODIFIERS)]
-                    self._refuse(text, f"{where}: '{modifier}' is no modifier", known)
-                bits |= 1 << usage - MODIFIERS_FROM
-            page, usage = usage_of(name)
+            page, usage, modifiers = chord_of(text)
         except SpotsError as error:
             self._refuse(text, f"{where}: {error}")
-        if bits and page != KEYBOARD:
-            self._refuse(text, f"{where}: '{name}' takes no modifiers")
-        return lines_of.action(page, usage, bits)
+        return lines_of.action(page, usage, modifiers)
 
     def _check_ways(self, layers: dict[str, list[PlacedKey]]) -> None:
         for number, name in enumerate(self._names):
@@ -252,9 +242,24 @@ class _Compiler:
         raise SpotsError(f"layout {self._path}{line}: {why}{there}") from None
 
 
-def _label(action: str) -> str:
+def _label(key: _Key) -> str:
+    """Return what its tap, firm press and hold are, if these are characters; else its tap."""
+    written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
+    characters = [text for text in written if len(text) == 1]
+    return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
+
+
+def _written(action: str) -> str:
     verb, _, name = action.partition(" ")
-    return name if verb in _LAYER_VERBS else action.rpartition("+")[2] or action
+    if verb in _LAYER_VERBS:
+        return name
+    name = action.rpartition("+")[2] or action
+    try:
+        known = USAGES.get(usage_of(name))
+    except SpotsError:
+        return name  # which is refused elsewhere
+    character = known.pynput if known else None
+    return character.upper() if character and len(character) == 1 else name.upper()
 
 
 def _line_of(text: str, value: str) -> str:
