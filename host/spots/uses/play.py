@@ -8,6 +8,7 @@ from contextlib import nullcontext
 
 import msgspec
 from rich.console import Console
+from rich.panel import Panel
 
 from ..board import Board
 from ..connect import open
@@ -52,7 +53,7 @@ def demonstrate(
     controller = controller_for(board, settings)
     score = ControllerScore(settings, controller.length_um, truth, started_s)
     view = None
-    gamepad: Gamepad = _Nothing()
+    gamepad: Gamepad = NoGamepad()
     if Console().is_terminal and not quiet:
         view = View(board, controller, settings)
     elif not quiet:
@@ -134,7 +135,11 @@ class View:
         self._title = f"SPOTS controller  {info['board']} · {info['runtime']} · {board.port}"
         self.states = 0
 
-    def picture(self):
+    def sent(self, state: State) -> None:
+        """Count a state that is sent."""
+        self.states += 1
+
+    def picture(self) -> Panel:
         """Return the picture as it is now."""
         stats = self._board.stats
         facts = f"states {self.states}   frames {stats.frames}   lost {stats.lost}"
@@ -142,7 +147,9 @@ class View:
         return picture(controller.state, controller.held, self._buttons, self._title, facts)
 
 
-class _Nothing(Gamepad):
+class NoGamepad(Gamepad):
+    """For those who only look."""
+
     def _send(self, state):
         pass
 
@@ -174,7 +181,7 @@ def _until_enough(board, controller, gamepad, seconds, view=None, score=None) ->
                 if score:
                     score.sent(state, board.now_s())
                 if view:
-                    view.states += 1
+                    view.sent(state)
 
             play(board, controller, gamepad, seconds, on_reading, on_state)
     except KeyboardInterrupt:

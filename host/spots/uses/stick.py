@@ -41,7 +41,7 @@ def picture(
     numbers.add_row("z", str(state.z), Text(_bar(state.z / AXIS_MAX), style="cyan"))
     parts = [*_stick(state), Text(), numbers, Text(), _buttons(state.buttons, buttons)]
     if facts:
-        parts += [Text(), Text(facts, style="dim")]
+        parts += [Text(), Text("  " + facts, style="dim")]
     return Panel(Group(*parts), title=title, width=_COLUMNS + 19, padding=(1, 2))
 
 
@@ -66,10 +66,10 @@ def _stick(state: State) -> list[Text]:
 
 
 def _buttons(pressed: int, count: int) -> Text:
-    line = Text("  buttons ")
+    line = Text("  buttons  ")
     for i in range(count):
         down = pressed >> i & 1
-        line.append(f" {i + 1} ", style="bold black on bright_yellow" if down else "dim reverse")
+        line.append(f" {i + 1} ", style="bold black on yellow1" if down else "grey62 on grey23")
         line.append(" ")
     return line
 
