@@ -1,6 +1,7 @@
 """Stands in for python-evdev and the kernel behind it, also in another process.
 
-Where the environment names a file (``STAND_IN_EVENTS``), each event is a line there.
+Where the environment names a file (``STAND_IN_EVENTS``), each event is a line there. A FIFO
+(``STAND_IN_HANDLE``) is held open as a device's handle is: inherited by whoever inherits all.
 """
 
 import os
@@ -55,6 +56,10 @@ class UInput:
         self._pending: list = []
         UInput.made.append(self)
         self._say("open")
+        if "STAND_IN_HANDLE" in os.environ:
+            self._handle = os.open(os.environ["STAND_IN_HANDLE"], os.O_WRONLY)
+            os.set_inheritable(self._handle, True)
+            os.write(self._handle, b"o")
 
     def write(self, kind, code, value):
         if self.closed or self.gone:
