@@ -294,8 +294,13 @@ def test_two_taps_are_two_pushes():
 def test_a_tap_that_ends_in_darkness_counts_and_one_that_ends_in_doubt_does_not():
     taps = [Tapped(number=1)]
     assert Play(button=taps).touch(20, count=5).dark(3).buttons == ONE
-    assert Play(button=taps).touch(20, count=5).silence(0.2).buttons == 0
-    assert Play(button=taps).touch(20, count=5).touch(0, 0, 20, MISFIT).buttons == 0
+    in_doubt = [
+        Play(button=taps).touch(20, count=5).silence(0.3),
+        Play(button=taps).touch(20, count=5).touch(0, 0, 30, MISFIT),
+    ]
+    for play in in_doubt:
+        assert play.states[-1] == REST
+        assert not any(state.buttons for state in play.states)
 
 
 def test_the_boards_clock_may_wrap_within_a_touch():
@@ -320,6 +325,20 @@ def test_the_hosts_clock_tells_nothing_of_the_movement():
         late.start_us -= 4000 * (mm % 2)
         late.touch(mm)
     assert late.states == even.states
+
+
+def test_below_its_rest_a_force_is_none():
+    z = ForceAxis(rest_mN=300, max_mN=1000, smooth=SHARP)
+    play = Play(x=None, z=z)
+    assert [play.touch(50, mN).controller.state.z for mN in (100, 299, 300)] == [0, 0, 0]
+    assert play.touch(50, 650).controller.state.z == pytest.approx(AXIS_MAX / 2, rel=0.01)
+
+
+def test_an_axis_that_is_back_before_it_may_be_sent_is_not_sent():
+    play = Play(every_s=0.001, rate_hz=50)
+    play.touch(80)
+    play.touch(20).touch(80, count=100)
+    assert len(play.states) <= 2
 
 
 def test_any_axis_may_follow_either_and_be_turned_round():

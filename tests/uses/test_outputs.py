@@ -312,6 +312,23 @@ def test_a_gamepad_sends_only_what_changes(lines):
     assert len(lines) == 2
 
 
+def test_a_state_that_may_have_gone_out_is_taken_back(evdev):
+    gamepad = UInputGamepad()
+    device = evdev.UInput.made[-1]
+    real = device.syn
+
+    def interrupted():
+        real()
+        device.syn = real
+        raise KeyboardInterrupt
+
+    device.syn = interrupted
+    with pytest.raises(KeyboardInterrupt), gamepad:
+        gamepad.update(1, 2, 3, 4)
+    assert device.history
+    assert device.held() == []
+
+
 # Ends that come from outside.
 
 HOLDS = """

@@ -250,11 +250,8 @@ class _Sender:
 
     def put(self, state: State) -> None:
         waiting = self._waiting
-        newest = waiting[-1] if waiting else self._sent
-        if state == newest:
-            return
         # With no room, buttons may lose a push, but never the last word.
-        if waiting and (state.buttons == newest.buttons or len(waiting) == _WAITING_MAX):
+        if waiting and (state.buttons == waiting[-1].buttons or len(waiting) == _WAITING_MAX):
             waiting[-1] = state
         else:
             waiting.append(state)

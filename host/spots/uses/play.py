@@ -58,7 +58,8 @@ def demonstrate(
         view = View(board, controller, settings)
     elif not quiet:
         gamepad = _Sampled(board.now_s)
-    _until_enough(board, controller, gamepad, seconds, view, score)
+    with gamepad:
+        _until_enough(board, controller, gamepad, seconds, view, score)
     return score.summary()
 
 
@@ -169,7 +170,7 @@ class _Sampled(PrintedGamepad):
 def _until_enough(board, controller, gamepad, seconds, view=None, score=None) -> None:
     pace = Pace()
     try:
-        with live(Console()) if view else nullcontext() as display, gamepad:
+        with live(Console()) if view else nullcontext() as display:
 
             def on_reading(touch):
                 if score:
