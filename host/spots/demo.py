@@ -92,8 +92,14 @@ def _controller(
     from .uses.play import demonstrate
 
     figures = demonstrate(board, truth, started_s, seconds, quiet)
-    stats = board.stats
-    return {"frames": stats.frames, "lost": stats.lost, "bad_crc": stats.bad_crc, **figures}
+    return {
+        "runtime": board.info["runtime"],
+        "board": board.info["board"],
+        "frames": board.stats.frames,
+        "lost": board.stats.lost,
+        "bad_crc": board.stats.bad_crc,
+        **figures,
+    }
 
 
 # What is shown of a board, the truth and the host time of its time 0, for so long, or quietly;

@@ -374,6 +374,23 @@ def test_a_slow_board_is_held_for_two_readings():
 # The picture.
 
 
+def test_a_terminal_gets_the_picture_and_what_is_none_gets_lines(monkeypatch, capsys, rig):
+    screen = io.StringIO()
+    made = rig(the_demo())
+    terminal = {"file": screen, "force_terminal": True, "width": 100, "height": 40}
+    monkeypatch.setattr(play, "Console", lambda: Console(**terminal))
+    play.demonstrate(made.board, the_demo(), 0.0, 2.0, quiet=False)
+    assert screen.getvalue().count("SPOTS controller") > 20
+    for part in ("╪", "buttons", "states 9"):
+        assert part in screen.getvalue()
+    monkeypatch.setattr(play, "Console", lambda: Console(file=io.StringIO()))
+    assert capsys.readouterr().out == ""
+    play.demonstrate(made.board, the_demo(), 0.0, 2.0, quiet=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert 2 <= len(lines) <= 10
+    assert all(line.startswith("x ") for line in lines)
+
+
 def drawn(*arguments, **options):
     console = Console(file=io.StringIO(), width=100)
     console.print(picture(*arguments, **options))

@@ -41,7 +41,7 @@ class DesktopKeyboard(Keyboard):
         try:
             (self._controller.press if pressed else self._controller.release)(self._key(one))
         except Exception as error:  # what it raises depends on the desktop
-            raise SpotsError(f"the desktop refuses the key {one.name}: {error}") from None
+            raise SpotsError(f"the desktop refuses the key {one.name}: {error!r}") from None
 
     def _key(self, one: Usage):
         if one.pynput is None or len(one.pynput) == 1:
