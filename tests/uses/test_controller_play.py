@@ -349,6 +349,12 @@ def test_an_unknown_use_is_told_with_those_that_there_are(capsys):
     assert set(demo.USES) >= {"strip", "controller"}
 
 
+def test_settings_that_are_not_there_are_told_before_a_board_is_looked_for(capsys, tmp_path):
+    missing = str(tmp_path / "none.toml")
+    assert cli.main(["controller", "--port", "/dev/ttyNOPE", "--settings", missing]) == 2
+    assert "none.toml" in capsys.readouterr().err
+
+
 def test_a_board_without_a_calibration_is_told(sensor):
     with (
         Board(LockstepLink(sensor, Held())) as board,

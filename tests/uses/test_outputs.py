@@ -372,3 +372,19 @@ def test_handlers_of_signals_are_put_back():
     with ended_by_signals():
         assert signal.getsignal(signal.SIGTERM) is not before
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_a_second_signal_does_not_disturb_the_end(lines):
+    def ended_twice():
+        with ended_by_signals(), PrintedKeyboard(lines) as keyboard:
+            press(keyboard)
+            try:
+                os.kill(os.getpid(), signal.SIGHUP)
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
+                lines("the end")
+
+    with pytest.raises(SystemExit):
+        ended_twice()
+    assert lines[2:] == ["the end", "up    A", "up    LEFT_SHIFT"]

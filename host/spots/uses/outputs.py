@@ -264,23 +264,22 @@ def open_gamepad(dry_run: bool) -> Gamepad:
 def ended_by_signals() -> Iterator[None]:
     """End a block by SystemExit on SIGTERM and SIGHUP, so that outputs in it let go.
 
-    Only for the main thread, as signals are.
+    Only for the main thread, as signals are. While the block ends no second one disturbs it.
     """
-    names = [name for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
-    before = {number: signal.signal(number, _end) for number in map(_number, names)}
+    names = ("SIGTERM", "SIGHUP", "SIGBREAK")  # what there is of them
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+    def end(number, frame):
+        for one in numbers:
+            signal.signal(one, signal.SIG_IGN)
+        raise SystemExit(128 + number)
+
+    before = {number: signal.signal(number, end) for number in numbers}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _number(name: str) -> int:
-    return getattr(signal, name)
-
-
-def _end(number, frame):
-    raise SystemExit(128 + number)
 
 
 def _print(text: str) -> None:

@@ -19,6 +19,7 @@ from ..view import Pace, live
 from .controller import Controller
 from .controller_score import ControllerScore
 from .controller_settings import DEFAULT, Settings, load
+from .controller_setup import set_up
 from .outputs import Gamepad, PrintedGamepad, State, ended_by_signals, open_gamepad
 from .stick import picture
 
@@ -29,19 +30,15 @@ _PLAIN_LINES_PER_S = 4
 
 def run(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
-    from .controller_setup import set_up
-
+    settings = None if options.calibrate else load(options.settings or DEFAULT)
     with ended_by_signals(), _open(options) as board:
-        if options.calibrate:
+        if settings is None:
             set_up(board, options.settings or "controller.toml")
             return
-        settings = load(options.settings or DEFAULT)
         controller = controller_for(board, settings)
+        drawing = Console().is_terminal and not options.dry_run
+        view = View(board, controller, settings) if drawing else None
         with open_gamepad(options.dry_run) as gamepad:
-            console = Console()
-            view = View(board, controller, settings)
-            if options.dry_run or not console.is_terminal:
-                view = None
             _until_enough(board, controller, gamepad, options.seconds, view)
 
 
