@@ -66,6 +66,7 @@ class Commands:
             "keys": self._keys,
             "gamepad": self._gamepad,
             "dark": self._dark,
+            "rest": self._rest,
             "auto": self._auto,
             "cal": self._cal.take,
             "layout": self._layout.take,
@@ -181,6 +182,12 @@ class Commands:
 
     def _dark_done(self):
         self._app.finish("dark", {"dark": list(self._app.strip.dark)})
+
+    def _rest(self, words):
+        if not self._app.settings.values["baseline"]:
+            raise ValueError("the untouched strip is not followed: set baseline=1")
+        self._app.strip.request_rest()
+        return {}
 
     def _auto(self, words):
         self._app.claim("auto")

@@ -7,6 +7,7 @@ whether it took it. Integers only, allocates nothing once made.
 from struct import pack_into
 
 REPORT_SIZE = 8
+_MODIFIERS_FROM = 0xE0  # usages from here on are bits of the first byte
 CONSUMER_SIZE = 2
 KEYS_MAX = 6
 WAITING_MAX = 16  # eight quick presses with their releases
@@ -130,24 +131,36 @@ class Keyboard:
         self.outbox = Outbox(send)
         self._report = bytearray(REPORT_SIZE)
         self._modifiers = bytearray(KEYS_MAX)
+        self._alone = 0
 
     def key(self, usage, modifiers, pressed):
-        """Take a key event; `usage` is 1 to 0xDD."""
-        report = self._report
-        at = self._find(usage)
-        if pressed == (at >= 0):
-            return
-        if pressed:
-            at = self._find(0)
-            if at < 0:
+        """Take a key event; `usage` is 1 to 0xDD, or a modifier's, 0xE0 to 0xE7."""
+        if usage >= _MODIFIERS_FROM:
+            bit = 1 << usage - _MODIFIERS_FROM
+            if pressed == (self._alone & bit != 0):
                 return
-        report[2 + at] = usage if pressed else 0
-        self._modifiers[at] = modifiers if pressed else 0
-        report[0] = 0
+            self._alone ^= bit
+        elif not self._change(usage, modifiers, pressed):
+            return
+        report = self._report
+        report[0] = self._alone
         for i in range(KEYS_MAX):
             report[0] |= self._modifiers[i]
         if not self.outbox.put(report):
             self._forget()
+
+    def _change(self, usage, modifiers, pressed):
+        report = self._report
+        at = self._find(usage)
+        if pressed == (at >= 0):
+            return False
+        if pressed:
+            at = self._find(0)
+            if at < 0:
+                return False
+        report[2 + at] = usage if pressed else 0
+        self._modifiers[at] = modifiers if pressed else 0
+        return True
 
     def release(self):
         """Let go of all keys."""
@@ -161,6 +174,7 @@ class Keyboard:
         return -1
 
     def _forget(self):
+        self._alone = 0
         for i in range(REPORT_SIZE):
             self._report[i] = 0
         for i in range(KEYS_MAX):

@@ -111,7 +111,7 @@ class Keypad:
             moved_um = x_um - self._x_um
             if abs(moved_um) >= layout.swipe_um and elapsed(self._began, t) < layout.swipe_t:
                 self._state = _OVER
-                self._click(layout.swipe(self._layer(), moved_um > 0))
+                self._click(layout.swipe(self.layer, moved_um > 0))
                 return
         if self._state != _OPEN and self._state != _SLIDING:
             return
@@ -169,7 +169,7 @@ class Keypad:
         layout = self._layout
         keys = layout.keys
         length_mm = self._length_mm
-        if again >= 0 and layout.is_on(self._layer(), again):
+        if again >= 0 and layout.is_on(self.layer, again):
             slack_um = layout.slack_um
             if (
                 keys[again + LOW] * length_mm - slack_um
@@ -177,7 +177,7 @@ class Keypad:
                 < keys[again + HIGH] * length_mm + slack_um
             ):
                 return again
-        layer = self._layer()
+        layer = self.layer
         row = layout.first(layer)
         last = layout.first(layer + 1) - KEY_SIZE
         while row <= last:
@@ -194,7 +194,7 @@ class Keypad:
         return self._layout.keys[self._row + slot]
 
     def _swipes(self):
-        layer = self._layer()
+        layer = self.layer
         return self._layout.swipe(layer, True) or self._layout.swipe(layer, False)
 
     def _is_plain(self):
@@ -259,7 +259,9 @@ class Keypad:
 
     # Layers.
 
-    def _layer(self):
+    @property
+    def layer(self):
+        """The layer whose keys the next touch finds."""
         if self._once >= 0:
             return self._once
         return self._momentary if self._momentary >= 0 else self._base

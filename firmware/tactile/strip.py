@@ -76,6 +76,7 @@ class Strip:
         self._dark_age_us = 0
         self._dark_every_us = DARK_EVERY_US
         self._missed = 0
+        self._rest_wanted = False
         self._search = None
         self._on_dark = self._on_search = None
 
@@ -106,6 +107,10 @@ class Strip:
         self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
         self._on_search = done
         self._dark_wanted = True
+
+    def request_rest(self):
+        """Take what lies on the strip now as its untouched state."""
+        self._rest_wanted = True
 
     def forget_requests(self):
         """Drop what was requested and not done yet."""
@@ -171,7 +176,8 @@ class Strip:
         self._restart_average()
 
     def _follow(self, samples, rests):
-        if rests:
+        if rests or self._rest_wanted:
+            self._rest_wanted = False
             up = down = 0
         elif self._idle_us >= SETTLED_US:
             up = _UP

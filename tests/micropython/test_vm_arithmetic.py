@@ -239,8 +239,8 @@ RICH = [
 
 def test_keypad(compare, rng):
     layouts = [default_lines(), *([f"flavour {flavour}", *RICH] for flavour in range(3))]
-    cases = [(rng.choice(layouts), 85_000, a_finger(rng)) for _ in range(4)]
-    compare("keypad", cases, width=3 * 300)
+    cases = [(rng.choice(layouts), 85_000, a_finger(rng)) for _ in range(3)]
+    compare("keypad", cases, width=3 * 150)
 
 
 def messages(rng):

@@ -196,3 +196,30 @@ def name_of(page: int, usage: int) -> str:
     """Return a key's name, or its numbers if it has none here."""
     found = USAGES.get((page, usage))
     return found.name if found else f"{page:#04x}:{usage:#04x}"
+
+
+def chord_of(text: str) -> tuple[int, int, int]:
+    """Return page, usage and bits of the modifiers of a key with modifiers before it.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``LEFT_SHIFT+A``.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such key or modifier, or the key takes none.
+    """
+    *modifiers, name = text.split("+") if len(text) > 1 else [text]
+    bits = 0
+    for modifier in modifiers:
+        page, usage = usage_of(modifier)
+        if page != KEYBOARD or not 0 <= usage - MODIFIERS_FROM < MODIFIERS:
+            known = (name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(MODIFIERS))
+            raise SpotsError(f"'{modifier}' is no modifier; there are {', '.join(known)}")
+        bits |= 1 << usage - MODIFIERS_FROM
+    page, usage = usage_of(name)
+    if bits and page != KEYBOARD:
+        raise SpotsError(f"'{name}' takes no modifiers")
+    return page, usage, bits
