@@ -345,7 +345,7 @@ def test_the_demo_tells_its_figures_and_the_same_each_time(capsys):
 
 def test_an_unknown_use_is_told_with_those_that_there_are(capsys):
     assert cli.main(["demo", "--use", "piano"]) == 2
-    assert "strip, controller" in capsys.readouterr().err
+    assert "strip, keyboard, controller" in capsys.readouterr().err
     assert set(demo.USES) >= {"strip", "controller"}
 
 
