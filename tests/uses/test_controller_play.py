@@ -355,6 +355,16 @@ def test_settings_that_are_not_there_are_told_before_a_board_is_looked_for(capsy
     assert "none.toml" in capsys.readouterr().err
 
 
+def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, rig, evdev):
+    made = rig(pressing())
+    made.board.info["gamepad"] = 1
+    evdev.UInput.made.clear()
+    monkeypatch.setattr(play, "_open", lambda options: made.board)
+    assert cli.main(["controller", "--seconds", "1"]) == 2
+    assert "gamepad off" in capsys.readouterr().err
+    assert evdev.UInput.made == []
+
+
 def test_a_board_without_a_calibration_is_told(sensor):
     with (
         Board(LockstepLink(sensor, Held())) as board,
