@@ -13,7 +13,7 @@ import time
 import pytest
 from rich.console import Console
 
-from spots import SpotsError, cli, demo
+from spots import SpotsError, cli, connect, demo
 from spots.board import Board
 from spots.connect import prepare
 from spots.frames import Touch
@@ -193,6 +193,30 @@ def test_everything_is_let_go_whatever_ends_it(rig, evdev, name):
     with pytest.raises(type(ENDS[name])), UInputGamepad() as gamepad:
         made.play(gamepad, 60.0)
     device = evdev.UInput.made[-1]
+    assert device.held() == []
+    assert device.closed
+
+
+def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev, monkeypatch):
+    real, ends = connect.start_simulator, []
+
+    def start(*arguments):
+        started, end = real(*arguments)
+        ends.append(end)
+        return started, end
+
+    monkeypatch.setattr(connect, "start_simulator", start)
+    board, _ = connect.open_virtual("default", "demo", 0)
+    controller = play.controller_for(board, load_settings())
+
+    def unplug(state):
+        if state.z > 5000:
+            ends[0]()
+
+    with pytest.raises(SpotsError, match="disconnected"), board, UInputGamepad() as gamepad:
+        play.play(board, controller, gamepad, 60.0, on_state=unplug)
+    device = evdev.UInput.made[-1]
+    assert device.history
     assert device.held() == []
     assert device.closed
 
