@@ -45,9 +45,7 @@ def picture(
     for i, gesture in enumerate(recent):
         table.add_row(
             _SIGNS[gesture.name],
-            gesture.name.replace("_minus", " to sensor")
-            .replace("_plus", " away")
-            .replace("_", " "),
+            spoken(gesture.name),
             f"{gesture.confidence:.0%}",
             f"{gesture.position_um / 1000:.0f} mm",
             does.get(gesture.name, "-"),
@@ -58,6 +56,11 @@ def picture(
     facts = f"gestures {len(found)}   frames {stats.frames}   lost {stats.lost}"
     parts = [_strip(touch, length_um), Text(), table, Text(facts, style="dim")]
     return Panel(Group(*parts), title="SPOTS wearable", width=_COLUMNS + 6, padding=(1, 2))
+
+
+def spoken(name: str) -> str:
+    """Return a gesture's name as people say it."""
+    return name.replace("_minus", " to sensor").replace("_plus", " away").replace("_", " ")
 
 
 def _strip(touch: Touch | None, length_um: int) -> Text:
