@@ -68,7 +68,7 @@ def play(sensor, calibration):
             for frame in board.frames(end_s - board.now_s()):
                 if isinstance(frame, Touch):
                     touches.append(frame)
-                    engine.take(frame)
+                    engine.take(frame, board.now_s())
                 elif isinstance(frame, Key):
                     there.key(*frame[3:7])
                     typed.key(*frame[3:7])
