@@ -5,12 +5,16 @@ import _simulator
 
 class I2C:
     def __init__(self, scl, sda, *, frequency=100_000, timeout=255):
+        self._pins = scl, sda
+        for pin in self._pins:
+            pin.taken = True
         khz = frequency // 1000
         _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, 0)
         self._locked = False
 
     def deinit(self):
-        pass
+        for pin in self._pins:
+            pin.taken = False
 
     def __enter__(self):
         return self

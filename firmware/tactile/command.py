@@ -121,6 +121,7 @@ class Commands:
         reply["missed"] = app.strip.sensor.pacing.missed
         reply["dropped"] = app.framer.dropped
         reply["dropped_reports"] = app.uses.dropped()
+        reply["retries"] = app.strip.sensor.retries
         reply["faults"] = app.faults
         reply["fault"] = app.fault
         reply["full_scale"] = app.strip.sensor.full_scale

@@ -188,6 +188,7 @@ class Strip:
         for i in range(CHANNELS):
             self.dark[i] = self._blink_sums[i]
         sensor.switch_led(True)
+        sensor.check()
         self._blink = _RISING
         self._dark_known = True
         self._dark_wanted = False
