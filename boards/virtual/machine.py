@@ -5,7 +5,6 @@ import os
 import _simulator
 from umachine import *  # noqa: F403
 
-
 _wires = {}  # of the I2C bus, by their pins
 
 

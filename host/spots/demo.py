@@ -9,6 +9,7 @@ from .calibrate.stage import calibrate
 from .connect import open_virtual, prepare
 from .link import Link
 from .score import Score
+from .sim.faults import Faults, FaultyLink, of_scenario
 from .sim.files import ScenarioFile, SensorFile, load
 from .sim.lockstep import LockstepLink
 from .sim.scenario import Scenario
@@ -48,14 +49,17 @@ def demo(
     quiet : bool
         Show nothing.
     """
-    truth = Scenario(load(ScenarioFile, scenario))
+    file = load(ScenarioFile, scenario)
+    truth = Scenario(file)
     if fast:
-        board, link = open_fast(sensor, truth, seed)
+        board, link = open_fast(sensor, truth, seed, of_scenario(file, seed))
         started_s = 0.0
     else:
         (board, started_s), link = open_virtual(sensor, scenario, seed), None
     score = Score(truth, started_s)
     with board:
+        if file.faults:
+            board.command("save")  # or a restart would cost the calibration
         watch(board, seconds, quiet, score)
         summary = score.summary(board.info, board.stats)
     if link is not None:
@@ -63,11 +67,14 @@ def demo(
     return summary
 
 
-def open_fast(sensor: str, truth: Scenario, seed: int) -> tuple[Board, _Hashing]:
+def open_fast(
+    sensor: str, truth: Scenario, seed: int, faults: Faults | None = None
+) -> tuple[Board, _Hashing]:
     """Open a calibrated virtual board in simulated time, and the link that hashes its stream."""
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
-    link = _Hashing(LockstepLink(file, truth, seed))
+    bare = LockstepLink(file, truth, seed, faults=faults)
+    link = _Hashing(FaultyLink(bare, faults) if faults else bare)
     board = Board(link)
     try:
         prepare(board, calibration)
