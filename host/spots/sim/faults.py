@@ -25,7 +25,7 @@ from .files import Moments, ScenarioFile, SerialFaults
 # Keeps these generators apart from those that others seed with the same number.
 _OWN = 0xFA017
 _CTRL_C = 3
-_WAYS = ("flip", "drop", "double", "insert")
+WAYS = ("flip", "drop", "double", "insert")
 _CLOCKS_THAT_FREE_SDA = 9
 # What a controller waits for wires that do not come free.
 _BUS_TIMEOUT_US = 50_000.0
@@ -151,7 +151,7 @@ class Damage:
         return bytes(out + data[at:])
 
     def _hurt(self, byte: int, way: int, draw: float) -> bytes:
-        name = _WAYS[way]
+        name = WAYS[way]
         self._ledger.counts[f"{self._kind}.{name}"] += 1
         if name == "drop":
             return b""
