@@ -66,7 +66,7 @@ def test_a_chip_that_holds_sda_is_clocked_free(faulty, board):
 
 
 def test_without_the_nine_clocks_it_would_never_come_back(faulty, monkeypatch):
-    made, counts = faulty(i2c=BusFaults(sda_low=Moments(at_s=[4.0], last_ms=1e6)))
+    made, _ = faulty(i2c=BusFaults(sda_low=Moments(at_s=[4.0], last_ms=1e6)))
     monkeypatch.setattr(made.link.bus, "lines", made.link.bus.bus.lines)
     readings = touches(made, 9.0)
     assert readings[-1].time_s < 4.1
@@ -135,13 +135,14 @@ def test_a_program_goes_on_after_brown_outs(faulty, board):
     for touch in made.board.touches(10.0):
         gaps.append(made.link.now_s() - last_s)
         last_s = made.link.now_s()
-        assert 0 <= last_s - touch.time_s < 0.1  # by the new clock map
+        assert 0 <= last_s - touch.time_s < 0.3  # by the new clock map
         readings.append(touch)
     assert counts["power.brown_outs"] == 2
     assert made.board.stats.restarts == 2
     assert made.board.stats.lost == made.board.stats.bad_crc == 0
     assert sum(gap > 0.1 for gap in gaps) == 2
     assert max(gaps) < 1.2  # half a second of silence before it asks
+    assert last_s - readings[-1].time_s < 0.02
     assert [r.time_s for r in readings] == sorted(r.time_s for r in readings)
     are_right(readings[-50:])
 
