@@ -15,6 +15,7 @@ class I2C:
     def deinit(self):
         for pin in self._pins:
             pin.taken = False
+        self._pins = ()
 
     def __enter__(self):
         return self
@@ -70,5 +71,7 @@ class I2C:
         _simulator.call(_simulator.READ, address, out[0], len(view), view)
 
     def _need_lock(self):
+        if not self._pins:
+            raise ValueError("Object has been deinitialized and can no longer be used")
         if not self._locked:
             raise RuntimeError("Function requires lock")

@@ -211,9 +211,11 @@ def test_an_unplugged_sensor_forgets_everything(wired):
     bus, _ = wired(power=PowerFaults(sensor_unplugged=Moments(at_s=[1.0], last_ms=100)))
     failures(bus, 10)
     bus.write(ADDRESS, bytes((0xAA, 7)))
+    bus.write(ADDRESS, bytes((0x80, 1)))
     found = failures(bus, 1500)
     assert 70 < sum(map(bool, found)) < 130
     assert bus.write_read(ADDRESS, b"\xaa", 1) == b"\x09"
+    assert bus.write_read(ADDRESS, b"\x80", 1) == b"\x00"
 
 
 def test_a_reset_sensor_forgets_and_a_stalled_board_loses_time(wired):
@@ -226,10 +228,12 @@ def test_a_reset_sensor_forgets_and_a_stalled_board_loses_time(wired):
     assert board.rate == pytest.approx(1.0001)
     failures(bus, 10)
     bus.write(ADDRESS, bytes((0xAA, 7)))
+    bus.write(ADDRESS, bytes((0x80, 1)))
     bus.clock.time_us = 0.6e6
     assert board.step(bus) is None
     failures(bus, 1)
     assert bus.write_read(ADDRESS, b"\xaa", 1) == b"\x09"
+    assert bus.write_read(ADDRESS, b"\x80", 1) == b"\x00"
     bus.clock.time_us = 1.01e6
     assert board.step(bus) is None
     assert bus.clock.now_us() == pytest.approx(1.25e6)
