@@ -28,7 +28,8 @@ def frames(count: int, seed: int = 0, texts: bool = True) -> list[bytes]:
         elif kind < 0.9:
             payload = struct.pack("<BHIBB6H", 2, *header, 9, 9, *rng.integers(0, 3597, 6).tolist())
         elif kind < 0.97:
-            payload = struct.pack("<BHIBBB", 4, *header, 30 + int(rng.integers(0, 10)), 0, i % 2)
+            usage = 30 + int(rng.integers(0, 10))
+            payload = struct.pack("<BHIBHBB", 4, *header, 7, usage, 0, i % 2)
         else:
             text = {"re": "sync", "t_us": header[1]}
             payload = struct.pack("<BHI", 3, *header) + json.dumps(text).encode()
