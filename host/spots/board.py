@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 
@@ -9,7 +10,7 @@ from tactile import PROTOCOL
 from tactile.command import LINE_MAX, NAME_MAX
 
 from .clockmap import ClockMap
-from .errors import SpotsError
+from .errors import PortLostError, SpotsError
 from .frames import Decoder, Frame, LinkStats, Text, Touch
 from .link import Link
 
@@ -26,6 +27,9 @@ _GOLDEN = 0.618034
 _POLL_S = 0.1
 # A board that streams and is silent for so long is asked whether it has restarted.
 _SILENCE_S = 0.5
+# So long may its port be gone meanwhile; a board takes some seconds to be a USB device again.
+_GONE_S = 10.0
+_REOPEN_EVERY_S = 0.1
 # A consumer that falls behind by more than this many frames loses the oldest.
 _QUEUE_FRAMES = 1 << 16
 
@@ -33,8 +37,9 @@ _QUEUE_FRAMES = 1 << 16
 class Board:
     """A connected board. Close it, or use it in a ``with`` block.
 
-    A board that restarts (a brown-out, a crash) has forgotten that it was streaming. `frames` and
-    what builds on it notice the silence, ask, and tell it again; see `stats.restarts`.
+    A board that restarts (a brown-out, a crash) has forgotten that it was streaming, and its port
+    may go away for a while. `frames` and what builds on it open the port again, notice the
+    silence, ask, and tell it again; see `stats.restarts`.
 
     Parameters
     ----------
@@ -135,8 +140,7 @@ class Board:
             if end_s is not None and self.now_s() >= end_s:
                 return
             left_s = _POLL_S if end_s is None else min(_POLL_S, end_s - self.now_s())
-            self._pump(max(left_s, 0))
-            self._resume()
+            self._pump_or_resume(max(left_s, 0))
 
     def touches(self, seconds: float | None = None) -> Iterator[Touch]:
         """Tell the board to stream readings, and nothing else, and yield them."""
@@ -162,8 +166,7 @@ class Board:
                 return latest
             if self.now_s() >= end_s:
                 raise SpotsError(f"no reading within {timeout_s:g} s; is the board streaming?")
-            self._pump(_POLL_S)
-            self._resume()
+            self._pump_or_resume(_POLL_S)
 
     def close(self) -> None:
         """Tell the board to be silent and let the port go."""
@@ -210,6 +213,26 @@ class Board:
         sent_s = self.now_s()
         reply = self.command("sync", _SILENCE_S)
         self._clock.round_trip(sent_s, reply["t_us"], self.now_s())
+
+    def _pump_or_resume(self, timeout_s: float) -> None:
+        try:
+            self._pump(timeout_s)
+            self._resume()
+        except PortLostError:
+            if not self._streams:
+                raise
+            self._reopen()
+
+    def _reopen(self) -> None:
+        end_s = time.monotonic() + _GONE_S
+        while True:
+            try:
+                self._link.reopen()
+                return
+            except SpotsError:
+                if time.monotonic() >= end_s:
+                    raise
+                time.sleep(_REOPEN_EVERY_S)
 
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.

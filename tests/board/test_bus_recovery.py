@@ -5,7 +5,7 @@ import pytest
 
 from spots.frames import Touch
 from spots.sim.faults import Faults
-from spots.sim.files import BusFaults, Moments, PowerFaults
+from spots.sim.files import BusFaults, ClockFaults, Moments, PowerFaults
 from spots.sim.files import Faults as FaultsFile
 
 BOARDS = ["virtual", "virtual_circuitpython"]
@@ -59,6 +59,7 @@ def test_a_chip_that_holds_sda_is_clocked_free(faulty, board):
     low = Moments(at_s=[4.0, 6.0, 8.0], last_ms=1e6)
     made, counts = faulty(board, i2c=BusFaults(sda_low=low))
     readings = touches(made, 9.0)
+    made.board.command("dark")  # what switches the LED has the new controller, too
     assert counts["i2c.timeout"] == 3  # the first transfer each time, and none after that
     assert not made.board.log
     assert longest_gap_s(readings) < 0.1  # 50 ms of which the controller waits
@@ -124,6 +125,20 @@ def test_wrong_data_on_the_bus_never_stops_it(faulty):
     assert counts["i2c.wrong"] > 50
     assert len(readings) > 800
     assert made.link.now_s() - readings[-1].time_s < 1.0
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("ppm", [0, 1000])
+def test_a_board_counts_time_by_its_own_oscillator(faulty, board, ppm):
+    made, _ = faulty(board, clock=ClockFaults(oscillator_ppm=ppm))
+    board_us = []
+    for _ in range(2):
+        made.settle(1.0)
+        sent_s = made.link.now_s()
+        board_us.append(made.board.command("sync")["t_us"] - 1e6 * sent_s)
+        made.settle(20.0)
+    drift_ppm = (board_us[1] - board_us[0]) / 21
+    assert drift_ppm == pytest.approx(ppm, abs=200)
 
 
 @pytest.mark.parametrize("board", BOARDS)

@@ -1,11 +1,18 @@
 """A program's side of a restart, against a stand-in for a board that restarts on request."""
 
 import json
+import os
+import pty
 import struct
+import tty
+
+import pytest
 
 from fault_streams import encoded
-
+from spots import board as module
 from spots.board import Board
+from spots.errors import PortLostError, SpotsError
+from spots.link import SerialLink
 from tactile import PROTOCOL
 
 
@@ -22,11 +29,19 @@ class StandIn:
         self.deaf = set()  # commands whose replies are lost
         self.booted_s = 0.0
         self._due = b""
+        self.gone = 0  # so many tries find no port
 
     def now_s(self):
         return self.time_s
 
+    def reopen(self):
+        self.gone -= 1
+        if self.gone:
+            raise SpotsError("there is no such port")
+
     def read(self, timeout_s):
+        if self.gone:
+            raise PortLostError("the board was disconnected")
         if not self._due:
             self.time_s += min(timeout_s, 0.01)
             if self.streams:
@@ -129,3 +144,57 @@ def test_a_board_whose_firmware_does_not_tell_what_it_streams_is_left_alone():
     link.streams = None
     assert list(board.frames(3.0)) == []
     assert board.stats.restarts == 0
+
+
+def test_a_port_that_goes_away_and_comes_back_is_opened_again():
+    link, board = streaming()
+    link.restart()
+    link.gone = 3
+    assert len(reading(board, 50)) == 50
+    assert board.stats.restarts == 1
+
+
+def test_a_port_that_does_not_come_back_is_told(monkeypatch):
+    monkeypatch.setattr(module, "_GONE_S", 0.0)
+    link, board = streaming()
+    link.gone = 1000
+    with pytest.raises(SpotsError, match="no such port"):
+        reading(board, 50)
+
+
+def test_a_port_that_goes_away_while_nothing_is_streamed_is_told_at_once():
+    link, board = streaming()
+    board.command("stream off")
+    link.gone = 2
+    with pytest.raises(PortLostError):
+        reading(board, 1)
+    assert link.gone == 2
+
+
+def test_a_serial_port_is_opened_again_by_its_name(tmp_path):
+    name = tmp_path / "port"
+
+    def plug():
+        ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        name.unlink(missing_ok=True)
+        name.symlink_to(os.ttyname(theirs))
+        os.close(theirs)
+        return ours
+
+    first = plug()
+    link = SerialLink(str(name))
+    os.write(first, b"one")
+    assert link.read(1.0) + link.read(1.0) == b"one"
+    os.close(first)
+    with pytest.raises(PortLostError):
+        link.read(1.0)
+    name.unlink()
+    with pytest.raises(SpotsError, match="there is no port"):
+        link.reopen()
+    second = plug()
+    link.reopen()
+    os.write(second, b"two")
+    assert link.read(1.0) + link.read(1.0) == b"two"
+    link.close()
+    os.close(second)

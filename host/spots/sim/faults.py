@@ -183,6 +183,9 @@ class FaultyLink:
     def read(self, timeout_s: float) -> bytes:
         return self._faults.to_host(self._link.read(timeout_s), 1e6 * self.now_s())
 
+    def reopen(self) -> None:
+        self._link.reopen()
+
     def write(self, data: bytes) -> None:
         self._link.write(self._faults.to_board(data, 1e6 * self.now_s()))
 
