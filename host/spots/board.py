@@ -66,6 +66,7 @@ class Board:
         self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
         self._replies: deque[Text] = deque(maxlen=64)
         self._streams: list[str] = []  # what the board was told to stream
+        self._gone_s: float | None = None  # since when its port is gone
         self._resuming = False
         self._heard_s = link.now_s()
         self._on_close: Callable[[], None] | None = None
@@ -215,24 +216,26 @@ class Board:
         self._clock.round_trip(sent_s, reply["t_us"], self.now_s())
 
     def _pump_or_resume(self, timeout_s: float) -> None:
+        if self._gone_s is not None:
+            self._reopen(timeout_s)
+            return
         try:
             self._pump(timeout_s)
             self._resume()
         except PortLostError:
             if not self._streams:
                 raise
-            self._reopen()
+            self._gone_s = time.monotonic()
 
-    def _reopen(self) -> None:
-        end_s = time.monotonic() + _GONE_S
-        while True:
-            try:
-                self._link.reopen()
-                return
-            except SpotsError:
-                if time.monotonic() >= end_s:
-                    raise
-                time.sleep(_REOPEN_EVERY_S)
+    def _reopen(self, timeout_s: float) -> None:
+        # A try, no more: who holds keys down has to be back in time to let go of them.
+        try:
+            self._link.reopen()
+            self._gone_s = None
+        except SpotsError:
+            if time.monotonic() - self._gone_s >= _GONE_S:
+                raise
+            time.sleep(min(timeout_s, _REOPEN_EVERY_S))
 
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
