@@ -29,6 +29,10 @@ class Scenario:
         self.strain = file.strain_percent / 100
         self.bend_deg = file.bend_deg
 
+    def shape(self, time_s: float) -> tuple[float, float]:
+        """Return strain and bend (degrees) at `time_s`."""
+        return self.strain, self.bend_deg
+
     def presses(self, time_s: float) -> list[Press]:
         """Return the fingers that touch with any force at `time_s`."""
         phase_s = time_s % self._file.seconds
@@ -68,6 +72,9 @@ class Held:
         self.press: Press | None = None
         self.strain = 0.0
         self.bend_deg = 0.0
+
+    def shape(self, time_s: float) -> tuple[float, float]:
+        return self.strain, self.bend_deg
 
     def presses(self, time_s: float) -> list[Press]:
         return [self.press] if self.press else []

@@ -65,7 +65,7 @@ class World:
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _lit(self, time_s: float) -> np.ndarray:
-        strain, bend_deg = self._scenario.strain, self._scenario.bend_deg
+        strain, bend_deg = self._scenario.shape(time_s)
         rates = np.zeros(len(self._optics.names))
         for press in self._scenario.presses(time_s):
             share = coupling(self._sensor.contact, press.force_mN)

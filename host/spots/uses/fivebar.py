@@ -219,35 +219,26 @@ class Linkage:
             return found
         return np.ma.MaskedArray(found, mask=np.isnan(found))
 
-    def from_in_line(self, x_mm, y_mm):
-        """Return how far the bars are from lying in line, at the terminal and at either elbow.
+    def outer_angle(self, theta1_rad, theta2_rad):
+        """Return the angle between the outer bars, less what is beyond a right one.
+
+        At 0 they are in line, and the terminal moves while the joints stand.
 
         Returns
         -------
-        terminal_rad, elbow1_rad, elbow2_rad : float or numpy.ma.MaskedArray
-            From 0 to pi/2. At 0 of the first, the terminal moves while the joints stand (outer bars
-            in line); at 0 of the others, that joint moves and the terminal stands (arm stretched
-            or folded), and the working space ends there.
+        float or numpy.ma.MaskedArray
+            In rad, from 0 to pi/2.
 
         Raises
         ------
         LimitError
-            For scalars, if the terminal cannot be there.
+            For scalars, if the linkage cannot be closed at these angles.
         """
-        theta = self.inverse(x_mm, y_mm)
-        scalar = not isinstance(theta[0], np.ma.MaskedArray)
-        t1, t2, x, y = (np.ma.getdata(v) for v in np.broadcast_arrays(*theta, x_mm, y_mm))
-        a1, b1, b2, a2 = self.bar_mm
-        u1, u2, across = self._outer(t1, t2, x, y)
-        sines = [
-            across / (b1 * b2),
-            (np.sin(t1) * u1[1] - np.cos(t1) * u1[0]) / b1,
-            (np.sin(t2) * u2[1] + np.cos(t2) * u2[0]) / b2,
-        ]
-        found = [np.arcsin(np.minimum(abs(sine), 1)) for sine in sines]
-        if scalar:
-            return tuple(float(angle) for angle in found)
-        return tuple(np.ma.MaskedArray(angle, mask=np.isnan(angle)) for angle in found)
+        x, y = self.forward(theta1_rad, theta2_rad)
+        _, b1, b2, _ = self.bar_mm
+        *_, across = self._outer(theta1_rad, theta2_rad, x, y)
+        sine = np.minimum(abs(across) / (b1 * b2), 1)
+        return np.arcsin(sine) if isinstance(x, np.ma.MaskedArray) else float(np.arcsin(sine))
 
     def _answer(self, solve, names, first, second):
         scalar = np.ndim(first) == np.ndim(second) == 0
@@ -316,7 +307,8 @@ def _arm(x, y, inner, outer):
         Limit.AT_JOINT_1,
         limit,
     )
-    return np.where(theta <= -np.pi, theta + 2 * np.pi, theta), limit
+    turn = 2 * np.pi
+    return np.where(abs(theta) > np.pi, theta - np.copysign(turn, theta), theta), limit
 
 
 def _elbow_limits(apart, b1, b2):
