@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _WINDOW = 8  # readings that make a velocity
 _WINDOW_S = 2.0  # older ones tell nothing about it
+_MEAN = 4  # readings that a slow movement is told by
 _SIGMAS = 4.0  # that a movement has to stand out of the noise
 _MARGIN = 0.05  # of the range that a joint was calibrated over
 
@@ -31,7 +32,7 @@ class Angle(NamedTuple):
     angle_rad : float
     sigma_rad : float
         Standard error: noise, what the joint's line leaves, and the play unless it is known to be
-        taken up.
+        taken up. The line's part does not average out.
     velocity_rad_s, velocity_sigma_rad_s : float or None
         By the board's clock, over the last readings, so that of a moment in their middle; None
         with fewer than three of them.
@@ -84,8 +85,8 @@ class Encoder:
         self.offset_rad, self.gain = offset_rad, gain
         self._clock = ClockMap()
         self._recent: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # (device s, deg)
-        self._anchor_deg: float | None = None
-        self._moving = False
+        self._since: list[float] = []  # first and last readings since it was seen to move
+        self._still_for = 0  # readings
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
@@ -99,9 +100,10 @@ class Encoder:
         if self._recent and not 0 < device_s - self._recent[-1][0] < _WINDOW_S:
             self._recent.clear()  # the board restarted, or nothing was felt for long
         self._recent.append((device_s, indenter_deg))
-        self._follow(noise_deg)
+        self._follow(indenter_deg, noise_deg)
         # A joint at rest may stand anywhere in its play.
-        play_var = 0.0 if self._moving and self._direction else joint.backlash_deg**2 / 12
+        moving = self._direction and self._still_for < _WINDOW
+        play_var = 0.0 if moving else joint.backlash_deg**2 / 12
         # Mean absolute error to standard error, if normal; half the play of it is taken off below.
         line_var = max(math.pi / 2 * joint.accuracy_deg**2 - joint.backlash_deg**2 / 4, 0.0)
         angle_deg = indenter_deg + self._direction * joint.backlash_deg / 2
@@ -134,18 +136,23 @@ class Encoder:
         slack_um = _MARGIN * (high_um - low_um)
         return low_um - slack_um <= position_um <= high_um + slack_um
 
-    def _follow(self, noise_deg: float) -> None:
-        """Take note of a movement: of the last half of the window away from where it was."""
-        last = [deg for _, deg in self._recent][-_WINDOW // 2 :]
-        mean_deg = sum(last) / len(last)
-        if self._anchor_deg is None:
-            self._anchor_deg = mean_deg
-            return
-        moved_deg = mean_deg - self._anchor_deg
-        self._moving = abs(moved_deg) > _SIGMAS * noise_deg * math.sqrt(2 / len(last))
-        if self._moving:
-            self._direction = 1 if moved_deg > 0 else -1
-            self._anchor_deg = mean_deg
+    def _follow(self, indenter_deg: float, noise_deg: float) -> None:
+        """Take note of which way the indenter moved: at once if far, or else bit by bit."""
+        self._still_for += 1
+        last_deg = self._since[-1] if self._since else indenter_deg
+        moved_deg, least_deg = indenter_deg - last_deg, _SIGMAS * math.sqrt(2) * noise_deg
+        if abs(moved_deg) <= least_deg:
+            self._since.append(indenter_deg)
+            begun, now = self._since[:_MEAN], self._since[_MEAN:][-_MEAN:]
+            if not now:
+                return
+            moved_deg = sum(now) / len(now) - sum(begun) / len(begun)
+            least_deg = _SIGMAS * math.sqrt(1 / len(now) + 1 / len(begun)) * noise_deg
+            if abs(moved_deg) <= least_deg:
+                del self._since[_MEAN:-_MEAN]
+                return
+        self._direction = 1 if moved_deg > 0 else -1
+        self._since, self._still_for = [indenter_deg], 0
 
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         count = len(self._recent)

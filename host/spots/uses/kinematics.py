@@ -106,7 +106,7 @@ class Kinematics:
         x_mm, y_mm : float or numpy.ma.MaskedArray
         """
         theta = [o + g * a for o, g, a in zip(self.offset_rad, self.gain, angles_rad)]
-        return _framed(self.values, *self.linkage.forward(*theta))
+        return framed(self.values, *self.linkage.forward(*theta))
 
     def report(self) -> str:
         """Return all of it as text."""
@@ -136,7 +136,7 @@ def calibrate(
     y_mm,
     start: Linkage,
     *,
-    angle_sigma_rad: float,
+    angle_sigma_rad,
     place_sigma_mm: float,
     offset_rad=(0.0, 0.0),
     gain=(1.0, 1.0),
@@ -152,8 +152,10 @@ def calibrate(
         Where the terminal was, by a ruler, a grid or a machine, in a frame of its own.
     start : Linkage
         As drawn.
-    angle_sigma_rad, place_sigma_mm : float
-        Standard errors of an angle, and of a coordinate of a place.
+    angle_sigma_rad : float or array_like, shape (2, n)
+        Standard error of the angles, see `Angle.sigma_rad`.
+    place_sigma_mm : float
+        Standard error of a coordinate of a place.
     offset_rad, gain : pair of float
         Of the encoders, as meant; the mounting of `Encoder`.
     free : tuple of str
@@ -173,7 +175,10 @@ def calibrate(
     """
     if find_spec("scipy") is None:
         raise SpotsError("kinematic calibration needs scipy: pip install 'spots[kinematics]'")
-    angles, places = _checked(angles_rad, x_mm, y_mm, free, angle_sigma_rad, place_sigma_mm)
+    angles, places = _checked(angles_rad, x_mm, y_mm, free)
+    angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
+    if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):
+        raise SpotsError("the standard errors of angles and places are more than 0")
     values = dict(zip(NAMES, (*start.bar_mm, start.base_mm, *offset_rad, *gain, 0, 0, 0, 1)))
     names = tuple(name for name in NAMES if name in free)
     centre = np.array([values[name] for name in names])
@@ -257,7 +262,7 @@ class _Fit:
             shift[joint] = step
             ahead = self._terminal(values, self._angles + shift)
             slopes.append((ahead - self._terminal(values, self._angles - shift)) / (2 * step))
-        slopes = np.stack(slopes, axis=-1) * angle_sigma_rad
+        slopes = np.stack(slopes, axis=-1) * angle_sigma_rad.T[:, None, :]
         covariance = slopes @ slopes.transpose(0, 2, 1) + place_sigma_mm**2 * np.eye(2)
         return np.linalg.inv(np.linalg.cholesky(covariance))
 
@@ -273,11 +278,12 @@ class _Fit:
         along = 0.5 + (b1**2 - b2**2) / (2 * apart2)
         off = self._side * np.sqrt(np.maximum(b1**2 / apart2 - along**2, 1e-12))
         return np.stack(
-            _framed(values, x1 + along * dx - off * dy, y1 + along * dy + off * dx), axis=-1
+            framed(values, x1 + along * dx - off * dy, y1 + along * dy + off * dx), axis=-1
         )
 
 
-def _framed(values, x_mm, y_mm):
+def framed(values, x_mm, y_mm):
+    """Return places by the frame of the base joints as the measuring frame has them."""
     cos = values["frame_scale"] * np.cos(values["frame_rad"])
     sin = values["frame_scale"] * np.sin(values["frame_rad"])
     return (
@@ -300,18 +306,16 @@ def _told(jacobian, names, misfit):
     return errors, tuple(groups), len(names) - len(groups), float(condition)
 
 
-def _checked(angles_rad, x_mm, y_mm, free, angle_sigma_rad, place_sigma_mm):
-    angles = np.asarray(angles_rad, dtype=float)
-    places = np.stack(np.broadcast_arrays(*np.atleast_1d(x_mm, y_mm)), axis=-1).astype(float)
-    if angles.shape != (2, len(places)) or places.ndim != 2:
+def _checked(angles_rad, x_mm, y_mm, free):
+    angles, x_mm, y_mm = (np.asarray(v, dtype=float) for v in (angles_rad, x_mm, y_mm))
+    if not (x_mm.ndim == 1 and x_mm.shape == y_mm.shape and angles.shape == (2, len(x_mm))):
         raise SpotsError("a kinematic calibration takes two angles, an x and a y for each place")
+    places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
         raise SpotsError("the angles and places of a kinematic calibration are finite numbers")
     strange = sorted(set(free) - set(NAMES))
     if strange or not free:
         raise SpotsError(f"free parameters are some of {', '.join(NAMES)}")
-    if not (angle_sigma_rad > 0 and place_sigma_mm > 0):
-        raise SpotsError("the standard errors of angles and places are more than 0")
     if 2 * len(places) < len(set(free)):
         raise SpotsError(
             f"{len(places)} places tell {2 * len(places)} numbers, fewer than the {len(set(free))} "

@@ -23,10 +23,9 @@ from .encoder import Encoder
 from .twin import readings
 
 START_S = 2.0  # by then the boards are open and stream
-_WARM_S = 120.0
 _ANGLES = 11  # as `spots calibrate joint` asks for, up and down
 _WINDOW = 24  # readings of each
-_DWELL_S, _MOVE_S = 0.4, 0.2
+_MOVE_S = 0.1
 
 
 class Turned(NamedTuple):
@@ -99,21 +98,29 @@ class Simulation:
     motion : Motion
         Begins at `START_S`.
     seed : int
-        Of the noise; each board has its own.
+        Of the noise, of which each board has its own. The same seed has the same two strips.
     exposure_us : int
+    run : int
+        Of the same strips: other noise.
     """
 
     def __init__(
-        self, sensor: SensorFile, linkage: LinkageFile, motion: Motion, seed: int, exposure_us: int
+        self,
+        sensor: SensorFile,
+        linkage: LinkageFile,
+        motion: Motion,
+        seed: int,
+        exposure_us: int,
+        run: int = 0,
     ):
         self.mechanism = Mechanism(linkage, sensor)
         self.motion = motion
-        seeds = np.random.SeedSequence(seed).generate_state(4).tolist()
-        self.strips = [calibrated(sensor, linkage, s, exposure_us) for s in seeds[:2]]
+        strips, noise = (np.random.SeedSequence((seed, n)).generate_state(2) for n in (0, run + 1))
+        self.strips = [calibrated(sensor, linkage, int(s), exposure_us) for s in strips]
         with ExitStack() as opened:
             self.boards: list[Board] = []
-            for strip, scenario, s in zip(self.strips, self.mechanism.drive(motion), seeds[2:]):
-                link = LockstepLink(sensor, scenario, s)
+            for strip, scenario, s in zip(self.strips, self.mechanism.drive(motion), noise):
+                link = LockstepLink(sensor, scenario, int(s))
                 self.boards.append(opened.enter_context(Board(link)))
                 prepare(self.boards[-1], strip.lines)
             self._opened = opened.pop_all()
@@ -143,24 +150,30 @@ class Simulation:
 
 
 def visited(
-    sensor: SensorFile, linkage: LinkageFile, x_mm, y_mm, seed: int, exposure_us: int
-) -> np.ndarray:
-    """Stop the terminal at each place and return one reading of each joint there.
+    sensor: SensorFile,
+    linkage: LinkageFile,
+    x_mm,
+    y_mm,
+    seed: int,
+    exposure_us: int,
+    run: int = 0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stop the terminal at each place and take one reading of each joint there.
 
     Returns
     -------
-    numpy.ndarray, shape (2, n)
-        Angles in rad by the joints' own calibration, with the play taken into account.
+    angles_rad, sigmas_rad : numpy.ndarray, shape (2, n)
+        By the joints' own calibration, with the play taken into account; and standard errors.
     """
-    motion = dwelling(x_mm, y_mm, START_S, max(_DWELL_S, 4e-6 * exposure_us), _MOVE_S)
-    found = np.full((2, len(x_mm)), np.nan)
-    with Simulation(sensor, linkage, motion, seed, exposure_us) as simulation:
+    motion = dwelling(x_mm, y_mm, START_S, 2.5e-6 * exposure_us, _MOVE_S)
+    found = np.full((2, 2, len(x_mm)), np.nan)
+    with Simulation(sensor, linkage, motion, seed, exposure_us, run) as simulation:
         encoders = simulation.encoders((0.0, 0.0))
+        half_s = 0.5e-6 * exposure_us
         for joint, touch in simulation.readings():
             angle = encoders[joint].take(touch)
-            half_s = 0.5e-6 * exposure_us
             # Between two waypoints with the same place, for the whole of its exposure.
             i = int(np.searchsorted(motion.time_s, touch.time_s - half_s))
             if i % 2 and i < len(motion.time_s) and touch.time_s + half_s <= motion.time_s[i]:
-                found[joint, i // 2] = angle.angle_rad
-    return found
+                found[:, joint, i // 2] = angle.angle_rad, angle.sigma_rad
+    return found[0], found[1]
