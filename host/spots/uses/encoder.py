@@ -32,7 +32,9 @@ class Angle(NamedTuple):
     angle_rad : float
     sigma_rad : float
         Standard error: noise, what the joint's line leaves, and the play unless it is known to be
-        taken up. The line's part does not average out.
+        taken up.
+    systematic_rad : float
+        Of this, what does not average out over readings: all but the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
         By the board's clock, over the last readings, so that of a moment in their middle; None
         with fewer than three of them.
@@ -47,6 +49,7 @@ class Angle(NamedTuple):
     device_s: float
     angle_rad: float
     sigma_rad: float
+    systematic_rad: float
     velocity_rad_s: float | None
     velocity_sigma_rad_s: float | None
     direction: int
@@ -106,6 +109,7 @@ class Encoder:
         play_var = 0.0 if moving else joint.backlash_deg**2 / 12
         # Mean absolute error to standard error, if normal; half the play of it is taken off below.
         line_var = max(math.pi / 2 * joint.accuracy_deg**2 - joint.backlash_deg**2 / 4, 0.0)
+        systematic_deg = math.sqrt(line_var + play_var)
         angle_deg = indenter_deg + self._direction * joint.backlash_deg / 2
         velocity, velocity_sigma = self._velocity(noise_deg)
         scale = math.radians(self.gain)
@@ -113,7 +117,8 @@ class Encoder:
             device_s if touch.time_s is None else touch.time_s,
             device_s,
             self.offset_rad + scale * angle_deg,
-            abs(scale) * math.sqrt(noise_deg**2 + line_var + play_var),
+            abs(scale) * math.hypot(noise_deg, systematic_deg),
+            abs(scale) * systematic_deg,
             None if velocity is None else scale * velocity,
             None if velocity is None else abs(scale) * velocity_sigma,
             self._direction if self.gain > 0 else -self._direction,

@@ -26,6 +26,7 @@ START_S = 2.0  # by then the boards are open and stream
 _ANGLES = 11  # as `spots calibrate joint` asks for, up and down
 _WINDOW = 24  # readings of each
 _MOVE_S = 0.1
+_APART = 0.4  # of an exposure
 
 
 class Turned(NamedTuple):
@@ -119,8 +120,11 @@ class Simulation:
         self.strips = [calibrated(sensor, linkage, int(s), exposure_us) for s in strips]
         with ExitStack() as opened:
             self.boards: list[Board] = []
-            for strip, scenario, s in zip(self.strips, self.mechanism.drive(motion), noise):
-                link = LockstepLink(sensor, scenario, int(s))
+            scenarios = self.mechanism.drive(motion)
+            for i, (strip, scenario, s) in enumerate(zip(self.strips, scenarios, noise)):
+                # Two boards are not switched on at the same moment, and never read at the same.
+                on_s = _APART * i * exposure_us * 1e-6
+                link = LockstepLink(sensor, scenario, int(s), started_s=on_s)
                 self.boards.append(opened.enter_context(Board(link)))
                 prepare(self.boards[-1], strip.lines)
             self._opened = opened.pop_all()

@@ -170,7 +170,9 @@ def _between(last: deque[Angle], time_s: float) -> _Moment | None:
     share = (time_s - old.time_s) / (new.time_s - old.time_s)
     return _Moment(
         old.angle_rad + share * (new.angle_rad - old.angle_rad),
-        ((1 - share) * old.sigma_rad) ** 2 + (share * new.sigma_rad) ** 2,
+        (1 - share) ** 2 * (old.sigma_rad**2 - old.systematic_rad**2)
+        + share**2 * (new.sigma_rad**2 - new.systematic_rad**2)
+        + max(old.systematic_rad, new.systematic_rad) ** 2,
         new.velocity_rad_s,
         old.within and new.within,
     )
