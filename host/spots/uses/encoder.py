@@ -13,7 +13,8 @@ from ..frames import Touch
 if TYPE_CHECKING:
     from ..calibrate.file import Joint
 
-_WINDOW = 8  # readings that make a velocity
+_WINDOW_LEAST, _WINDOW = 3, 8  # readings that make a velocity
+_CLEAR = 10.0  # standard errors, from which on a velocity needs no more readings
 _WINDOW_S = 2.0  # older ones tell nothing about it
 _MEAN = 4  # readings that a slow movement is told by
 _SIGMAS = 4.0  # that a movement has to stand out of the noise
@@ -36,8 +37,8 @@ class Angle(NamedTuple):
     systematic_rad : float
         Of this, what does not average out over readings: all but the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        By the board's clock, over the last readings, so that of a moment in their middle; None
-        with fewer than three of them.
+        By the board's clock, over the last 3 to 8 readings, so that of a moment in their middle:
+        fewer the faster it is. None with fewer than three.
     direction : int
         In which the play was last taken up: 1 towards larger angles, -1 towards smaller ones, 0
         if that is not known yet.
@@ -160,10 +161,15 @@ class Encoder:
         self._since, self._still_for = [indenter_deg], 0
 
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
-        count = len(self._recent)
-        if count < 3:
-            return None, None
-        middle_s = sum(s for s, _ in self._recent) / count
-        spread = sum((s - middle_s) ** 2 for s, _ in self._recent)
-        slope = sum((s - middle_s) * deg for s, deg in self._recent) / spread
-        return slope, noise_deg / math.sqrt(spread)
+        """Return the slope over the last readings, as few as make it stand out of the noise."""
+        recent = list(self._recent)
+        slope = sigma = None
+        for count in range(_WINDOW_LEAST, len(recent) + 1):
+            last = recent[-count:]
+            middle_s = sum(s for s, _ in last) / count
+            spread = sum((s - middle_s) ** 2 for s, _ in last)
+            slope = sum((s - middle_s) * deg for s, deg in last) / spread
+            sigma = noise_deg / math.sqrt(spread)
+            if abs(slope) > _CLEAR * sigma:
+                break
+        return slope, sigma
