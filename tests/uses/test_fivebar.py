@@ -97,9 +97,7 @@ def test_the_angles_are_those_of_the_papers_equations(bar, base, way, share):
     assume(math.hypot(base - x, y) > 0.01)
     # pi / 2 less the direction, which arctan y / x is only to the right of the joint.
     first = math.pi / 2 - math.atan2(y, x) - math.acos(math.hypot(x, y) / (2 * bar))
-    second = (
-        math.pi / 2 - math.atan2(y, base - x) - math.acos(math.hypot(base - x, y) / (2 * bar))
-    )
+    second = math.pi / 2 - math.atan2(y, base - x) - math.acos(math.hypot(base - x, y) / (2 * bar))
     near, far = Linkage(bar, base, "near"), Linkage(bar, base)
     fits = [one for one in (near, far) if one.inverse_limits(x, y) == Limit.NONE]
     assert fits  # one of the assemblies gets there, in whatever quadrant

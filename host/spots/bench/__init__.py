@@ -15,8 +15,8 @@ def run() -> dict:
     Returns
     -------
     dict
-        ``driver``, ``firmware``, ``host`` and ``linkage``, each as the module of that name describes it, and
-        ``boards`` as `space` does.
+        ``driver``, ``firmware``, ``host`` and ``linkage``, each as the module of that name
+        describes it, and ``boards`` as `space` does.
 
     Raises
     ------

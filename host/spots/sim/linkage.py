@@ -18,7 +18,7 @@ TRAVEL = (0.1, 0.9)  # of the strip, that the indenter travels
 _STEP_S = 1e-3
 _WIDTH_MM = 4.0
 _CURVE_STEPS = 24  # from one point of a smooth stroke to the next
-_PAUSE_S = 0.2  # before the first stroke, and between strokes
+_PAUSE_S = 0.2  # after each stroke, and after each way to the next
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
         if i:
             legs.append((np.array([legs[-1][0][-1], line[0]]), False))
         legs.append((line, True))
-    times, places, drawing = [start_s], [legs[0][0][:1]], [np.array([False])]
+    places, drawing = [legs[0][0][:1]], [np.array([False])]
     for line, draws in legs:
         lengths = np.append(0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
         # From rest to rest with the least jerk; the mean speed is that of the file.

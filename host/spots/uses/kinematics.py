@@ -35,7 +35,8 @@ _ROBUST = 2.0  # standard errors, from which on a residual pulls less than its s
 _OUTLIER = 5.0
 _KNOWN = 0.5  # a direction is told if the places leave less than this of what was unknown of it
 _NAMED = 0.3  # of the largest share, to be named with it
-_ROUNDS = 3  # of weights that follow from the last fit
+_ROUNDS = 4  # of weights, and outliers, that follow from the last fit
+_NONSENSE = 0.02  # of a bar: a fit that leaves more is none
 
 
 @dataclass(frozen=True)
@@ -188,16 +189,16 @@ def calibrate(
     fit = _Fit(angles, places, values, names, start.assembly)
     scale = np.full((len(places), 2, 2), np.eye(2) / place_sigma_mm)
     found = np.zeros(len(names))  # in units of the ranges, from the start
+    outlier = np.zeros(len(places), bool)
     for _ in range(_ROUNDS):
-        found = fit.solve(scale, centre, ranges, found)
+        found = fit.solve(np.where(outlier[:, None, None], 0, scale), centre, ranges, found)
         at = centre + ranges * found
         scale = fit.weights(at, angle_sigma_rad, place_sigma_mm)
-    residual_mm = fit.residual_mm(at)
-    white = np.einsum("nij,nj->ni", scale, residual_mm)
-    distance = np.hypot(*white.T) / np.sqrt(2)
-    misfit = float(np.median(np.hypot(*white.T)) / np.sqrt(2 * np.log(2)))
-    outlier = distance > _OUTLIER * max(misfit, 1)
-    if outlier.mean() > 0.5 or not np.isfinite(white).all():
+        residual_mm = fit.residual_mm(at)
+        distance = np.hypot(*np.einsum("nij,nj->in", scale, residual_mm)) / np.sqrt(2)
+        misfit = float(np.median(distance) / np.sqrt(np.log(2)))  # Rayleigh's median
+        outlier = distance > _OUTLIER * max(misfit, 1)
+    if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError("the angles and places do not go together: is each of the same moment?")
     jacobian = fit.jacobian(at, ranges, scale)[np.repeat(~outlier, 2)]
     errors, unidentified, rank, condition = _told(jacobian, names, max(misfit, 1.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -176,6 +177,12 @@ def _between(last: deque[Angle], time_s: float) -> _Moment | None:
         new.velocity_rad_s,
         old.within and new.within,
     )
+
+
+def merged(first: Iterable[Touch], second: Iterable[Touch]) -> Iterator[tuple[int, Touch]]:
+    """Yield (joint, reading) of two recordings whose times are of one clock, in order of time."""
+    streams = (((joint, touch) for touch in of) for joint, of in enumerate((first, second)))
+    return heapq.merge(*streams, key=lambda pair: pair[1].time_s)
 
 
 def readings(boards: list[Board], seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
