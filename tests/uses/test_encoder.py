@@ -65,7 +65,9 @@ def test_the_speed_is_by_the_boards_clock(start_us):
     encoder = Encoder(JOINT)
     for i in range(20):
         jitter_s = 0.01 * (-1) ** i
-        now = touch((20 + 1.5 * i + 20) / 0.002, i, time_s=i * PERIOD_S + jitter_s, start_us=start_us)
+        now = touch(
+            (20 + 1.5 * i + 20) / 0.002, i, time_s=i * PERIOD_S + jitter_s, start_us=start_us
+        )
         angle = encoder.take(now)
         assert angle.time_s == now.time_s
         if i < 2:

@@ -101,7 +101,7 @@ class CalibrationFile(_Struct, kw_only=True):
     gain: int
     exposure_us: int
     led_mA: int
-    residuals: list[Residual]
+    residuals: list[Residual] = []
     joint: Joint | None = None
     lines: tuple[str, ...]
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from ..board import Board
-from ..calibrate.file import Joint
+from ..calibrate.file import CalibrationFile
 from ..calibrate.joint import fit_joint
 from ..calibrate.rig import Rig
 from ..connect import prepare
@@ -38,23 +37,10 @@ class Turned(NamedTuple):
     position_sigma_um: float
 
 
-@dataclass(frozen=True)
-class Strip:
-    """A calibrated strip with its joint.
-
-    Attributes
-    ----------
-    lines : tuple of str
-        The board's calibration.
-    joint : Joint
-    """
-
-    lines: tuple[str, ...]
-    joint: Joint
-
-
 @lru_cache(maxsize=16)
-def calibrated(sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int) -> Strip:
+def calibrated(
+    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int
+) -> CalibrationFile:
     """Calibrate a strip, then its joint, as a person would do before mounting both.
 
     Parameters
@@ -86,7 +72,7 @@ def calibrated(sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us:
             points.append(
                 Turned(angle, way, float(np.mean(places_um)), float(np.std(places_um, ddof=1)))
             )
-        return Strip(rig.lines, fit_joint(points))
+        return CalibrationFile.now(rig.conditions, rig.lines, [], fit_joint(points))
 
 
 class Simulation:
@@ -103,6 +89,12 @@ class Simulation:
     exposure_us : int
     run : int
         Of the same strips: other noise.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    strips : list of CalibrationFile
+    boards : list of Board
     """
 
     def __init__(
@@ -116,11 +108,11 @@ class Simulation:
     ):
         self.mechanism = Mechanism(linkage, sensor)
         self.motion = motion
+        scenarios = self.mechanism.drive(motion)
         strips, noise = (np.random.SeedSequence((seed, n)).generate_state(2) for n in (0, run + 1))
         self.strips = [calibrated(sensor, linkage, int(s), exposure_us) for s in strips]
         with ExitStack() as opened:
             self.boards: list[Board] = []
-            scenarios = self.mechanism.drive(motion)
             for i, (strip, scenario, s) in enumerate(zip(self.strips, scenarios, noise)):
                 # Two boards are not switched on at the same moment, and never read at the same.
                 on_s = _APART * i * exposure_us * 1e-6

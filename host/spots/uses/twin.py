@@ -6,6 +6,7 @@ import heapq
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -181,8 +182,8 @@ def _between(last: deque[Angle], time_s: float) -> _Moment | None:
 
 def merged(first: Iterable[Touch], second: Iterable[Touch]) -> Iterator[tuple[int, Touch]]:
     """Yield (joint, reading) of two recordings whose times are of one clock, in order of time."""
-    streams = (((joint, touch) for touch in of) for joint, of in enumerate((first, second)))
-    return heapq.merge(*streams, key=lambda pair: pair[1].time_s)
+    pairs = zip(repeat(0), first), zip(repeat(1), second)
+    return heapq.merge(*pairs, key=lambda pair: pair[1].time_s)
 
 
 def readings(boards: list[Board], seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
