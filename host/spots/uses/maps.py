@@ -67,7 +67,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
         keep = (np.ma.filled(apart, 0.0) >= LEAST_OUTER_RAD) & (y_mm > 0)
         return keep & mechanism.reaches(x_mm, y_mm) if mechanism is not None else keep
 
-    figure, axis = panels(width=7.0, height=6.2)
+    figure, axis = panels(width=7.0, height=5.6)
     for joint, colour in ((0, _RED), (1, _BLUE)):
         named = False
         for degrees in range(-180, 180, step_deg):
@@ -95,7 +95,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     _bars(axis, linkage, (linkage.base_mm / 2, 1.5 * linkage.bar_mm[0]))
     label(axis, "Where the terminal is with either joint at an angle", "x (mm)", "y (mm)")
     axis.set_aspect("equal")
-    legend(axis, loc="lower center", ncols=2, bbox_to_anchor=(0.5, -0.2))
+    legend(axis, loc="lower center")
     return save(figure, path)
 
 
