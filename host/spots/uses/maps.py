@@ -95,7 +95,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     _bars(axis, linkage, (linkage.base_mm / 2, 1.5 * linkage.bar_mm[0]))
     label(axis, "Where the terminal is with either joint at an angle", "x (mm)", "y (mm)")
     axis.set_aspect("equal")
-    legend(axis, loc="lower center")
+    legend(axis, loc="center", bbox_to_anchor=(0.5, 0.32))
     return save(figure, path)
 
 

@@ -6,7 +6,7 @@ import heapq
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
-from itertools import repeat
+from itertools import pairwise, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from .fivebar import Limit, LimitError, Linkage
 
 _GAP_S = 1.0  # between two readings of a joint, that nothing is told about
 _TRAIL = 4096
+_SIGMAS = 3.0  # that a turn's beginning or end has to stand out of the noise
 _NEAR_IN_LINE_RAD = math.radians(10)
 _POLL_S = 0.005
 
@@ -101,7 +102,7 @@ class Twin:
         self.linkage = linkage
         self.encoders = tuple(encoders)
         self.trail: deque[Terminal] = deque(maxlen=_TRAIL)
-        self._last: list[deque[Angle]] = [deque(maxlen=2), deque(maxlen=2)]
+        self._last: list[deque[Angle]] = [deque(maxlen=3), deque(maxlen=3)]
         self._told_s = -math.inf
 
     def take(self, joint: int, touch: Touch) -> Terminal | None:
@@ -166,18 +167,39 @@ def _between(last: deque[Angle], time_s: float) -> _Moment | None:
     new = last[-1]
     if new.time_s == time_s:
         return _Moment(new.angle_rad, new.sigma_rad**2, new.velocity_rad_s, new.within)
-    old = last[0]
+    if len(last) < 2:
+        return None
+    old = last[-2]
     if not old.time_s <= time_s < new.time_s <= old.time_s + _GAP_S:
         return None
     share = (time_s - old.time_s) / (new.time_s - old.time_s)
     return _Moment(
-        old.angle_rad + share * (new.angle_rad - old.angle_rad),
+        old.angle_rad + share * (new.angle_rad - old.angle_rad) + _bow(last, time_s),
         (1 - share) ** 2 * (old.sigma_rad**2 - old.systematic_rad**2)
         + share**2 * (new.sigma_rad**2 - new.systematic_rad**2)
         + max(old.systematic_rad, new.systematic_rad) ** 2,
         new.velocity_rad_s,
         old.within and new.within,
     )
+
+
+def _bow(last: deque[Angle], time_s: float) -> float:
+    """Return how far a parabola through three readings is off the line through the last two.
+
+    0 unless it stands out of the noise, which a parabola would only let in.
+    """
+    if len(last) < 3:
+        return 0.0
+    first, old, new = last
+    before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s
+    if before_s > _GAP_S:
+        return 0.0
+    slopes = [(b.angle_rad - a.angle_rad) / (b.time_s - a.time_s) for a, b in pairwise(last)]
+    bend = (slopes[1] - slopes[0]) / (before_s + since_s)
+    noise_rad = math.sqrt(max(new.sigma_rad**2 - new.systematic_rad**2, 0.0))
+    if abs(bend) * before_s * since_s < _SIGMAS * math.sqrt(1.5) * noise_rad:
+        return 0.0
+    return bend * (time_s - old.time_s) * (time_s - new.time_s)
 
 
 def merged(first: Iterable[Touch], second: Iterable[Touch]) -> Iterator[tuple[int, Touch]]:
