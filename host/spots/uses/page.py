@@ -199,8 +199,8 @@ the twin knows the true lengths. Seeds {min(SEEDS)} to {max(SEEDS)}, in mm:
 What is expected is what the twin says of itself as it goes: the noise of the strips, their
 joints' straight lines and the play, through the Jacobian. Two things are not in it: what the
 terminal did between two readings, and the error of the dark frame. The board takes one at its
-start, and never again as long as the strip is pressed, which a joint's strip always is; in long
-exposures, with their little noise, it is the larger part.
+start, and never again as long as the strip is pressed, which a joint's strip always is; beside the
+little noise of a longer exposure it shows.
 
 ![SUST: the terminal's path and what the twin told, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """
