@@ -46,8 +46,11 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seconds", type=_seconds, help="end after so long (10 off a terminal)")
     demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
     demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
+    demo.add_argument("--use", default="strip", help="what to do with it: strip or controller")
     _add_simulation(demo)
     demo.set_defaults(run=_demo)
+
+    _add_controller(commands)
 
     bench = commands.add_parser("bench", help="driver, firmware and host against their peers")
     bench.add_argument("--json", action="store_true", help="one JSON object")
@@ -76,6 +79,16 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("line", nargs="+", help="such as: set exposure_us=10000")
     command.set_defaults(run=_command)
     return parser
+
+
+def _add_controller(commands) -> None:
+    controller = commands.add_parser("controller", help="be a gamepad that a strip plays")
+    _add_port(controller)
+    controller.add_argument("--settings", metavar="FILE.toml", help="the default if not given")
+    controller.add_argument("--dry-run", action="store_true", help="print states, be no gamepad")
+    controller.add_argument("--calibrate", action="store_true", help="measure rest and ends")
+    controller.add_argument("--seconds", type=_seconds, help="end after so long")
+    controller.set_defaults(run=_controller)
 
 
 def _add_boards(commands) -> None:
@@ -203,10 +216,22 @@ def _demo(options: argparse.Namespace) -> None:
     if seconds is None and not sys.stdout.isatty():
         seconds = 10.0
     summary = demo(
-        options.sensor, options.scenario, options.seed, seconds, options.fast, quiet=options.json
+        options.sensor,
+        options.scenario,
+        options.seed,
+        seconds,
+        options.fast,
+        options.json,
+        options.use,
     )
     if options.json:
         print(json.dumps(summary))
+
+
+def _controller(options: argparse.Namespace) -> None:
+    from .uses.play import run
+
+    run(options)
 
 
 def _bench(options: argparse.Namespace) -> None:

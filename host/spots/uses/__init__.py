@@ -1,1 +1,1 @@
-"""What a strip is good for: built on the readings of a board, and nothing else."""
+"""What a host program makes of readings: a controller, and the devices that it plays."""
