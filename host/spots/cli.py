@@ -181,7 +181,7 @@ _seconds = _number("a time in seconds", 0.001, 1e9)
 _length_mm = _number("the length of a strip in mm", 1, 1000)
 _strain_percent = _number("a strain in percent", 0.01, 50)
 _seed = _number("a seed", 0, 2**63, int)
-_exposure_us = _number("an exposure in us", 1000, 1_000_000, int)
+_exposure_us = _number("an exposure in us", 2000, 200_000, int)
 
 
 def _open(options: argparse.Namespace):

@@ -92,6 +92,8 @@ def test_the_speeds_error_is_that_of_its_scatter():
     speeds = np.array([angle.velocity_rad_s for angle in still])
     sigmas = np.array([angle.velocity_sigma_rad_s for angle in still])
     assert speeds.std() == pytest.approx(sigmas.mean(), rel=0.1)
+    fast = played(JOINT, 5.0 * np.arange(20), noise_deg=0.03)[-1]
+    assert fast.velocity_sigma_rad_s > 4 * sigmas.mean()  # 3 readings, not 8
     angles = np.array([angle.angle_rad for angle in still])
     assert angles.std() == pytest.approx(np.mean([a.sigma_rad for a in still]), rel=0.05)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import SpotsError
 from ..sim.files import LinkageFile, PathFile, SensorFile
 from ..sim.linkage import Mechanism, Motion, guided
 from . import kinematics
@@ -189,7 +190,7 @@ def follow(
     Raises
     ------
     SpotsError
-        If the linkage cannot follow the path.
+        If the linkage cannot follow the path, or the path is over before anything was told.
     """
     motion = guided(path, START_S)
     with Simulation(sensor, linkage, motion, seed, exposure_us) as simulation:
@@ -202,6 +203,8 @@ def follow(
                 tell(terminal)
         lost = sum(board.stats.lost for board in simulation.boards)
     told = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
+    if told.size < 6:
+        raise SpotsError("the path is too short: the twin told less than two terminals")
     x_mm, y_mm = motion.at(told[0])
     return Run(motion, true, terminals, np.hypot(told[1] - x_mm, told[2] - y_mm), lost)
 
