@@ -131,13 +131,10 @@ class Simulation:
         """End both boards."""
         self._opened.close()
 
-    def encoders(self, offset_rad=None, gain=(1.0, 1.0)) -> tuple[Encoder, Encoder]:
+    def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
         """Return new encoders; mounted as they truly are, unless told otherwise."""
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
-        return tuple(
-            Encoder(strip.joint, offset, one)
-            for strip, offset, one in zip(self.strips, offset_rad, gain)
-        )
+        return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
 
     def readings(self) -> Iterator[tuple[int, Touch]]:
         """Yield (joint, reading) until the motion is over."""
