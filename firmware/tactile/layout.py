@@ -39,7 +39,7 @@ LIMITS = {
     "release_mN": (0, 65_535, 0),
     "firm_mN": (1, 65_535, 4_000),
     "jump_um": (500, 1_000_000, 5_000),  # farther from one reading to the next goes no finger
-    "slack_um": (0, 100_000, 1_500),  # a quick second tap may miss its key by so much
+    "slack_um": (0, 100_000, 500),  # a quick second tap may miss its key by so much
     "slide_um": (200, 1_000_000, 4_000),
     "swipe_um": (1_000, 1_000_000, 20_000),
     "release_ms": (0, 1_000, 15),

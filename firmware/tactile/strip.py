@@ -7,12 +7,17 @@ search.
 
 from array import array
 
-from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
+from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, MISFIT, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE, Search
 from .kernel import accumulate, follow
 from .smux import CHANNELS
 
 IDLE_US = 1_000_000  # untouched for so long before the strip may blink
+# Light that is no press for so long, or light without a touch that is not what it was by so many
+# counts in all, may be a lamp that was switched on: the dark is taken again, but not more often.
+ODD_US = 300_000
+ODD_COUNTS = 24
+ODD_EVERY_US = 2_000_000
 # A dark window takes six samples: rare enough that the strip is hardly ever blind.
 DARK_EVERY_US = 10_000_000
 DARK_EVERY_SAMPLES = 100
@@ -72,7 +77,8 @@ class Strip:
         self._blink_samples = 0
         self._dark_known = False
         self._dark_wanted = False
-        self._idle_us = 0
+        self._idle_us = self._odd_us = 0
+        self._quiet = -1
         self._dark_age_us = 0
         self._dark_every_us = DARK_EVERY_US
         self._missed = 0
@@ -154,10 +160,7 @@ class Strip:
             flags |= DARK_SUBTRACTED
         decode = self.decode
         decode.update(self._sums, samples, self._floor, flags)
-        if decode.flags & TOUCHING:
-            self._idle_us = 0
-        elif self._idle_us < IDLE_US:
-            self._idle_us += samples * sensor.exposure_us
+        self._judge_quiet(decode.flags, samples * sensor.exposure_us)
         self._time.set(self._add(sensor.complete, -(samples * sensor.exposure_us >> 1)))
         if self.stream_touch:
             self._framer.touch(self.index, decode)
@@ -174,6 +177,29 @@ class Strip:
                     sums[i] = (sums[i] + (samples >> 1)) // samples
             self._framer.spectrum(self.index, decode.flags, sensor.gain, self._sums)
         self._restart_average()
+
+    def _judge_quiet(self, flags, lasted_us):
+        if flags & TOUCHING:
+            self._idle_us = 0
+        elif self._idle_us < IDLE_US:
+            self._idle_us += lasted_us
+        if not self._is_odd(flags):
+            self._odd_us = 0
+        elif self._odd_us < ODD_US:
+            self._odd_us += lasted_us
+        elif self._dark_age_us >= ODD_EVERY_US:
+            self._dark_wanted = True
+
+    def _is_odd(self, flags):
+        if flags & (TOUCHING | LED_OFF):
+            return flags & MISFIT
+        light = 0
+        for i in range(CHANNELS):
+            light += self._sums[i]
+        light //= self._samples
+        if self._quiet < 0:
+            self._quiet = light
+        return abs(light - self._quiet) > ODD_COUNTS
 
     def _follow(self, samples, rests):
         if rests or self._rest_wanted:
@@ -233,7 +259,8 @@ class Strip:
         self._blink = _RISING
         self._dark_known = True
         self._dark_wanted = False
-        self._dark_age_us = 0
+        self._dark_age_us = self._odd_us = 0
+        self._quiet = -1
         done, self._on_dark = self._on_dark, None
         if done:
             done()

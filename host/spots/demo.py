@@ -34,7 +34,7 @@ class _Hashing:
 
 def demo(
     sensor: str,
-    scenario: str,
+    scenario: str | None,
     seed: int,
     seconds: float | None,
     fast: bool,
@@ -46,7 +46,7 @@ def demo(
     Parameters
     ----------
     sensor, scenario : str
-        Files, by path or name.
+        Files, by path or name; no scenario for that of the use.
     seed : int
         Of the noise.
     seconds : float or None
@@ -65,6 +65,8 @@ def demo(
     """
     if use not in USES:
         raise SpotsError(f"there is no demo of '{use}': --use takes one of {', '.join(USES)}")
+    show, usual = USES[use]
+    scenario = scenario or usual
     truth = Scenario(load(ScenarioFile, scenario))
     if fast:
         board, link = open_fast(sensor, truth, seed)
@@ -72,7 +74,7 @@ def demo(
     else:
         (board, started_s), link = open_virtual(sensor, scenario, seed), None
     with board:
-        summary = USES[use](board, truth, started_s, seconds, quiet)
+        summary = show(board, truth, started_s, seconds, quiet)
     if link is not None:
         summary["stream_sha256"] = link.sha256.hexdigest()
     return summary
@@ -102,11 +104,34 @@ def _controller(
     }
 
 
+def _keyboard(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from .uses.type_keys import demonstrate
+
+    return _with_link(board, demonstrate(board, seconds, quiet))
+
+
+def _wearable(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from .uses.wearable import demonstrate
+
+    return _with_link(board, demonstrate(board, seconds, quiet))
+
+
+def _with_link(board: Board, figures: dict) -> dict:
+    stats = board.stats
+    return {"frames": stats.frames, "lost": stats.lost, "bad_crc": stats.bad_crc, **figures}
+
+
 # What is shown of a board, the truth and the host time of its time 0, for so long, or quietly;
-# each returns the run in figures.
-USES: dict[str, Callable[[Board, Scenario, float, float | None, bool], dict]] = {
-    "strip": _strip,
-    "controller": _controller,
+# each returns the run in figures. With it the scenario that is played if no other is named.
+USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
+    "strip": (_strip, "demo"),
+    "keyboard": (_keyboard, "typing"),
+    "controller": (_controller, "demo"),
+    "wearable": (_wearable, "demo"),
 }
 
 

@@ -13,7 +13,7 @@ import time
 import pytest
 from rich.console import Console
 
-from spots import SpotsError, cli, demo
+from spots import SpotsError, cli, connect, demo
 from spots.board import Board
 from spots.connect import prepare
 from spots.frames import Touch
@@ -197,6 +197,30 @@ def test_everything_is_let_go_whatever_ends_it(rig, evdev, name):
     assert device.closed
 
 
+def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev, monkeypatch):
+    real, ends = connect.start_simulator, []
+
+    def start(*arguments):
+        started, end = real(*arguments)
+        ends.append(end)
+        return started, end
+
+    monkeypatch.setattr(connect, "start_simulator", start)
+    board, _ = connect.open_virtual("default", "demo", 0)
+    controller = play.controller_for(board, load_settings())
+
+    def unplug(state):
+        if state.z > 5000:
+            ends[0]()
+
+    with pytest.raises(SpotsError, match="disconnected"), board, UInputGamepad() as gamepad:
+        play.play(board, controller, gamepad, 60.0, on_state=unplug)
+    device = evdev.UInput.made[-1]
+    assert device.history
+    assert device.held() == []
+    assert device.closed
+
+
 def test_a_gamepad_that_is_gone_ends_it_in_a_sentence(rig, evdev):
     made = rig(pressing())
     gamepad = UInputGamepad()
@@ -345,7 +369,7 @@ def test_the_demo_tells_its_figures_and_the_same_each_time(capsys):
 
 def test_an_unknown_use_is_told_with_those_that_there_are(capsys):
     assert cli.main(["demo", "--use", "piano"]) == 2
-    assert "strip, controller" in capsys.readouterr().err
+    assert "strip, keyboard, controller" in capsys.readouterr().err
     assert set(demo.USES) >= {"strip", "controller"}
 
 
@@ -353,6 +377,16 @@ def test_settings_that_are_not_there_are_told_before_a_board_is_looked_for(capsy
     missing = str(tmp_path / "none.toml")
     assert cli.main(["controller", "--port", "/dev/ttyNOPE", "--settings", missing]) == 2
     assert "none.toml" in capsys.readouterr().err
+
+
+def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, rig, evdev):
+    made = rig(pressing())
+    made.board.info["gamepad"] = 1
+    evdev.UInput.made.clear()
+    monkeypatch.setattr(play, "_open", lambda options: made.board)
+    assert cli.main(["controller", "--seconds", "1"]) == 2
+    assert "gamepad off" in capsys.readouterr().err
+    assert evdev.UInput.made == []
 
 
 def test_a_board_without_a_calibration_is_told(sensor):

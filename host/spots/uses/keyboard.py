@@ -45,25 +45,25 @@ class KeyEngine:
         self._names = list(layout.layers)
         self._pad = Keypad(self)
         self._pad.set_layout(Layout(layout.lines), length_um)
-        self._last: Touch | None = None
+        self._heard_s: float | None = None
 
     @property
     def layer(self) -> str:
         """Name of the layer whose keys the next touch finds."""
         return self._names[self._pad.layer]
 
-    def take(self, touch: Touch) -> None:
-        """Take a reading."""
+    def take(self, touch: Touch, now_s: float) -> None:
+        """Take a reading; `now_s` by the clock of `tick`."""
         t = touch.t_us // TICK_US % TICKS
         flags = touch.flags & ~DROPPED  # the board's own engine has missed nothing
         self._pad.take(flags, touch.position_um, touch.force_mN, t)
         self._pad.tick(t)
-        self._last = touch
+        self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:
-        """Let go of all if no reading has come for `LOST_S`; `now_s` by the link's clock."""
-        if self._last is not None and now_s - self._last.time_s > LOST_S:
-            self._last = None
+        """Let go of all if no reading has come for `LOST_S`."""
+        if self._heard_s is not None and now_s - self._heard_s > LOST_S:
+            self._heard_s = None
             self.release()
 
     def release(self) -> None:

@@ -51,7 +51,7 @@ class _Key(_Struct):
 class _Layer(_Struct):
     name: str
     keys: Annotated[list[Union[str, _Key]], msgspec.Meta(min_length=1)]
-    gap_percent: Annotated[float, msgspec.Meta(ge=0, le=80)] = 10.0
+    gap_percent: Annotated[float, msgspec.Meta(ge=0, le=80)] = 0.0
     swipe_minus: str = ""
     swipe_plus: str = ""
 

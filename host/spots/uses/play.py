@@ -36,6 +36,11 @@ def run(options: argparse.Namespace) -> None:
             set_up(board, options.settings or "controller.toml")
             return
         controller = controller_for(board, settings)
+        if board.info["gamepad"] and not options.dry_run:
+            raise SpotsError(
+                "the board is a gamepad itself, and every touch would count twice: "
+                "'spots command gamepad off' first"
+            )
         drawing = Console().is_terminal and not options.dry_run
         view = View(board, controller, settings) if drawing else None
         with open_gamepad(options.dry_run) as gamepad:

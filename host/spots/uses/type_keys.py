@@ -63,7 +63,7 @@ def type_on(
         while end_s is None or board.now_s() < end_s:
             for frame in board.frames(_TICK_S):
                 if isinstance(frame, Touch) and frame.sensor == 0:
-                    engine.take(frame)
+                    engine.take(frame, board.now_s())
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0
@@ -92,7 +92,7 @@ def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
             for frame in board.frames(seconds):
                 if isinstance(frame, Touch):
                     touch = frame
-                    engine.take(frame)
+                    engine.take(frame, board.now_s())
                 elif isinstance(frame, Key):
                     there.key(*frame[3:7])
                     typed.key(*frame[3:7])

@@ -76,16 +76,20 @@ class Typist:
     rng : numpy.random.Generator
     pause_s : tuple of float
         Least and longest time between two fingers.
+    start_s : float
+        When the first one comes.
     """
 
-    def __init__(self, layout: KeyLayout, length_mm: float, rng, pause_s=(0.12, 0.3)):
+    def __init__(
+        self, layout: KeyLayout, length_mm: float, rng, pause_s=(0.12, 0.3), start_s: float = 0.5
+    ):
         self._layout = layout
         self._length_mm = length_mm
         self._rng = rng
         self._pause_s = pause_s
         self._rows = list(layout.layers.values())
         self.touches: list[Touch] = []
-        self.seconds = 0.5
+        self.seconds = start_s
 
     def type(self, text: str) -> None:
         """Add the fingers for a text.
@@ -166,8 +170,10 @@ def _action_of(character: str) -> int:
     return lines_of.action(page, usage, modifiers)
 
 
-def typing(layout: KeyLayout, text: str, length_mm: float, seed: int = 0) -> ScenarioFile:
+def typing(
+    layout: KeyLayout, text: str, length_mm: float, seed: int = 0, start_s: float = 0.5
+) -> ScenarioFile:
     """Return the scenario of somebody who types a text."""
-    typist = Typist(layout, length_mm, np.random.default_rng(seed))
+    typist = Typist(layout, length_mm, np.random.default_rng(seed), start_s=start_s)
     typist.type(text)
     return typist.scenario()

@@ -114,18 +114,18 @@ def play(
     board.command("set baseline=1")
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
-    pace, touch = Pace(), None
+    pace, touch, heard_s = Pace(), None, board.now_s()
     try:
         with live(Console()) if drawing else nullcontext() as display:
             while end_s is None or board.now_s() < end_s:
                 for frame in board.frames(_TICK_S):
                     if not isinstance(frame, Touch) or frame.sensor != 0:
                         continue
-                    touch = frame
+                    touch, heard_s = frame, board.now_s()
                     for gesture in gestures.take(frame):
                         found.append(gesture)
                         on_gesture(gesture)
-                if touch is not None and board.now_s() - touch.time_s > LOST_S:
+                if board.now_s() - heard_s > LOST_S:
                     gestures.release()
                 if gestures.rests:
                     gestures.rests = 0
