@@ -1,7 +1,8 @@
 """Print where a five-bar linkage's terminal is: twin.py A.toml PORT_A B.toml PORT_B
 
 A and B are the calibrations of the strips in joint 1 and joint 2, each with its joint
-(spots calibrate joint). The numbers below are those of your linkage.
+(spots calibrate joint). The numbers below are those of your linkage: as drawn, or as
+spots.uses.kinematics finds them from some places where the terminal was.
 """
 
 import math
@@ -16,15 +17,16 @@ from spots.uses.twin import readings
 
 BARS_MM = (100, 100, 100, 100)  # inner 1, outer 1, outer 2, inner 2
 BASE_MM = 80
-LOWEST_DEG = (-108, -108)  # of each joint, where its own calibration has 0
+OFFSET_RAD = (math.radians(-108), math.radians(-108))  # where each joint's calibration has 0
+GAIN = (1.0, 1.0)
 
 
 def main(arguments: list[str]) -> None:
     """Follow the terminal until Ctrl-C."""
     calibrations = [file.load(Path(name)) for name in arguments[::2]]
     encoders = [
-        spots.Encoder(calibration.joint, offset_rad=math.radians(lowest))
-        for calibration, lowest in zip(calibrations, LOWEST_DEG)
+        spots.Encoder(calibration.joint, offset_rad, gain)
+        for calibration, offset_rad, gain in zip(calibrations, OFFSET_RAD, GAIN)
     ]
     twin = spots.Twin(spots.Linkage(BARS_MM, BASE_MM), encoders)
     with ExitStack() as opened:
