@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from spots.bench import linkage
+from spots.bench.report import _linkage, _text
 
 
 @pytest.fixture
@@ -25,3 +26,12 @@ def test_another_formula_gets_no_rate(small, monkeypatch):
     monkeypatch.setattr(linkage, "_by_math", lambda theta1, theta2: (theta1, theta2))
     with pytest.raises(AssertionError, match="'math' are others"):
         linkage.run()
+
+
+def test_its_table_shows_every_way(small):
+    figures = linkage.run()
+    text = _text(_linkage(figures))
+    for name in ("array", "calls", "math"):
+        assert f"{figures[name]['terminals_per_s']:,}" in text
+    assert f"{figures['rate_ratio_over_math']:.0f} times that of the bare formula" in text
+    assert max(map(len, text.splitlines())) <= 100
