@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import SpotsError
 from .files import LinkageFile, PathFile, SensorFile, Stroke
-from .scenario import Press
+from .scenario import Pose, Press
 
 TRAVEL = (0.1, 0.9)  # of the strip, that the indenter travels
 _STEP_S = 1e-3
@@ -139,9 +139,9 @@ class JointScenario:
         self._time_s, self._place_mm, self._bend_deg = time_s, place_mm, bend_deg
         self._force_mN = force_mN
 
-    def shape(self, time_s: float) -> tuple[float, float]:
-        """Return strain and bend (degrees) at `time_s`."""
-        return 0.0, float(np.interp(time_s, self._time_s, self._bend_deg))
+    def pose(self, time_s: float) -> Pose:
+        """Return how the joint bends the strip."""
+        return Pose(bend_deg=float(np.interp(time_s, self._time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the indenter."""
