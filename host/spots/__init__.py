@@ -11,16 +11,22 @@ from .board import Board
 from .connect import open
 from .errors import SpotsError
 from .frames import Decoder, Key, LinkStats, Spectrum, Text, Touch
+from .uses.encoder import Encoder
+from .uses.fivebar import Linkage
+from .uses.twin import Twin
 
 __version__ = "0.1.0"
 __all__ = [
     "Board",
     "Decoder",
+    "Encoder",
     "Key",
     "LinkStats",
+    "Linkage",
     "Spectrum",
     "SpotsError",
     "Text",
     "Touch",
+    "Twin",
     "open",
 ]

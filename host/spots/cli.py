@@ -74,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_design(commands)
 
     _add_boards(commands)
+    _add_twin(commands)
 
     command = commands.add_parser("command", help="send a command line, print the reply")
     _add_port(command)
@@ -169,6 +170,18 @@ def _add_design(commands) -> None:
     parser.set_defaults(run=_design)
 
 
+def _add_twin(commands) -> None:
+    parser = commands.add_parser("twin", help="a five-bar linkage's twin, simulated, on a path")
+    parser.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
+    parser.add_argument("--path", default="sust", metavar="FILE", help="path file or name")
+    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
+    parser.add_argument("--exposure-us", type=_exposure_us, default=30_000, help="of both strips")
+    parser.add_argument("--json", action="store_true", help="only the errors, as one JSON object")
+    parser.add_argument("--picture", metavar="FILE.png", help="draw path and truth")
+    parser.set_defaults(run=_twin)
+
+
 def _add_port(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", help="serial port, or 'virtual'; found if not given")
     _add_simulation(parser)
@@ -201,6 +214,7 @@ _hours = _number("a time in hours", 0.001, 10_000)
 _length_mm = _number("the length of a strip in mm", 1, 1000)
 _strain_percent = _number("a strain in percent", 0.01, 50)
 _seed = _number("a seed", 0, 2**63, int)
+_exposure_us = _number("an exposure in us", 2000, 200_000, int)
 
 
 def _open(options: argparse.Namespace):
@@ -362,6 +376,20 @@ def _doctor(options: argparse.Namespace) -> None:
     from .doctor import doctor
 
     doctor(options.port)
+
+
+def _twin(options: argparse.Namespace) -> None:
+    from .uses.twin_command import run
+
+    run(
+        options.sensor,
+        options.linkage,
+        options.path,
+        options.seed,
+        options.exposure_us,
+        options.json,
+        options.picture,
+    )
 
 
 def _command(options: argparse.Namespace) -> None:
