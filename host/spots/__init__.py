@@ -10,7 +10,9 @@
 from .board import Board
 from .connect import open
 from .errors import SpotsError
-from .frames import Decoder, Key, LinkStats, Spectrum, Text, Touch
+from .frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+from .recording.reader import Recording
+from .recording.replay import open_recording
 
 __version__ = "0.1.0"
 __all__ = [
@@ -18,9 +20,12 @@ __all__ = [
     "Decoder",
     "Key",
     "LinkStats",
+    "Note",
+    "Recording",
     "Spectrum",
     "SpotsError",
     "Text",
     "Touch",
     "open",
+    "open_recording",
 ]
