@@ -65,7 +65,8 @@ def encoded(header: Header) -> bytes:
     text = msgspec.json.encode(header).decode()
     text = json.dumps(json.loads(text))  # ASCII, so that no cut divides a character
     pieces = [text[i : i + _PIECE] for i in range(0, len(text), _PIECE)]
-    notes = [note(0, {"header": piece, "i": i, "of": len(pieces)}) for i, piece in enumerate(pieces)]
+    of = len(pieces)
+    notes = [note(0, {"header": piece, "i": i, "of": of}) for i, piece in enumerate(pieces)]
     return b"".join(notes) * _COPIES
 
 
@@ -96,7 +97,7 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
             break
     if not pieces:
         raise SpotsError(f"{path} is no recording: 'spots record' makes them")
-    raise SpotsError(f"{path}: the header is cut short or damaged, so nobody knows what it recorded")
+    raise SpotsError(f"{path} cannot be read: its header is cut short or damaged in both copies")
 
 
 def _parsed(path: Path, pieces: dict) -> Header:

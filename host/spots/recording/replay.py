@@ -16,7 +16,7 @@ from .reader import Recording
 _PUMPED_FRAMES = 1000
 
 
-class _Ended(SpotsError):
+class _EndError(SpotsError):
     pass
 
 
@@ -83,7 +83,7 @@ class Replay(Board):
         """Yield what was recorded, until its end or so much of its time is over."""
         try:
             yield from super().frames(seconds)
-        except _Ended:
+        except _EndError:
             return
 
     def _connect(self) -> None:
@@ -94,7 +94,7 @@ class Replay(Board):
 
     def _pump(self, timeout_s: float) -> None:
         if self._next is None:
-            raise _Ended(f"the recording {self.port} has ended")
+            raise _EndError(f"the recording {self.port} has ended")
         self._link.wait_until(min(self._next[0], self.now_s() + timeout_s))
         now_s = self.now_s()
         for _ in range(_PUMPED_FRAMES):
