@@ -171,6 +171,8 @@ class Board:
     def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
         """Write all that comes from now on into a file, before anyone sees it.
 
+        Frames that came earlier and wait to be read are not in it.
+
         Parameters
         ----------
         path : str or Path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 from ..clockmap import ClockMap
@@ -71,10 +72,10 @@ class Recording:
         if self.header.clock is not None:
             known = self.header.clock
             clock = ClockMap.resume(known.last_us, known.low_s, known.high_s)
+        start = b""
         for path, header in self._headers.items():
-            self._between_files()
             arrived_s = self.end_s = header.host_s
-            for block in _blocks(path):
+            for block in chain([start], _blocks(path)):
                 self.read_bytes += len(block)
                 for frame in self._decoder.feed(block):
                     if not isinstance(frame, Note):
@@ -84,6 +85,7 @@ class Recording:
                     arrived_s = self.end_s = header.host_s + 1e-6 * frame.since_us
                     self.complete |= frame.content.get("end") is True
             self.cut_bytes += len(self._decoder.pending)
+            start = b"\0"  # what a file breaks off in the middle of does not go on in the next
 
     @property
     def stats(self) -> LinkStats:
@@ -94,11 +96,6 @@ class Recording:
         self.notes = self.cut_bytes = self.read_bytes = 0
         self.end_s = self.header.host_s
         self.complete = False
-
-    def _between_files(self) -> None:
-        # What a file broke off in the middle of does not go on in the next.
-        if self._decoder.pending:
-            self._decoder.feed(b"\0")
 
 
 def _header(path: Path) -> Header:

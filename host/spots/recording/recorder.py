@@ -157,7 +157,8 @@ class Recorder:
 
     def _release(self) -> None:
         disk, self._disk = self._disk, None
-        disk.close()
+        if disk is not None:
+            disk.close()
 
 
 def part_path(path: Path, part: int) -> Path:
