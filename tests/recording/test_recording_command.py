@@ -13,6 +13,8 @@ import pytest
 import spots
 from reels import record, recorder, replayed
 from spots import cli
+from spots.calibrate import file
+from spots.calibrate.presses import Conditions
 from spots.frames import Spectrum, Touch
 from spots.recording.header import Header, encoded
 from test_frames import stream
@@ -112,7 +114,9 @@ def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path):
     frames, recording = replayed(tmp_path / "run.spots")
     assert len(frames) > 10
     assert not recording.complete
-    assert tap.read(1)
+    assert tap.read(1)  # the link goes on, the recording does not
+    tap.stop()
+    assert recording.size == (tmp_path / "run.spots").stat().st_size
 
 
 def test_a_calibration_file_has_to_be_that_of_the_board(fast, tmp_path, capsys):
@@ -121,6 +125,21 @@ def test_a_calibration_file_has_to_be_that_of_the_board(fast, tmp_path, capsys):
     error = refused(capsys, "record", tmp_path / "a.spots", "--calibration", path)
     assert "other.toml" in error
     assert not (tmp_path / "a.spots").exists()
+
+
+def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_path, capsys):
+    fast.calibration = None
+    made = Conditions(fast.info["id"], tuple(fast.info["plan"]), 9, 10_000, 20)
+    residuals = [file.Residual(strain_ppm=0, position_rms_um=1.0, presses=1)]
+    file.save(file.CalibrationFile.now(made, calibration, residuals), tmp_path / "mine.toml")
+    arguments = ["--seconds", "0.1", "--calibration", tmp_path / "mine.toml"]
+    assert cli.main(["record", *map(str, [tmp_path / "a.spots", *arguments])]) == 0
+    assert replayed(tmp_path / "a.spots")[1].header.calibration == calibration
+    capsys.readouterr()
+    fast.command("cal clear")
+    error = refused(capsys, "record", tmp_path / "b.spots", *arguments)
+    assert "mine.toml is calibration" in error
+    assert "the board uses None" in error
 
 
 def bad(tmp_path, content):
@@ -169,7 +188,9 @@ def test_a_header_that_is_none_of_ours(tmp_path, capsys):
 
 def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):
     path = bad(tmp_path, b"mine")
-    assert f"{path} exists: choose another name" in refused(capsys, "record", path)
+    assert f"{path} exists: choose another name" in refused(
+        capsys, "record", path, "--seconds", "0.1"
+    )
     assert path.read_bytes() == b"mine"
     assert "cannot be written" in refused(capsys, "record", tmp_path / "no" / "a.spots")
 

@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import random
 import signal
+import struct
 import sys
 import time
 
@@ -17,19 +18,25 @@ import spots
 from reels import record, replayed
 from spots.frames import Decoder
 from spots.recording.reader import Recording
-from test_frames import stream, touch
+from test_frames import encoded, touch
 
-_FRAMES = 240
+_FRAMES = 200
 _KILLS = 200
+
+
+def key(sequence):
+    fields = (4, sequence, 1000 * sequence, 30, 0, 1)
+    return encoded(struct.pack("<BHIBBB", *fields))
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A recording of a few hundred frames: its bytes, its frames, and where each of them ends."""
     path = tmp_path_factory.mktemp("whole") / "whole.spots"
-    frames, _ = record(path, stream(_FRAMES), step_s=0.002)
+    pieces = [key(i) if i % 3 else touch(i) for i in range(_FRAMES)]
+    frames, _ = record(path, pieces, step_s=0.002)
     data = path.read_bytes()
-    ends = [data.index(piece) + len(piece) for piece in stream(_FRAMES)]
+    ends = [data.index(piece) + len(piece) for piece in pieces]
     return data, frames, ends
 
 

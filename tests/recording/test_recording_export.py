@@ -154,6 +154,13 @@ def test_nothing_is_written_over_and_nothing_half(tmp_path, capsys, kind):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_if_one_of_the_tables_cannot_be_written_none_is(seen, tmp_path):
+    (tmp_path / "out-spectrum.csv").write_text("mine")
+    with pytest.raises(spots.SpotsError, match=r"out-spectrum.csv exists"):
+        exported(seen, tmp_path, "csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["out-spectrum.csv"]
+
+
 def test_without_the_package_mcap_a_sentence(tmp_path, capsys, monkeypatch):
     record(tmp_path / "run.spots", stream(5))
     monkeypatch.setitem(sys.modules, "mcap.writer", None)

@@ -30,11 +30,11 @@ def test_every_frame_comes_back_with_its_times(seen):
         assert recorded <= handed <= recorded + ARRIVAL_STEP_S + 1e-6
 
 
-def test_the_board_comes_back(seen):
+def test_the_board_comes_back(seen, calibration):
     with spots.open(f"recording:{seen.path}") as board:
         live = seen.board
         assert board.info == live.command("hello") | {"keys": 0}
-        assert board.calibration == live.calibration
+        assert board.calibration == calibration
         assert board.port == str(seen.path)
         assert board.command("hello") == board.info
         with pytest.raises(spots.SpotsError, match=r"run.spots is a recording: 'save' is for"):
@@ -93,7 +93,7 @@ def test_frames_come_at_the_recorded_pace(monkeypatch, tmp_path, speed):
 def test_a_slow_reader_loses_nothing_of_a_recording(monkeypatch, tmp_path):
     time = Time()
     monkeypatch.setattr(replay, "time", time)
-    monkeypatch.setattr("spots.board._QUEUE_FRAMES", replay._PUMPED_FRAMES)
+    monkeypatch.setattr("spots.board._QUEUE_FRAMES", 1000)
     frames, _ = record(tmp_path / "a.spots", stream(3000), step_s=1e-4)
     got = []
     with spots.open_recording(tmp_path / "a.spots") as board:
@@ -154,6 +154,26 @@ def test_the_time_of_the_board_wraps_in_a_recording_as_on_the_link(tmp_path):
     got, _ = replayed(tmp_path / "a.spots")
     assert got == frames
     assert frames[-1].time_s - frames[0].time_s == pytest.approx(19_000)
+
+
+def test_frames_that_reads_cut_in_two_have_their_times_too(tmp_path):
+    data = b"".join(stream(30))
+    record(tmp_path / "a.spots", cut(data, [7] + [26] * 29))  # each read ends 7 bytes into a frame
+    arrived_s = [arrived_s for arrived_s, _ in spots.Recording(tmp_path / "a.spots")]
+    assert arrived_s == [pytest.approx(1000.01 + 0.01 * i, abs=1e-5) for i in range(1, 31)]
+
+
+def test_noise_is_written_as_it_comes_and_does_not_swallow_the_end(tmp_path):
+    path = tmp_path / "a.spots"
+    tap = recorder(path, [touch(0), b"\x55" * 1000])
+    tap.read(1)
+    size = path.stat().st_size
+    tap.read(1)
+    assert path.stat().st_size >= size + 1000
+    tap.stop()
+    frames, recording = replayed(path)
+    assert len(frames) == 1
+    assert recording.complete
 
 
 def test_a_stopped_recorder_lets_the_link_go_on(tmp_path):
