@@ -184,7 +184,7 @@ def _number(what: str, low: float, high: float, kind: type = float):
 _seconds = _number("a time in seconds", 0.001, 1e9)
 _length_mm = _number("the length of a strip in mm", 1, 1000)
 _strain_percent = _number("a strain in percent", 0.01, 50)
-_megabytes = _number("a size in MB", 0.001, 1e6)
+_megabytes = _number("a size in MB", 0.1, 1e6)
 _speed = _number("a speed", 0.001, math.inf)
 _seed = _number("a seed", 0, 2**63, int)
 

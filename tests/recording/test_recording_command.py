@@ -78,7 +78,7 @@ def test_ctrl_c_ends_a_recording_of_the_virtual_board_cleanly(tmp_path):
 
 def test_rotation_by_the_command(fast, tmp_path, capsys):
     path = tmp_path / "run.spots"
-    assert cli.main(["record", str(path), "--seconds", "1", "--rotate-mb", "0.013"]) == 0
+    assert cli.main(["record", str(path), "--seconds", "20", "--rotate-mb", "0.1"]) == 0
     assert "run.spots … run-00" in capsys.readouterr().err
     assert len(replayed(path)[1].paths) > 1
 

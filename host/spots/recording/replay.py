@@ -86,6 +86,11 @@ class Replay(Board):
         except _EndError:
             return
 
+    def close(self) -> None:
+        """Let the file go."""
+        super().close()
+        self._entries.close()
+
     def _connect(self) -> None:
         self.info = self._recording.header.info
         self.calibration = self._recording.header.calibration
