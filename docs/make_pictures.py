@@ -15,6 +15,8 @@ from spots.score import Score
 from spots.sim.files import ScenarioFile, load
 from spots.sim.scenario import Scenario
 from spots.stage import board_names, device_of
+from spots.uses import play
+from spots.uses.controller_settings import load as load_controller
 from spots.view import View
 
 _HERE = Path(__file__).parent
@@ -22,11 +24,13 @@ _LINE = 15  # letters of a board's name that fit its picture
 
 # In the demo scenario a finger slides back towards the sensor at this moment.
 MOMENT_S = 4.0
+# And presses hard at this one.
+HARD_S = 6.5
 
 
 def main() -> None:
     """Draw all pictures that no measurement makes."""
-    for path in (demo(), *wirings()):
+    for path in (demo(), controller(), *wirings()):
         print(path)
 
 
@@ -58,12 +62,29 @@ def demo() -> Path:
             if board.now_s() > MOMENT_S:
                 break
         picture = view.picture(board.stats, score)
+    return _drawn(picture, "demo.svg", "make demo")
+
+
+def controller() -> Path:
+    """Play a controller up to the moment and draw docs/controller.svg."""
+    truth = Scenario(load(ScenarioFile, "demo"))
+    board, _ = open_fast("default", truth, seed=0)
+    settings = load_controller()
+    with board, play.NoGamepad() as gamepad:
+        made = play.controller_for(board, settings)
+        view = play.View(board, made, settings)
+        play.play(board, made, gamepad, HARD_S - board.now_s(), on_state=view.sent)
+        picture = view.picture()
+    return _drawn(picture, "controller.svg", 'make demo ARGS="--use controller"')
+
+
+def _drawn(picture, name: str, title: str) -> Path:
     console = Console(
         file=io.StringIO(), record=True, width=82, force_terminal=True, color_system="truecolor"
     )
     console.print(picture)
-    path = _HERE / "demo.svg"
-    console.save_svg(str(path), title="make demo")
+    path = _HERE / name
+    console.save_svg(str(path), title=title)
     return path
 
 

@@ -12,6 +12,7 @@ from .strip import Strip
 from .uses import Uses
 
 CALIBRATION_FILE = "calibration.txt"
+LAYOUT_FILE = "layout.txt"
 
 _SLICE_US = 10_000  # longest sleep with a deaf ear
 _RETRY_US = 100_000  # between attempts to bring a lost sensor back
@@ -48,13 +49,14 @@ class App:
         self._time = Time32(clock)
         self.framer = Framer(serial, self._time)
         self._reader = LineReader()
-        self._commands = Commands(self)
         self._claimed = None
         self._lost = True
         self.fault = None  # why the sensor was lost, until it is back
         self._load()
         # USB tells the host once, at the start, what the board is.
-        self.uses = Uses(self.settings, self.framer, usb)
+        layout_lines = self._stored_layout()
+        self.uses = Uses(self.settings, self.framer, self._time, usb, layout_lines)
+        self._commands = Commands(self)
         if self.uses.fault:
             self.log("error", self.uses.fault)
         self.strip = Strip(0, sensor, self.framer, self._time, clock, self.settings, self.uses)
@@ -122,6 +124,11 @@ class App:
         self.calibration_lines = lines
         return self.apply_calibration()
 
+    def use_layout(self, lines):
+        """Take lines that were checked, or none; return what keeps them from working, or None."""
+        self.uses.use_layout(lines)
+        return self.apply_calibration()
+
     @property
     def calibration_id(self):
         """Checksum of the calibration in use, or None."""
@@ -174,6 +181,7 @@ class App:
         """Store settings and calibration."""
         save_lines(SETTINGS_FILE, self.settings.lines())
         save_lines(CALIBRATION_FILE, self.calibration_lines)
+        save_lines(LAYOUT_FILE, self.uses.layout_lines)
 
     def time_us(self):
         """Return the board's time in us modulo 2**32."""
@@ -192,6 +200,18 @@ class App:
             self.calibration_lines = lines
         except ValueError as error:  # CalibrationError is one
             self.log("error", "the stored calibration is not used: %s" % error)
+
+    def _stored_layout(self):
+        try:
+            lines = load_lines(LAYOUT_FILE)
+            if lines:
+                from .layout import Layout  # only where it is used
+
+                Layout(lines)
+            return lines
+        except ValueError as error:  # LayoutError is one
+            self.log("error", "the stored layout is not used: %s" % error)
+            return []
 
     def _listen(self):
         while True:

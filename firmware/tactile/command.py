@@ -7,10 +7,9 @@ from . import PROTOCOL, __version__
 from .calibration import Calibration
 from .exposure import DONE, TOO_DARK
 from .settings import checksum
+from .upload import Upload
 
 LINE_MAX = 255
-CALIBRATION_LINES_MAX = 400
-CALIBRATION_BYTES_MAX = 16_000
 NAME_MAX = 20  # so much of an unknown name comes back in the reply
 
 
@@ -57,8 +56,8 @@ class Commands:
 
     def __init__(self, app):
         self._app = app
-        self._staged = None
-        self._staged_bytes = 0
+        self._cal = Upload("cal", "calibration", Calibration, app.use_calibration)
+        self._layout = Upload("layout", "layout", _check_layout, app.use_layout)
         self._table = {
             "hello": self._hello,
             "get": self._get,
@@ -67,8 +66,10 @@ class Commands:
             "keys": self._keys,
             "gamepad": self._gamepad,
             "dark": self._dark,
+            "rest": self._rest,
             "auto": self._auto,
-            "cal": self._cal,
+            "cal": self._cal.take,
+            "layout": self._layout.take,
             "save": self._save,
             "sync": self._sync,
             "reboot": self._reboot,
@@ -94,7 +95,8 @@ class Commands:
         except (ValueError, OSError) as error:
             reply = {"error": str(error)}
         except MemoryError:
-            self._staged = None
+            self._cal.forget()
+            self._layout.forget()
             reply = {"error": "no memory left for this; reboot and try again"}
         if reply is not None:
             reply["re"] = name
@@ -112,12 +114,15 @@ class Commands:
         calibration = app.strip.decode.calibration
         reply["calibration"] = app.calibration_id
         reply["length_um"] = calibration and calibration.length_um
+        lines = app.uses.layout_lines
+        reply["layout"] = checksum(lines) if lines else None
         return reply
 
     def _get(self, words):
         app = self._app
         reply = app.settings_now()
         reply["dark"] = list(app.strip.dark)
+        reply["rest"] = app.strip.rest()
         reply["missed"] = app.strip.sensor.pacing.missed
         reply["dropped"] = app.framer.dropped
         reply["dropped_reports"] = app.uses.dropped()
@@ -178,6 +183,12 @@ class Commands:
     def _dark_done(self):
         self._app.finish("dark", {"dark": list(self._app.strip.dark)})
 
+    def _rest(self, words):
+        if not self._app.settings.values["baseline"]:
+            raise ValueError("the untouched strip is not followed: set baseline=1")
+        self._app.strip.request_rest()
+        return {}
+
     def _auto(self, words):
         self._app.claim("auto")
         self._app.let_go()
@@ -197,44 +208,6 @@ class Commands:
             reply["note"] = note
         app.finish("auto", reply)
 
-    def _cal(self, words):
-        verb = words[0] if words else ""
-        app = self._app
-        if verb == "begin":
-            self._staged = []
-            self._staged_bytes = 0
-            return {}
-        if verb == "clear":
-            self._staged = None
-            app.use_calibration([])
-            return {}
-        if self._staged is None:
-            raise ValueError("begin with 'cal begin'")
-        if verb != "end":
-            return self._stage(" ".join(words))
-        lines, self._staged = self._staged, None
-        if words[1:] != [checksum(lines)]:
-            raise ValueError("the checksum differs; send the calibration again")
-        Calibration(lines)
-        reply = {"calibration": checksum(lines)}
-        note = app.use_calibration(lines)
-        if note:
-            reply["note"] = note
-        return reply
-
-    def _stage(self, line):
-        if not line:
-            raise ValueError("say a line of the calibration after 'cal'")
-        self._staged_bytes += len(line) + 1
-        if self._staged_bytes > CALIBRATION_BYTES_MAX or len(self._staged) >= CALIBRATION_LINES_MAX:
-            self._staged = None
-            raise ValueError(
-                "a calibration has at most %d lines of %d bytes in all; this one is dropped"
-                % (CALIBRATION_LINES_MAX, CALIBRATION_BYTES_MAX)
-            )
-        self._staged.append(line)
-        return {"lines": len(self._staged)}
-
     def _save(self, words):
         self._app.save()
         return {}
@@ -246,3 +219,9 @@ class Commands:
         self._app.abandon("the board was rebooted")
         self._app.reboot = True
         return {}
+
+
+def _check_layout(lines):
+    from .layout import Layout  # only where it is used
+
+    Layout(lines)

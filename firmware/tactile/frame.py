@@ -19,7 +19,7 @@ HEADER = "<BHHH"
 HEADER_SIZE = 7
 TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 SPECTRUM_BODY = "BB6H"  # flags, gain, counts
-KEY_BODY = "BBB"  # usage, modifiers, pressed
+KEY_BODY = "BHBB"  # usage page, usage, modifiers, pressed
 TEXT_MAX = 500
 
 _DELIMITER = b"\0"
@@ -28,7 +28,7 @@ _TOUCH_SIZE = HEADER_SIZE + 15
 _SPECTRUM_FRAME = HEADER + SPECTRUM_BODY
 _SPECTRUM_SIZE = HEADER_SIZE + 14
 _KEY_FRAME = HEADER + KEY_BODY
-_KEY_SIZE = HEADER_SIZE + 3
+_KEY_SIZE = HEADER_SIZE + 5
 
 
 class Time32:
@@ -116,8 +116,8 @@ class Framer:
         )
         return self._send(_SPECTRUM_SIZE, 0)
 
-    def key(self, sensor, usage, modifiers, pressed):
-        """Send a KEY frame: a HID keyboard usage goes down or up."""
+    def key(self, sensor, page, usage, modifiers, pressed):
+        """Send a KEY frame: a HID usage goes down or up."""
         pack_into(
             _KEY_FRAME,
             self._payload,
@@ -126,6 +126,7 @@ class Framer:
             self._sequence,
             self._time.low,
             self._time.high,
+            page,
             usage,
             modifiers,
             1 if pressed else 0,

@@ -3,8 +3,8 @@
 Without a touch all is 0, as a stick that springs back. Integers only, allocates nothing.
 """
 
+from .contact import DOUBTFUL
 from .decode import TOUCHING
-from .keypad import DOUBTFUL
 
 _BITS = 22  # of a length, so that 8 more fit a small integer
 _X_MAX = 32_767

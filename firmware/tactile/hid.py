@@ -1,12 +1,14 @@
-"""USB reports: a keyboard's, a gamepad's, and the line in which they wait for the host.
+"""USB reports: keyboard, consumer control, gamepad, and the line in which they wait for the host.
 
-Knows no USB: ``send(report) -> bool`` hands 8 bytes to the stack without waiting and tells
-whether it took them. Integers only, allocates nothing once made.
+Knows no USB: ``send(report) -> bool`` hands a report to the stack without waiting and tells
+whether it took it. Integers only, allocates nothing once made.
 """
 
 from struct import pack_into
 
 REPORT_SIZE = 8
+_MODIFIERS_FROM = 0xE0  # usages from here on are bits of the first byte
+CONSUMER_SIZE = 2
 KEYS_MAX = 6
 WAITING_MAX = 16  # eight quick presses with their releases
 
@@ -17,6 +19,12 @@ KEYBOARD_DESCRIPTOR = (
     b"\x75\x08\x95\x01\x81\x01"  # a byte that is 0
     b"\x05\x08\x19\x01\x29\x05\x75\x01\x95\x05\x91\x02\x75\x03\x95\x01\x91\x01"  # LEDs, from host
     b"\x05\x07\x19\x00\x29\xdd\x15\x00\x26\xdd\x00\x75\x08\x95\x06\x81\x00"  # six usages
+    b"\xc0"
+)
+# One key at a time, such as volume or play, by its usage; 0 is none.
+CONSUMER_DESCRIPTOR = (
+    b"\x05\x0c\x09\x01\xa1\x01"  # consumer, consumer control, application
+    b"\x15\x00\x26\xff\x03\x19\x00\x2a\xff\x03\x75\x10\x95\x01\x81\x00"  # 16 bits
     b"\xc0"
 )
 # X and Y, -32767 to 32767; Z, 0 to 32767; 16 buttons.
@@ -46,6 +54,8 @@ class Outbox:
     ----------
     send : callable
         See the module.
+    size : int
+        Bytes of a report.
 
     Attributes
     ----------
@@ -53,9 +63,10 @@ class Outbox:
         Reports that the host never got.
     """
 
-    def __init__(self, send):
+    def __init__(self, send, size=REPORT_SIZE):
         self._send = send
-        self._waiting = [bytearray(REPORT_SIZE) for _ in range(WAITING_MAX)]
+        self._size = size
+        self._waiting = [bytearray(size) for _ in range(WAITING_MAX)]
         self._first = self._count = 0
         # Set before a report goes out: an exception in between must not hide a key that is down.
         self._maybe_down = False
@@ -98,14 +109,14 @@ class Outbox:
 
     def _append(self, report):
         waiting = self._waiting[(self._first + self._count) % WAITING_MAX]
-        for i in range(REPORT_SIZE):
+        for i in range(self._size):
             waiting[i] = report[i] if report is not None else 0
         self._count += 1
 
 
 def _any(report):
     bits = 0
-    for i in range(REPORT_SIZE):
+    for i in range(len(report)):
         bits |= report[i]
     return bits != 0
 
@@ -120,24 +131,36 @@ class Keyboard:
         self.outbox = Outbox(send)
         self._report = bytearray(REPORT_SIZE)
         self._modifiers = bytearray(KEYS_MAX)
+        self._alone = 0
 
     def key(self, usage, modifiers, pressed):
-        """Take a key event; `usage` is 1 to 0xDD."""
-        report = self._report
-        at = self._find(usage)
-        if pressed == (at >= 0):
-            return
-        if pressed:
-            at = self._find(0)
-            if at < 0:
+        """Take a key event; `usage` is 1 to 0xDD, or a modifier's, 0xE0 to 0xE7."""
+        if usage >= _MODIFIERS_FROM:
+            bit = 1 << usage - _MODIFIERS_FROM
+            if pressed == (self._alone & bit != 0):
                 return
-        report[2 + at] = usage if pressed else 0
-        self._modifiers[at] = modifiers if pressed else 0
-        report[0] = 0
+            self._alone ^= bit
+        elif not self._change(usage, modifiers, pressed):
+            return
+        report = self._report
+        report[0] = self._alone
         for i in range(KEYS_MAX):
             report[0] |= self._modifiers[i]
         if not self.outbox.put(report):
             self._forget()
+
+    def _change(self, usage, modifiers, pressed):
+        report = self._report
+        at = self._find(usage)
+        if pressed == (at >= 0):
+            return False
+        if pressed:
+            at = self._find(0)
+            if at < 0:
+                return False
+        report[2 + at] = usage if pressed else 0
+        self._modifiers[at] = modifiers if pressed else 0
+        return True
 
     def release(self):
         """Let go of all keys."""
@@ -151,10 +174,34 @@ class Keyboard:
         return -1
 
     def _forget(self):
+        self._alone = 0
         for i in range(REPORT_SIZE):
             self._report[i] = 0
         for i in range(KEYS_MAX):
             self._modifiers[i] = 0
+
+
+class Consumer:
+    """Key events of the consumer page in, one report for each; the last key pressed counts."""
+
+    def __init__(self, send):
+        self.outbox = Outbox(send, CONSUMER_SIZE)
+        self._report = bytearray(CONSUMER_SIZE)
+
+    def key(self, usage, pressed):
+        """Take a key event; `usage` is 1 to 0x3FF."""
+        report = self._report
+        if not pressed and report[0] | report[1] << 8 != usage:
+            return
+        report[0] = usage & 0xFF if pressed else 0
+        report[1] = usage >> 8 if pressed else 0
+        if not self.outbox.put(report):
+            report[0] = report[1] = 0
+
+    def release(self):
+        """Let go."""
+        self._report[0] = self._report[1] = 0
+        self.outbox.release()
 
 
 class Gamepad:

@@ -25,6 +25,29 @@ def accumulate(sums, counts, samples):
             sums[i] += counts[i]
 
 
+def follow(rest, floor, sums, samples, dark, dark_samples, up, down):
+    """Let the light of the untouched strip follow what it is now.
+
+    Parameters
+    ----------
+    rest : sequence of int
+        Six sums over `dark_samples` samples, Q10, without the dark; moved a part of the way, a
+        half to the power of `up` or `down`.
+    floor : sequence of int
+        Gets the dark and the rest, as `estimate` takes off.
+    sums, dark : sequence of int
+        As for `estimate`.
+    samples, dark_samples, up, down : int
+    """
+    for i in range(CHANNELS):
+        gap = (sums[i] * dark_samples // samples - dark[i] << 10) - rest[i]
+        level = rest[i] + (gap >> (up if gap > 0 else down))
+        if level < 0:
+            level = 0
+        rest[i] = level
+        floor[i] = dark[i] + (level >> 10)
+
+
 def look_up(knots, columns, at, found):
     """Put each column's piecewise-linear value at `at` into `found`; beyond the ends, the end's.
 

@@ -26,6 +26,30 @@ def accumulate(sums: ptr32, counts: ptr32, samples: int):
 
 
 @micropython.viper
+def follow(
+    rest: ptr32,
+    floor: ptr32,
+    sums: ptr32,
+    samples: int,
+    dark: ptr32,
+    dark_samples: int,
+    up: int,
+    down: int,
+):
+    for i in range(6):
+        level = rest[i]
+        gap = ((sums[i] * dark_samples // samples - dark[i]) << 10) - level
+        if gap > 0:
+            level += gap >> up
+        else:
+            level += gap >> down
+        if level < 0:
+            level = 0
+        rest[i] = level
+        floor[i] = dark[i] + (level >> 10)
+
+
+@micropython.viper
 def look_up(knots, columns, at: int, found: ptr32):
     words = ptr32(knots)
     low = 0

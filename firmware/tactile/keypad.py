@@ -1,14 +1,35 @@
-"""Touches to key events: equal zones along the strip, one key for one touch.
+"""Touches to keys: tap, double tap, hold, firm press, slide, swipe, and layers.
 
-A finger that slides into another zone goes on holding the first key. Integers only, allocates
-nothing.
+What a finger does on a key is decided as early as it can be told apart from what else that key
+may mean: at once where it has one meaning. What was pressed is what is released, whatever layer is
+on by then. Integers only, allocates nothing; time is in the ticks of contact.py.
 """
 
-from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
+from .contact import Contact, elapsed
+from .layout import (
+    DOUBLE,
+    FIRM,
+    HIGH,
+    HOLD,
+    HOLD_PREFERRED,
+    KEY_SIZE,
+    KEYBOARD,
+    LOW,
+    MOMENTARY,
+    ONCE,
+    SLIDE_MINUS,
+    SLIDE_PLUS,
+    TAP,
+    TOGGLE,
+)
 
-# HID usages of the keys 1 to 9 and 0, from the sensor's end on.
-USAGES = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)
-DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
+_IDLE = 0
+_OPEN = 1  # a finger is down, and what it means is not decided
+_PRESSED = 2  # an action is pressed until the finger leaves
+_SLIDING = 3
+_OVER = 4  # the finger is down and means nothing more
+
+_NONE = -1
 
 
 class Keypad:
@@ -17,38 +38,238 @@ class Keypad:
     Parameters
     ----------
     sink : object
-        ``key(usage, modifiers, pressed)``.
+        ``key(page, usage, modifiers, pressed)``; ``stuck()``, told when something has lain on the
+        strip for so long that it is no finger.
     """
 
     def __init__(self, sink):
         self._key = sink.key
-        self._zone_um = 0
-        self._held = 0  # the usage that is pressed
-        self._over = False  # this touch presses nothing any more
+        self._stuck = sink.stuck
+        self.contact = Contact(self)
+        self.take = self.contact.take
+        self._layout = None
+        self._length_mm = 0
+        self._state = _IDLE
+        self._clear()
 
-    def set_length(self, length_um):
-        """Let go, and spread the keys over a strip of this length."""
+    def set_layout(self, layout, length_um):
+        """Let go, and lay these keys over a strip of this length."""
         self.release()
-        self._zone_um = max(1, (length_um + len(USAGES) - 1) // len(USAGES))
+        self._layout = layout
+        # Shares are in thousandths: a thousandth of a strip this long is so many micrometres.
+        self._length_mm = max(1, length_um // 1000)
+        self.contact.set_layout(layout)
 
-    def take(self, flags, position_um, force_mN):
-        """Take a reading; a doubtful one presses nothing, and holds what is pressed."""
-        if flags & LED_OFF:
-            return  # blind: neither a touch nor the end of one
-        if not flags & TOUCHING:
-            self._let_go()
-            self._over = False
-        elif not (self._held or self._over or flags & DOUBTFUL):
-            zone = min(max(position_um // self._zone_um, 0), len(USAGES) - 1)
-            self._held = USAGES[zone]
-            self._key(self._held, 0, True)
+    def tick(self, t):
+        """Do what is due at time `t`; after every reading."""
+        layout = self._layout
+        if self._due >= 0 and elapsed(self._tapped, t) >= layout.double_t:
+            self._tap_due()
+        if self._state == _OPEN and self._wait_t and elapsed(self._began, t) >= self._wait_t:
+            hold = self._action(HOLD)
+            self._press(hold if hold else self._action(TAP))
 
     def release(self):
-        """Let go; a finger that is still there presses nothing until it was lifted."""
+        """Let go of all; a finger that is still there presses nothing until it was lifted."""
         self._let_go()
-        self._over = True
+        self._state = _IDLE
+        self._clear()
+        self.contact.spend()
+
+    # What contact.py tells.
+
+    def down(self, x_um, t):
+        again = self._tapped_at
+        self._tapped_at = _NONE
+        quick = again >= 0 and elapsed(self._tapped, t) < self._layout.quick_t
+        self._row = row = self._find(x_um, again if quick else _NONE)
+        self._began = t
+        self._x_um = self._x_step_um = x_um
+        due = self._due
+        if due >= 0 and (row != due or elapsed(self._tapped, t) >= self._layout.double_t):
+            self._tap_due()
+            due = _NONE
+        self._state = _OPEN
+        if row < 0:
+            self._wait_t = 0
+            return
+        if due >= 0:
+            self._due = _NONE
+            self._press(self._action(DOUBLE))
+            return
+        self._wait_t = self._wait()
+        if self._is_plain() or (quick and row == again and self._action(HOLD)):
+            self._press(self._action(TAP))
+
+    def at(self, x_um, t):
+        layout = self._layout
+        if self._row < 0:
+            if self._state == _OPEN:
+                self.down(x_um, t)  # it came down between two keys, and may still find one
+            return
+        if self._state == _OPEN and self._swipes():
+            moved_um = x_um - self._x_um
+            if abs(moved_um) >= layout.swipe_um and elapsed(self._began, t) < layout.swipe_t:
+                self._state = _OVER
+                self._click(layout.swipe(self.layer, moved_um > 0))
+                return
+        if self._state != _OPEN and self._state != _SLIDING:
+            return
+        while abs(x_um - self._x_step_um) >= layout.slide_um:
+            plus = x_um > self._x_step_um
+            action = self._action(SLIDE_PLUS if plus else SLIDE_MINUS)
+            if not action and self._state == _OPEN:
+                return
+            self._state = _SLIDING
+            self._x_step_um += layout.slide_um if plus else -layout.slide_um
+            self._click(action)
+
+    def firm(self, t):
+        if self._state == _OPEN and self._row >= 0 and self._action(FIRM):
+            self._press(self._action(FIRM))
+
+    def up(self, t):
+        if self._state == _OPEN and self._row >= 0:
+            self._tapped, self._tapped_at = t, self._row
+            if self._action(DOUBLE):
+                self._due = self._row
+                self._due_action = self._action(TAP)
+            else:
+                self._click(self._action(TAP))
+        elif self._state == _PRESSED:
+            self._let_go()
+            self._tapped, self._tapped_at = t, self._row
+        self._state = _IDLE
+
+    def next(self, x_um, t):
+        # This finger has just left, but the next one was there before.
+        prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
+        if prefers_hold and self._row >= 0 and self._action(HOLD):
+            self._press(self._action(HOLD))
+            held = self._held
+            self._state = _IDLE
+            self.down(x_um, t)
+            if self._state == _OPEN and self._row >= 0:
+                # The hold ends here: what the next key is has to be known now.
+                self._press(self._action(TAP))
+            self._give_back(held)
+            return
+        self.up(t)
+        self.down(x_um, t)
+
+    def stuck(self):
+        self._let_go()
+        self._state = _IDLE
+        self._stuck()
+
+    # What a key means.
+
+    def _find(self, x_um, again):
+        """Return the row of the key at a place; near the border that of the key tapped before."""
+        layout = self._layout
+        keys = layout.keys
+        length_mm = self._length_mm
+        if again >= 0 and layout.is_on(self.layer, again):
+            slack_um = layout.slack_um
+            if (
+                keys[again + LOW] * length_mm - slack_um
+                <= x_um
+                < keys[again + HIGH] * length_mm + slack_um
+            ):
+                return again
+        layer = self.layer
+        row = layout.first(layer)
+        last = layout.first(layer + 1) - KEY_SIZE
+        while row <= last:
+            # The ends of the strip belong to the outermost keys.
+            if (x_um >= keys[row + LOW] * length_mm or keys[row + LOW] == 0) and (
+                x_um < keys[row + HIGH] * length_mm or keys[row + HIGH] == 1000
+            ):
+                self._once = _NONE
+                return row
+            row += KEY_SIZE
+        return _NONE
+
+    def _action(self, slot):
+        return self._layout.keys[self._row + slot]
+
+    def _swipes(self):
+        layer = self.layer
+        return self._layout.swipe(layer, True) or self._layout.swipe(layer, False)
+
+    def _is_plain(self):
+        return not (
+            self._wait_t
+            or self._action(DOUBLE)
+            or self._action(SLIDE_MINUS)
+            or self._action(SLIDE_PLUS)
+        )
+
+    def _wait(self):
+        """Return how long the finger may go on before time decides; 0 for ever or not at all."""
+        layout = self._layout
+        if self._action(HOLD) or self._action(DOUBLE):
+            return layout.tapping_t
+        if self._action(SLIDE_MINUS) or self._action(SLIDE_PLUS):
+            return 0
+        wait_t = layout.firm_t if self._action(FIRM) else 0
+        if self._swipes():
+            wait_t = max(wait_t, layout.swipe_t)
+        return wait_t
+
+    # What an action does.
+
+    def _press(self, action):
+        self._state = _PRESSED
+        self._held = action
+        kind = action >> 20
+        number = action & 0xFFF
+        if kind == MOMENTARY:
+            self._momentary = number
+        elif kind == TOGGLE:
+            self._base = 0 if self._base == number else number
+        elif kind == ONCE:
+            self._once = number
+        elif kind >= KEYBOARD:
+            self._key(kind, number, action >> 12 & 0xFF, True)
 
     def _let_go(self):
-        if self._held:
-            usage, self._held = self._held, 0
-            self._key(usage, 0, False)
+        if self._state == _PRESSED:
+            held, self._held = self._held, 0
+            self._state = _IDLE
+            self._give_back(held)
+
+    def _give_back(self, action):
+        kind = action >> 20
+        if kind == MOMENTARY:
+            self._momentary = _NONE
+        elif kind >= KEYBOARD:
+            self._key(kind, action & 0xFFF, action >> 12 & 0xFF, False)
+
+    def _click(self, action):
+        """Press and release, whatever the finger goes on to do."""
+        state, held = self._state, self._held
+        self._press(action)
+        self._let_go()
+        self._state, self._held = state, held
+
+    def _tap_due(self):
+        self._due = _NONE
+        self._click(self._due_action)
+
+    # Layers.
+
+    @property
+    def layer(self):
+        """The layer whose keys the next touch finds."""
+        if self._once >= 0:
+            return self._once
+        return self._momentary if self._momentary >= 0 else self._base
+
+    def _clear(self):
+        self._base = 0
+        self._momentary = self._once = _NONE
+        self._row = self._due = self._tapped_at = _NONE
+        self._due_action = self._held = 0
+        self._began = self._tapped = self._wait_t = 0
+        self._x_um = self._x_step_um = 0

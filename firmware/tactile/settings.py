@@ -23,11 +23,12 @@ LIMITS = {
     "led_mA": (0, exposure.LED_MAX_MA, exposure.DEFAULT_LED_MA),
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
+    "baseline": (0, 1, 0),
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
 }
 # A change of these needs no new start of the sensor.
-_AFTER_THE_SENSOR = ("average", "strain_ppm", "keys", "gamepad")
+_AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad")
 
 
 class Settings:

@@ -7,15 +7,25 @@ search.
 
 from array import array
 
-from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
+from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, MISFIT, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE, Search
-from .kernel import accumulate
+from .kernel import accumulate, follow
 from .smux import CHANNELS
 
 IDLE_US = 1_000_000  # untouched for so long before the strip may blink
+# Light that is no press for so long, or light without a touch that is not what it was by so many
+# counts in all, may be a lamp that was switched on: the dark is taken again, but not more often.
+ODD_US = 300_000
+ODD_COUNTS = 24
+ODD_EVERY_US = 2_000_000
 # A dark window takes six samples: rare enough that the strip is hardly ever blind.
 DARK_EVERY_US = 10_000_000
 DARK_EVERY_SAMPLES = 100
+# Light of the untouched strip: followed so long after a touch, and in how many readings, as a
+# power of 2. What grows may be a finger that comes slowly; what fades is none.
+SETTLED_US = 200_000
+_UP = 10
+_DOWN = 6
 
 _LIT = 0
 _BLINKING = 1  # LED off, dark samples wanted
@@ -51,6 +61,9 @@ class Strip:
         self.settings = settings
         self.decode = Decode()
         self.dark = _six()
+        self._rest = _six()
+        self._floor = _six()
+        self._followed = False
         self.stream_touch = self.stream_spectrum = False
         self._framer = framer
         self._uses = uses
@@ -64,10 +77,12 @@ class Strip:
         self._blink_samples = 0
         self._dark_known = False
         self._dark_wanted = False
-        self._idle_us = 0
+        self._idle_us = self._odd_us = 0
+        self._quiet = -1
         self._dark_age_us = 0
         self._dark_every_us = DARK_EVERY_US
         self._missed = 0
+        self._rest_wanted = False
         self._search = None
         self._on_dark = self._on_search = None
 
@@ -83,6 +98,7 @@ class Strip:
         self._dark_known = False
         self._dark_wanted = True
         self._dark_every_us = max(DARK_EVERY_US, DARK_EVERY_SAMPLES * self.sensor.exposure_us)
+        self._forget_rest()
         self._blink = _LIT
         self._restart_average()
 
@@ -98,9 +114,17 @@ class Strip:
         self._on_search = done
         self._dark_wanted = True
 
+    def request_rest(self):
+        """Take what lies on the strip now as its untouched state."""
+        self._rest_wanted = True
+
     def forget_requests(self):
         """Drop what was requested and not done yet."""
         self._search = self._on_search = self._on_dark = None
+
+    def rest(self):
+        """Return the light of the untouched strip beyond the dark, as `dark` is counted."""
+        return [level >> 10 for level in self._rest]
 
     def take(self):
         """Use the sample that the sensor has just read."""
@@ -135,15 +159,17 @@ class Strip:
         elif self._dark_known:
             flags |= DARK_SUBTRACTED
         decode = self.decode
-        decode.update(self._sums, samples, self.dark, flags)
-        if decode.flags & TOUCHING:
-            self._idle_us = 0
-        elif self._idle_us < IDLE_US:
-            self._idle_us += samples * sensor.exposure_us
+        decode.update(self._sums, samples, self._floor, flags)
+        self._judge_quiet(decode.flags, samples * sensor.exposure_us)
         self._time.set(self._add(sensor.complete, -(samples * sensor.exposure_us >> 1)))
         if self.stream_touch:
             self._framer.touch(self.index, decode)
-        self._uses.take(self.index, decode)
+        rests = self._uses.take(self.index, decode)
+        if self.settings.values["baseline"]:
+            if sensor.led_on:
+                self._follow(samples, rests)
+        elif self._followed:
+            self._forget_rest()
         if self.stream_spectrum:
             if samples > 1:
                 sums = self._sums
@@ -151,6 +177,47 @@ class Strip:
                     sums[i] = (sums[i] + (samples >> 1)) // samples
             self._framer.spectrum(self.index, decode.flags, sensor.gain, self._sums)
         self._restart_average()
+
+    def _judge_quiet(self, flags, lasted_us):
+        if flags & TOUCHING:
+            self._idle_us = 0
+        elif self._idle_us < IDLE_US:
+            self._idle_us += lasted_us
+        if not self._is_odd(flags):
+            self._odd_us = 0
+        elif self._odd_us < ODD_US:
+            self._odd_us += lasted_us
+        elif self._dark_age_us >= ODD_EVERY_US:
+            self._dark_wanted = True
+
+    def _is_odd(self, flags):
+        if flags & (TOUCHING | LED_OFF):
+            return flags & MISFIT
+        light = 0
+        for i in range(CHANNELS):
+            light += self._sums[i]
+        light //= self._samples
+        if self._quiet < 0:
+            self._quiet = light
+        return abs(light - self._quiet) > ODD_COUNTS
+
+    def _follow(self, samples, rests):
+        if rests or self._rest_wanted:
+            self._rest_wanted = False
+            up = down = 0
+        elif self._idle_us >= SETTLED_US:
+            up = _UP
+            down = _DOWN
+        else:
+            return
+        self._followed = True
+        follow(self._rest, self._floor, self._sums, samples, self.dark, DARK_SAMPLES, up, down)
+
+    def _forget_rest(self):
+        self._followed = False
+        for i in range(CHANNELS):
+            self._rest[i] = 0
+            self._floor[i] = self.dark[i]
 
     def _restart_average(self):
         self._samples = 0
@@ -187,11 +254,13 @@ class Strip:
     def _end_blink(self, sensor):
         for i in range(CHANNELS):
             self.dark[i] = self._blink_sums[i]
+            self._floor[i] = self.dark[i] + (self._rest[i] >> 10)
         sensor.switch_led(True)
         self._blink = _RISING
         self._dark_known = True
         self._dark_wanted = False
-        self._dark_age_us = 0
+        self._dark_age_us = self._odd_us = 0
+        self._quiet = -1
         done, self._on_dark = self._on_dark, None
         if done:
             done()

@@ -1,11 +1,11 @@
 """What readings become besides frames: keys, and a gamepad.
 
-Settings say which; a board without USB for them sends keys as frames alone.
+Settings say which; a board without USB for them sends keys as frames alone. What is not switched
+on is not loaded, so that the memory is there for something else.
 """
 
-from .keypad import Keypad
-
-INTERFACES = (("keys", "keyboard"), ("gamepad", "gamepad"))  # setting, USB interface
+# USB interface, and the setting that wants it.
+INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
 _WAIT_US = 1_000  # between two offers, when there is nothing else to do
 
 
@@ -17,9 +17,13 @@ class Uses:
     settings : settings.Settings
         ``keys`` and ``gamepad``; read at `apply`.
     framer : frame.Framer
+    time : frame.Time32
+        Set to the time of what happens before it is told.
     usb : object or None
         ``open(names) -> dict``: for each interface of `INTERFACES` that there is now, what sends
         its reports. Raises OSError with a sentence if it cannot. None on a board without.
+    layout_lines : list of str
+        Lines of a `layout.Layout` that were checked, or none for ten keys in a row.
 
     Attributes
     ----------
@@ -27,16 +31,24 @@ class Uses:
         Why the USB interfaces that were wanted at start are not there.
     """
 
-    def __init__(self, settings, framer, usb):
+    def __init__(self, settings, framer, time, usb, layout_lines):
         self._values = settings.values
         self._framer = framer
+        self._time = time
         self._usb = usb
         self._sensor = 0
+        self._rests = False
         self.fault = None
-        self._keyboard = self._gamepad = self._axes = None
-        self._open()
-        self._keypad = Keypad(self)
+        self._keypad = self._layout = None
+        self._keyboard = self._consumer = self._gamepad = self._axes = None
         self._keys_on = self._gamepad_on = False
+        self.layout_lines = layout_lines
+        self._open()
+
+    def use_layout(self, lines):
+        """Take lines of a layout that were checked, or none; `apply` has to follow."""
+        self.layout_lines = lines
+        self._layout = None
 
     def apply(self, calibration):
         """Let go of all, and go on as the settings and the calibration, or None, say."""
@@ -45,50 +57,74 @@ class Uses:
         self._keys_on = bool(self._values["keys"]) and known
         self._gamepad_on = bool(self._values["gamepad"]) and known and self._axes is not None
         if self._keys_on:
-            self._keypad.set_length(calibration.length_um)
+            if self._keypad is None:
+                from .keypad import Keypad
+
+                self._keypad = Keypad(self)
+            self._keypad.set_layout(self._get_layout(), calibration.length_um)
         if self._gamepad_on:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
 
     def note(self, calibration):
         """Return what keeps the uses that are switched on from working, or None."""
-        wanted = [pair for pair in INTERFACES if self._values[pair[0]]]
+        wanted = self._wanted()
         notes = []
         if wanted and calibration is None:
             notes.append("without a calibration no touch is a key or moves an axis")
-        there = {"keyboard": self._keyboard, "gamepad": self._gamepad}
-        for setting, name in wanted:
-            if there[name] is None:
-                notes.append(self._why_not(setting, name))
+        missing = [name for name in wanted if self._interface(name) is None]
+        if missing and self._usb is None:
+            notes.append("this board has no USB %s" % " and ".join(missing))
+        elif missing:
+            due = "save and reboot, and the board is a USB %s too" % " and ".join(missing)
+            notes.append(self.fault or due)
+        if "keyboard" in missing:
+            notes.append("keys go out as frames")
         return "; ".join(notes) or None
 
     def take(self, sensor, decode):
-        """Take a reading."""
+        """Take a reading; return whether what lies there has rested too long to be a finger."""
         self._sensor = sensor
         if self._keys_on:
-            self._keypad.take(decode.flags, decode.position_um, decode.force_mN)
+            t = self._time.high << 6 | self._time.low >> 10
+            self._rests = False
+            self._keypad.take(decode.flags, decode.position_um, decode.force_mN, t)
+            self._keypad.tick(t)
         if self._gamepad_on:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
+        return self._rests
 
-    def key(self, usage, modifiers, pressed):
-        """Send a key event, as a frame and to the host's keyboard driver."""
-        self._framer.key(self._sensor, usage, modifiers, pressed)
-        if self._keyboard is not None:
-            self._keyboard.key(usage, modifiers, pressed)
+    def key(self, page, usage, modifiers, pressed):
+        """Send a key event, as a frame and to the host's driver."""
+        self._framer.key(self._sensor, page, usage, modifiers, pressed)
+        if page == 7:
+            if self._keyboard is not None:
+                self._keyboard.key(usage, modifiers, pressed)
+        elif self._consumer is not None:
+            self._consumer.key(usage, pressed)
+
+    def stuck(self):
+        """Take note that what lies there is no finger."""
+        self._rests = True
 
     def pump(self):
         """Offer what waits to the host, once; return whether nothing waits any more."""
         idle = True
         if self._keyboard is not None:
             idle = self._keyboard.outbox.pump()
+        if self._consumer is not None:
+            idle = self._consumer.outbox.pump() and idle
         if self._gamepad is not None:
             idle = self._gamepad.outbox.pump() and idle
         return idle
 
     def release(self):
         """Let go of all; a touch that lasts is none until it was lifted."""
-        self._keypad.release()
+        if self._keypad is not None:
+            self._keypad.release()
         if self._keyboard is not None:
             self._keyboard.release()
+        if self._consumer is not None:
+            self._consumer.release()
         if self._axes is not None:
             self._axes.release()
 
@@ -101,29 +137,43 @@ class Uses:
 
     def dropped(self):
         """Return how many reports the host never got."""
-        return sum(one.outbox.dropped for one in (self._keyboard, self._gamepad) if one)
+        there = [self._interface(name) for name, _ in INTERFACES]
+        return sum(one.outbox.dropped for one in there if one is not None)
+
+    def _get_layout(self):
+        if self._layout is None:
+            from .layout import Layout, default_lines
+
+            self._layout = Layout(self.layout_lines or default_lines())
+        return self._layout
+
+    def _wanted(self):
+        names = [name for name, setting in INTERFACES if self._values[setting]]
+        if "consumer" in names and 12 not in self._get_layout().pages:
+            names.remove("consumer")
+        return names
+
+    def _interface(self, name):
+        if name == "keyboard":
+            return self._keyboard
+        return self._consumer if name == "consumer" else self._gamepad
 
     def _open(self):
-        wanted = [name for setting, name in INTERFACES if self._values[setting]]
-        if self._usb is None or not wanted:
+        names = self._wanted()
+        if self._usb is None or not names:
             return
         try:
-            sends = self._usb.open(wanted)
+            sends = self._usb.open(names)
         except OSError as error:
             self.fault = str(error)
             return
-        # Here, so that other boards have the memory for something else.
         from .gamepad import GamepadAxes
-        from .hid import Gamepad, Keyboard
+        from .hid import Consumer, Gamepad, Keyboard
 
         if "keyboard" in sends:
             self._keyboard = Keyboard(sends["keyboard"])
+        if "consumer" in sends:
+            self._consumer = Consumer(sends["consumer"])
         if "gamepad" in sends:
             self._gamepad = Gamepad(sends["gamepad"])
             self._axes = GamepadAxes(self._gamepad)
-
-    def _why_not(self, setting, name):
-        if self._usb is None:
-            instead = ": keys go out as frames" if name == "keyboard" else ""
-            return "this board has no USB %s%s" % (name, instead)
-        return self.fault or "save and reboot, and the board is a USB %s too" % name

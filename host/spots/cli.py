@@ -46,8 +46,11 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seconds", type=_seconds, help="end after so long (10 off a terminal)")
     demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
     demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
+    demo.add_argument("--use", default="strip", help="strip, keyboard, controller or wearable")
     _add_simulation(demo)
-    demo.set_defaults(run=_demo)
+    demo.set_defaults(run=_demo, scenario=None)  # that of the use
+
+    _add_uses(commands)
 
     bench = commands.add_parser("bench", help="driver, firmware and host against their peers")
     bench.add_argument("--json", action="store_true", help="one JSON object")
@@ -77,6 +80,36 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("line", nargs="+", help="such as: set exposure_us=10000")
     command.set_defaults(run=_command)
     return parser
+
+
+def _add_uses(commands) -> None:
+    keys = commands.add_parser("keys", help="layouts of keys: looked at, checked, onto a board")
+    keys.add_argument("what", choices=["check", "show", "push"])
+    keys.add_argument("layout", metavar="FILE.toml", help="or a name, such as mini")
+    _add_port(keys)
+    keys.set_defaults(run=_keys)
+
+    keyboard = commands.add_parser("keyboard", help="be a keyboard that a strip plays")
+    _add_port(keyboard)
+    keyboard.add_argument("--layout", default="digits", metavar="FILE.toml", help="or a name")
+    keyboard.add_argument("--dry-run", action="store_true", help="print keys, be no keyboard")
+    keyboard.add_argument("--seconds", type=_seconds, help="end after so long")
+    keyboard.set_defaults(run=_keyboard)
+
+    wearable = commands.add_parser("wearable", help="gestures on a worn strip to keys")
+    _add_port(wearable)
+    wearable.add_argument("--gestures", metavar="FILE.toml", help="the default if not given")
+    wearable.add_argument("--dry-run", action="store_true", help="print keys, be no keyboard")
+    wearable.add_argument("--seconds", type=_seconds, help="end after so long")
+    wearable.set_defaults(run=_wearable)
+
+    controller = commands.add_parser("controller", help="be a gamepad that a strip plays")
+    _add_port(controller)
+    controller.add_argument("--settings", metavar="FILE.toml", help="the default if not given")
+    controller.add_argument("--dry-run", action="store_true", help="print states, be no gamepad")
+    controller.add_argument("--calibrate", action="store_true", help="measure rest and ends")
+    controller.add_argument("--seconds", type=_seconds, help="end after so long")
+    controller.set_defaults(run=_controller)
 
 
 def _add_boards(commands) -> None:
@@ -221,10 +254,48 @@ def _demo(options: argparse.Namespace) -> None:
     if seconds is None and not sys.stdout.isatty():
         seconds = 10.0
     summary = demo(
-        options.sensor, options.scenario, options.seed, seconds, options.fast, quiet=options.json
+        options.sensor,
+        options.scenario,
+        options.seed,
+        seconds,
+        options.fast,
+        options.json,
+        options.use,
     )
     if options.json:
         print(json.dumps(summary))
+
+
+def _keys(options: argparse.Namespace) -> None:
+    from .uses import keys
+
+    if options.what == "check":
+        keys.check(options.layout)
+    elif options.what == "show":
+        keys.show(options.layout)
+    else:
+        layout = keys.load(options.layout)
+        with _open(options) as board:
+            note = keys.push(board, layout)
+        print(f"{layout.name} is on the board" + (f": {note}" if note else ""))
+
+
+def _keyboard(options: argparse.Namespace) -> None:
+    from .uses.type_keys import run
+
+    run(options)
+
+
+def _wearable(options: argparse.Namespace) -> None:
+    from .uses.wearable import run
+
+    run(options)
+
+
+def _controller(options: argparse.Namespace) -> None:
+    from .uses.play import run
+
+    run(options)
 
 
 def _bench(options: argparse.Namespace) -> None:

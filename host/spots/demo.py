@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 
 from .board import Board
 from .calibrate.stage import calibrate
 from .connect import open_virtual, prepare
+from .errors import SpotsError
 from .link import Link
 from .score import Score
 from .sim.files import ScenarioFile, SensorFile, load
@@ -31,14 +33,20 @@ class _Hashing:
 
 
 def demo(
-    sensor: str, scenario: str, seed: int, seconds: float | None, fast: bool, quiet: bool
+    sensor: str,
+    scenario: str | None,
+    seed: int,
+    seconds: float | None,
+    fast: bool,
+    quiet: bool,
+    use: str = "strip",
 ) -> dict:
     """Run the virtual board, show what it feels, and return the run in figures.
 
     Parameters
     ----------
     sensor, scenario : str
-        Files, by path or name.
+        Files, by path or name; no scenario for that of the use.
     seed : int
         Of the noise.
     seconds : float or None
@@ -47,20 +55,84 @@ def demo(
         In simulated time: as fast as the machine can, the same bytes every time.
     quiet : bool
         Show nothing.
+    use : str
+        A key of `USES`.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such use or file, or the virtual board does not run.
     """
+    if use not in USES:
+        raise SpotsError(f"there is no demo of '{use}': --use takes one of {', '.join(USES)}")
+    show, usual = USES[use]
+    scenario = scenario or usual
     truth = Scenario(load(ScenarioFile, scenario))
     if fast:
         board, link = open_fast(sensor, truth, seed)
         started_s = 0.0
     else:
         (board, started_s), link = open_virtual(sensor, scenario, seed), None
-    score = Score(truth, started_s)
     with board:
-        watch(board, seconds, quiet, score)
-        summary = score.summary(board.info, board.stats)
+        summary = show(board, truth, started_s, seconds, quiet)
     if link is not None:
         summary["stream_sha256"] = link.sha256.hexdigest()
     return summary
+
+
+def _strip(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    score = Score(truth, started_s)
+    watch(board, seconds, quiet, score)
+    return score.summary(board.info, board.stats)
+
+
+def _controller(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from .uses.play import demonstrate
+
+    figures = demonstrate(board, truth, started_s, seconds, quiet)
+    return {
+        "runtime": board.info["runtime"],
+        "board": board.info["board"],
+        "frames": board.stats.frames,
+        "lost": board.stats.lost,
+        "bad_crc": board.stats.bad_crc,
+        **figures,
+    }
+
+
+def _keyboard(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from .uses.type_keys import demonstrate
+
+    return _with_link(board, demonstrate(board, seconds, quiet))
+
+
+def _wearable(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from .uses.wearable import demonstrate
+
+    return _with_link(board, demonstrate(board, seconds, quiet))
+
+
+def _with_link(board: Board, figures: dict) -> dict:
+    stats = board.stats
+    return {"frames": stats.frames, "lost": stats.lost, "bad_crc": stats.bad_crc, **figures}
+
+
+# What is shown of a board, the truth and the host time of its time 0, for so long, or quietly;
+# each returns the run in figures. With it the scenario that is played if no other is named.
+USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
+    "strip": (_strip, "demo"),
+    "keyboard": (_keyboard, "typing"),
+    "controller": (_controller, "demo"),
+    "wearable": (_wearable, "demo"),
+}
 
 
 def open_fast(sensor: str, truth: Scenario, seed: int) -> tuple[Board, _Hashing]:

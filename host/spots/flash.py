@@ -26,7 +26,9 @@ _RETURN_S = 20.0
 _POLL_S = 0.2
 # What a user made on the board: other files than ours are never touched by `flash`.
 USER_FILES = tuple(
-    name + end for name in ("settings.txt", "calibration.txt") for end in ("", ".old", ".new")
+    name + end
+    for name in ("settings.txt", "calibration.txt", "layout.txt")
+    for end in ("", ".old", ".new")
 )
 
 

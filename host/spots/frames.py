@@ -110,8 +110,10 @@ class Key(NamedTuple):
 
     Attributes
     ----------
+    page : int
+        USB HID usage page: 7 keyboard, 12 consumer.
     usage, modifiers : int
-        As in a USB HID keyboard report.
+        As in a USB HID report of that page.
     pressed : bool
         Whether it goes down.
     """
@@ -119,6 +121,7 @@ class Key(NamedTuple):
     sensor: int
     sequence: int
     t_us: int
+    page: int
     usage: int
     modifiers: int
     pressed: bool
@@ -256,8 +259,8 @@ def _spectrum(sensor, sequence, t_us, body):
 
 
 def _key(sensor, sequence, t_us, body):
-    usage, modifiers, pressed = _KEY.unpack(body)
-    return Key(sensor, sequence, t_us, usage, modifiers, bool(pressed))
+    page, usage, modifiers, pressed = _KEY.unpack(body)
+    return Key(sensor, sequence, t_us, page, usage, modifiers, bool(pressed))
 
 
 def _text(sensor, sequence, t_us, body):

@@ -1,10 +1,12 @@
-"""What lets a user open a board's port on Linux."""
+"""What lets a user open a board's port, and be a keyboard or a gamepad, on Linux."""
 
 from __future__ import annotations
 
 import sys
 
 from .link import usb_ports
+
+UINPUT_RULE = 'KERNEL=="uinput", SUBSYSTEM=="misc", OPTIONS+="static_node=uinput", TAG+="uaccess"'
 
 
 def with_rule(sentence: str, port: str) -> str:

@@ -22,12 +22,7 @@ def test_a_sample_of_ours_takes_no_heap(results, path):
 
 
 def test_arithmetic_and_framing_are_several_times_faster_by_viper(results):
-    portable, viper = (results["firmware"][path] for path in OURS)
-    ratio = viper["vm_time_ratio_of_portable_from_sums"]
-    assert ratio >= 5
-    times_us = [path["vm_us_per_sample_from_sums"] for path in (portable, viper)]
-    # Median of ratios, and ratio of medians.
-    assert ratio == pytest.approx(times_us[0] / times_us[1], rel=0.25)
+    assert results["firmware"]["spots_viper"]["vm_time_ratio_of_portable_from_sums"] >= 5
 
 
 @pytest.mark.parametrize("path", FLOATS)

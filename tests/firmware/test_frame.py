@@ -137,11 +137,11 @@ def test_board_time_is_the_sum_of_its_steps_modulo_32_bits(steps):
 def test_a_gap_is_told_by_the_next_frame_that_has_flags():
     made, port = framer()
     made.gap()
-    made.key(0, 30, 0, True)
+    made.key(0, 7, 30, 0, True)
     made.text(b"{}")
     made.touch(0, reading(flags=0))
     made.touch(0, reading(flags=0))
     payloads = [cobs.decode(sent[:-1]) for sent in port.sent if len(sent) > 1]
     assert [payload[0] for payload in payloads] == [4, 3, 1, 1]
-    assert struct.unpack_from("<BBB", payloads[0], 7) == (30, 0, 1)
+    assert struct.unpack_from("<BHBB", payloads[0], 7) == (7, 30, 0, 1)
     assert [payload[7] for payload in payloads[2:]] == [1 << 5, 0]

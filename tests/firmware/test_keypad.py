@@ -1,168 +1,293 @@
-"""One touch is one key, wherever the finger goes; and the gamepad's axes."""
+"""What a finger does on a key is what the layout says; whatever it does, no key stays down."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
 
-from tactile.decode import LED_OFF, MISFIT, SATURATED, TOO_DARK, TOUCHING
-from tactile.gamepad import GamepadAxes
-from tactile.keypad import USAGES, Keypad
+from keys import LENGTH_UM, Desk, clicks, key, letter, limit
+from tactile.layout import (
+    HOLD_PREFERRED,
+    MOMENTARY,
+    ONCE,
+    TAP_PREFERRED,
+    TOGGLE,
+    action,
+    default_lines,
+)
 
-LENGTH_UM = 85_000
-ONE, TWO, ZERO = USAGES[0], USAGES[1], USAGES[9]
-
-
-class Sink:
-    def __init__(self):
-        self.events = []
-
-    def key(self, usage, modifiers, pressed):
-        self.events.append((usage, pressed))
-
-
-@pytest.fixture
-def pad():
-    sink = Sink()
-    keypad = Keypad(sink)
-    keypad.set_length(LENGTH_UM)
-    keypad.events = sink.events
-    keypad.take(0, 0, 0)
-    return keypad
+A, B, C, D, E, F = range(4, 10)
+SHIFT = 0xE1
+TAPPING_MS, QUICK_MS, DOUBLE_MS = limit("tapping_ms"), limit("quick_ms"), limit("double_ms")
+PLAIN = key(500, 1000, letter(B))
 
 
-def touch(pad, *positions_um, flags=TOUCHING):
-    for position_um in positions_um:
-        pad.take(flags, position_um, 1000)
-
-
-def lift(pad):
-    pad.take(TOO_DARK, 0, 0)
+def one(*keys, **statements):
+    """Return a desk with one layer."""
+    lines = [f"{name} {value}" for name, value in statements.items()]
+    return Desk(*lines, "layer 0 0", *keys)
 
 
 @pytest.mark.parametrize("index", range(10))
-def test_a_touch_in_a_zone_is_its_key(pad, index):
-    touch(pad, LENGTH_UM * index // 10 + 1, LENGTH_UM * (index + 1) // 10 - 1)
-    lift(pad)
-    assert pad.events == [(USAGES[index], True), (USAGES[index], False)]
+def test_without_a_layout_there_are_ten_keys_in_a_row(index):
+    desk = Desk(*default_lines())
+    desk.tap(10 * index + 0.1)
+    desk.tap(10 * index + 9.9)
+    assert desk.events == clicks(30 + index, 30 + index)
 
 
-def test_a_finger_that_slides_holds_its_first_key(pad):
-    touch(pad, 100, LENGTH_UM // 2, LENGTH_UM)
-    assert pad.events == [(ONE, True)]
-    lift(pad)
-    assert pad.events == [(ONE, True), (ONE, False)]
+@pytest.mark.parametrize(("x_mm", "usage"), [(-0.5, 30), (100, 39), (120, 39)])
+def test_the_ends_belong_to_the_outermost_keys(x_mm, usage):
+    desk = Desk(*default_lines())
+    desk.tap(x_mm)
+    assert desk.events == clicks(usage)
 
 
-@pytest.mark.parametrize(("position_um", "usage"), [(-500, ONE), (LENGTH_UM, ZERO), (99_000, ZERO)])
-def test_the_ends_belong_to_the_last_zones(pad, position_um, usage):
-    touch(pad, position_um)
-    assert pad.events == [(usage, True)]
+def test_between_keys_there_is_none():
+    desk = one(key(100, 400, letter(A)), key(600, 900, letter(B)))
+    for x_mm in (5, 50, 95):
+        desk.tap(x_mm)
+    assert desk.events == []
+    desk.press(50)
+    desk.slide(50, 70, 200)  # which is where it was meant to go
+    desk.slide(70, 20, 200)
+    desk.lift()
+    assert desk.events == clicks(B)
 
 
-@pytest.mark.parametrize("doubt", [SATURATED, MISFIT, LED_OFF, TOO_DARK])
-def test_a_doubtful_reading_presses_nothing_until_it_is_clear(pad, doubt):
-    touch(pad, 0, flags=TOUCHING | doubt)
-    assert pad.events == []
-    touch(pad, LENGTH_UM)
-    touch(pad, 0, flags=TOUCHING | doubt)
-    assert pad.events == [(ZERO, True)]
+def test_modifiers_go_with_their_key():
+    desk = one(key(0, 1000, letter(A, 2)))
+    desk.tap(50)
+    assert desk.modifiers == [2]
 
 
-def test_a_finger_that_lay_there_through_a_release_has_to_lift(pad):
-    touch(pad, 0)
-    pad.release()
-    pad.release()
-    touch(pad, 0, 0)
-    assert pad.events == [(ONE, True), (ONE, False)]
-    lift(pad)
-    touch(pad, 0)
-    assert pad.events[2:] == [(ONE, True)]
+def test_a_key_is_held_as_long_as_the_finger():
+    desk = one(key(0, 1000, letter(A)))
+    desk.press(50, 5000)
+    assert desk.events == [(A, True)]
 
 
-def test_another_length_lets_go(pad):
-    touch(pad, 0)
-    pad.set_length(2 * LENGTH_UM)
-    lift(pad)
-    touch(pad, LENGTH_UM // 5 + 1)
-    assert pad.events == [(ONE, True), (ONE, False), (TWO, True)]
+HOLD = key(0, 500, letter(A), hold=letter(SHIFT))
+
+
+def test_a_tap_is_one_action_and_a_hold_another():
+    desk = one(HOLD)
+    desk.tap(20, TAPPING_MS - 50)
+    assert desk.events == clicks(A)
+    desk.lift(1000)
+    desk.press(20, TAPPING_MS + 40)
+    assert desk.events[2:] == [(SHIFT, True)]
+    desk.lift()
+    assert desk.events[2:] == clicks(SHIFT)
+
+
+def test_a_quick_tap_and_a_hold_repeat_the_tap():
+    desk = one(HOLD)
+    desk.tap(20, 60, QUICK_MS - 60)
+    desk.press(20, 1000)
+    assert desk.events == [*clicks(A), (A, True)]
+    desk.lift(QUICK_MS + 40)
+    desk.press(20, 1000)
+    assert desk.events == [*clicks(A, A), (SHIFT, True)]
+
+
+def test_of_a_rolling_second_finger_the_flavour_decides():
+    for flavour, events in {
+        HOLD_PREFERRED: [(SHIFT, True), (B, True), (SHIFT, False), (B, False)],
+        TAP_PREFERRED: clicks(A, B),
+    }.items():
+        desk = one(HOLD, PLAIN, flavour=flavour)
+        desk.press(20, 100)
+        desk.press(80, 100)
+        desk.lift()
+        assert desk.events == events
+
+
+DOUBLE = key(0, 500, letter(A), double=letter(C))
+
+
+def test_two_taps_are_one_action_and_one_comes_when_there_is_no_second():
+    desk = one(DOUBLE, PLAIN)
+    desk.tap(20, 60, 80)
+    assert desk.events == []
+    desk.press(20)
+    assert desk.events == [(C, True)]
+    desk.lift()
+    assert desk.events == clicks(C)
+    desk.tap(20, 60, DOUBLE_MS + 60)
+    assert desk.events == clicks(C, A)
+
+
+def test_another_key_ends_the_wait_for_a_second_tap():
+    desk = one(DOUBLE, PLAIN)
+    desk.tap(20, 60, 60)
+    desk.tap(80)
+    assert desk.events == clicks(A, B)
+
+
+def test_a_firm_press_is_another_level_decided_when_it_gets_firm():
+    desk = one(key(0, 1000, letter(A), firm=letter(D)))
+    desk.press(50, 40, force_mN=1000)
+    assert desk.events == []
+    desk.press(50, 40, force_mN=limit("firm_mN"))
+    assert desk.events == [(D, True)]
+    desk.lift()
+    desk.tap(50, 40)
+    assert desk.events == clicks(D, A)
+    desk.press(50, limit("firm_ms") + 40)
+    desk.press(50, 100, force_mN=9000)  # too late: it has been typed
+    assert desk.events[4:] == [(A, True)]
+
+
+SLIDER = key(0, 1000, letter(A), minus=letter(E), plus=letter(F))
+
+
+def test_a_slide_is_a_click_at_every_step_and_no_tap():
+    desk = one(SLIDER, slide_um=5000)
+    desk.press(20)
+    desk.slide(20, 36, 200)
+    assert desk.events == clicks(F, F, F)
+    desk.slide(36, 20, 200)
+    desk.lift()
+    assert desk.events == clicks(F, F, F, E, E, E)
+    desk.tap(20)
+    assert desk.events[12:] == clicks(A)
+
+
+def test_a_swipe_is_the_layers_and_no_key():
+    desk = Desk(f"layer {letter(E)} {letter(F)}", key(0, 1000, letter(A)), "swipe_um 15000")
+    desk.press(20, 30)
+    desk.slide(20, 60, 120)
+    desk.lift()
+    assert desk.events == clicks(F)
+    desk.press(60, 30)
+    desk.slide(60, 20, 120)
+    desk.lift()
+    desk.tap(50, 60)
+    assert desk.events == clicks(F, E, A)
+
+
+def test_a_slow_move_is_no_swipe():
+    desk = Desk(f"layer {letter(E)} {letter(F)}", key(0, 1000, letter(A)), "swipe_ms 100")
+    desk.press(20, 30)
+    desk.slide(20, 60, 400)
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def layers(how):
+    return Desk(
+        "layer 0 0",
+        key(0, 500, action(how, 1)),
+        key(500, 1000, letter(A)),
+        "layer 0 0",
+        key(0, 500, action(TOGGLE, 1)),
+        key(500, 1000, letter(B)),
+    )
+
+
+def test_a_layer_for_the_next_key():
+    desk = layers(ONCE)
+    for x_mm in (20, 80, 80):
+        desk.tap(x_mm)
+    assert desk.events == clicks(B, A)
+
+
+def test_a_layer_that_stays_until_it_is_switched_off():
+    desk = layers(TOGGLE)
+    for x_mm in (20, 80, 80, 20, 80):
+        desk.tap(x_mm)
+    assert desk.events == clicks(B, B, A)
+
+
+def test_a_layer_while_its_key_is_held():
+    desk = layers(MOMENTARY)
+    desk.press(20, 100)
+    desk.press(80, 100)  # the next finger comes when the layer is gone
+    desk.lift()
+    assert desk.events == clicks(A)
+    desk = Desk(
+        f"flavour {HOLD_PREFERRED}",
+        "layer 0 0",
+        key(0, 500, letter(C), hold=action(MOMENTARY, 1)),
+        key(500, 1000, letter(A)),
+        "layer 0 0",
+        key(500, 1000, letter(B)),
+    )
+    desk.press(20, 100)
+    desk.press(80, 100)
+    desk.lift()
+    desk.tap(80)
+    assert desk.events == clicks(B, A)
+
+
+def test_a_key_is_released_as_it_was_pressed_whatever_layer_is_on():
+    desk = layers(TOGGLE)
+    desk.press(80)
+    desk.pad._base = 1
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_a_finger_that_lay_there_through_a_release_has_to_lift():
+    desk = one(key(0, 1000, letter(A)))
+    desk.press(50)
+    desk.pad.release()
+    desk.pad.release()
+    desk.press(50, 500)
+    assert desk.events == clicks(A)
+    desk.lift()
+    desk.press(50)
+    assert desk.events[2:] == [(A, True)]
+
+
+def test_a_release_forgets_a_tap_that_waits_and_the_layer():
+    desk = one(DOUBLE)
+    desk.tap(20)
+    desk.pad.release()
+    desk.lift(1000)
+    assert desk.events == []
+    desk = layers(TOGGLE)
+    desk.tap(20)
+    desk.pad.release()
+    desk.lift()
+    desk.tap(80)
+    assert desk.events == clicks(A)
+
+
+EVERYTHING = (
+    f"layer {letter(A)} {letter(B)}",
+    key(0, 200, letter(C), letter(D), letter(E), letter(F), letter(10), letter(11)),
+    key(200, 400, letter(12), hold=action(MOMENTARY, 1)),
+    key(450, 600, letter(13), double=action(ONCE, 1)),
+    key(600, 800, action(TOGGLE, 1)),
+    key(800, 1000, letter(14), firm=letter(15)),
+    "layer 0 0",
+    key(0, 500, letter(16)),
+    key(500, 1000, action(TOGGLE, 1), hold=letter(17), minus=letter(18), plus=letter(19)),
+)
 
 
 @given(
-    length_um=st.integers(0, 1 << 28),
+    flavour=st.integers(0, 2),
     readings=st.lists(
-        st.tuples(st.integers(0, 255), st.integers(-(1 << 28), 1 << 28), st.integers(0, 65_535)),
-        max_size=30,
+        st.tuples(
+            st.sampled_from([1, 1, 1, 0, 4, 3, 17, 128, 129, 255]),
+            st.integers(-(1 << 28), 1 << 28) | st.integers(0, LENGTH_UM),
+            st.integers(0, 65_535),
+            st.integers(1, 40),
+        ),
+        max_size=40,
     ),
 )
-def test_presses_and_releases_alternate_in_integers_of_31_bits(length_um, readings):
-    sink = Sink()
-    keypad = Keypad(sink)
-    keypad.set_length(SmallInt(length_um))
-    for flags, position_um, force_mN in readings:
-        keypad.take(SmallInt(flags), SmallInt(position_um), SmallInt(force_mN))
-    keypad.release()
-    assert [pressed for _, pressed in sink.events] == [True, False] * (len(sink.events) // 2)
-    assert [usage for usage, _ in sink.events[::2]] == [usage for usage, _ in sink.events[1::2]]
-
-
-class Axes:
-    def __init__(self):
-        self.now = None
-
-    def update(self, *axes):
-        self.now = tuple(int(axis) for axis in axes)
-
-    def release(self):
-        self.now = "released"
-
-
-@pytest.fixture
-def axes():
-    sink = Axes()
-    made = GamepadAxes(sink)
-    made.set_range(LENGTH_UM, 5000)
-    made.sink = sink
-    return made
-
-
-@pytest.mark.parametrize(
-    ("position_um", "force_mN", "state"),
-    [
-        (0, 0, (-32_767, 0, 0, 1)),
-        (LENGTH_UM, 5000, (32_767, 0, 32_760, 1)),
-        (LENGTH_UM // 2, 2500, (0, 0, 16_376, 1)),
-        (-7, 60_000, (-32_767, 0, 32_760, 1)),
-        (10 * LENGTH_UM, 1, (32_767, 0, 0, 1)),
-    ],
-)
-def test_where_and_how_hard(axes, position_um, force_mN, state):
-    axes.take(TOUCHING, position_um, force_mN)
-    assert axes.sink.now == state
-
-
-def test_without_a_touch_all_is_0_and_a_doubtful_reading_changes_nothing(axes):
-    axes.take(TOUCHING, LENGTH_UM, 5000)
-    before = axes.sink.now
-    axes.take(TOUCHING | LED_OFF, 0, 0)
-    assert axes.sink.now == before
-    axes.take(TOO_DARK, 0, 0)
-    assert axes.sink.now == (0, 0, 0, 0)
-
-
-@given(
-    length_um=st.integers(0, 1 << 28),
-    full_mN=st.integers(1, 65_535),
-    position_um=st.integers(-(1 << 28), 1 << 28),
-    force_mN=st.integers(0, 65_535),
-)
-def test_axes_are_in_range_and_in_integers_of_31_bits(length_um, full_mN, position_um, force_mN):
-    sink = Axes()
-    axes = GamepadAxes(sink)
-    axes.set_range(SmallInt(length_um), SmallInt(full_mN))
-    axes.take(TOUCHING, SmallInt(position_um), SmallInt(force_mN))
-    x, _, z, _ = sink.now
-    assert -32_767 <= x <= 32_767
-    assert 0 <= z <= 32_767
-    inside = min(max(position_um, 0), max(1, length_um))
-    assert abs(x - (65_536 * inside / max(1, length_um) - 32_768)) <= 2
+def test_whatever_comes_no_key_is_doubled_or_stays_in_integers_of_31_bits(flavour, readings):
+    desk = Desk(f"flavour {flavour}", "stuck_ms 900", *EVERYTHING, number=SmallInt)
+    for flags, x_um, force_mN, times in readings:
+        for _ in range(times):
+            desk.read(flags, x_um, force_mN)
+    desk.pad.release()
+    down = set()
+    for usage, pressed in desk.events:
+        assert (usage in down) != pressed
+        down ^= {usage}
+    assert not down

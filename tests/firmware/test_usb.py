@@ -137,7 +137,7 @@ def test_micropython_whose_host_goes_away_in_between_has_not_sent(micropython, e
 
 
 class Device:
-    KEYBOARD = None
+    KEYBOARD = CONSUMER_CONTROL = None
 
     def __init__(self, *, usage_page, usage, **rest):
         self.usage_page = usage_page
@@ -178,8 +178,8 @@ class CircuitPython:
 @pytest.fixture
 def circuitpython(monkeypatch):
     world = CircuitPython()
-    keyboard = Device(usage_page=1, usage=6)
-    monkeypatch.setattr(Device, "KEYBOARD", keyboard)
+    monkeypatch.setattr(Device, "KEYBOARD", Device(usage_page=1, usage=6))
+    monkeypatch.setattr(Device, "CONSUMER_CONTROL", Device(usage_page=12, usage=1))
     hid = {"Device": Device, "devices": ()}
     module = fresh(
         monkeypatch,
@@ -210,7 +210,7 @@ def test_circuitpython_is_what_the_settings_say(circuitpython):
         module.enable(keyboard, gamepad)
         there = module.open_interfaces(["keyboard", "gamepad"])
         assert ("keyboard" in there, "gamepad" in there) == (keyboard, gamepad)
-    pad = sys.modules["usb_hid"].devices[1].rest
+    pad = sys.modules["usb_hid"].devices[2].rest
     assert pad["report_descriptor"] == with_report_id(GAMEPAD_DESCRIPTOR, 4)
     assert (pad["report_ids"], pad["in_report_lengths"]) == ((4,), (8,))
 

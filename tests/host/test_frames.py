@@ -51,8 +51,8 @@ def test_a_spectrum_a_key_and_a_text():
     counts = (0, 65_535, 2, 3, 4, 5)
     (spectrum,) = decoder.feed(encoded(struct.pack("<BHIBB6H", 2, 0, 9, 8, 10, *counts)))
     assert spectrum == Spectrum(0, 0, 9, 8, 10, counts)
-    (key,) = decoder.feed(encoded(struct.pack("<BHIBBB", 0x14, 1, 9, 30, 2, 1)))
-    assert key == Key(1, 1, 9, 30, 2, True)
+    (key,) = decoder.feed(encoded(struct.pack("<BHIBHBB", 0x14, 1, 9, 7, 30, 2, 1)))
+    assert key == Key(1, 1, 9, 7, 30, 2, True)
     (text,) = decoder.feed(encoded(struct.pack("<BHI", 3, 2, 0) + b'{"re": "get"}'))
     assert text == Text(0, 2, 0, {"re": "get"})
 

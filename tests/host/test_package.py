@@ -23,10 +23,11 @@ def installed(tmp_path_factory):
     return folder / "site"
 
 
-def test_the_demo_runs_from_the_wheel_alone(installed, tmp_path):
+@pytest.mark.parametrize(("use", "figure"), [("strip", "touches"), ("controller", "states")])
+def test_the_demo_runs_from_the_wheel_alone(installed, tmp_path, use, figure):
     demo = "import sys, spots.cli; print(spots.__file__); sys.exit(spots.cli.main())"
     run = subprocess.run(
-        [sys.executable, "-c", demo, "demo", "--fast", "--seconds", "1", "--json"],
+        [sys.executable, "-c", demo, "demo", "--fast", "--seconds", "1", "--json", "--use", use],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(installed)},
         capture_output=True,
@@ -35,7 +36,7 @@ def test_the_demo_runs_from_the_wheel_alone(installed, tmp_path):
     assert run.returncode == 0, run.stderr
     where, figures = run.stdout.splitlines()
     assert where.startswith(str(installed))
-    assert json.loads(figures)["touches"] >= 1
+    assert json.loads(figures)[figure] >= 1
 
 
 def test_every_board_of_the_checkout_is_in_the_wheel(installed):

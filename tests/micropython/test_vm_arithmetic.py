@@ -9,8 +9,18 @@ import random
 
 import pytest
 
+from tactile import contact
 from tactile.calibration import KNOTS_MAX, ONE_Q13, WEIGHT_SUM_MAX, Calibration, CalibrationError
 from tactile.frame import HEADER_SIZE, TEXT_MAX
+from tactile.layout import (
+    CONSUMER,
+    KEYBOARD,
+    MOMENTARY,
+    ONCE,
+    TOGGLE,
+    action,
+    default_lines,
+)
 from tactile.log2 import LIMIT, ONE
 from tactile.settings import LIMITS
 
@@ -175,6 +185,62 @@ def test_accumulate(compare, rng):
         for count in (0, 1, 32_768, FULL):
             cases.append(([samples * FULL] * CHANNELS, [count, FULL, 0, 1, 2, 3], samples))
     compare("accumulate", cases, width=CHANNELS)
+
+
+def test_follow(compare, rng):
+    cases = []
+    for _ in range(60):
+        samples = rng.choice((1, 2, 64))
+        rest = [rng.choice((0, rng.randint(0, 4 * FULL << 10))) for _ in range(CHANNELS)]
+        sums = [samples * rng.choice((0, FULL, rng.randint(0, FULL))) for _ in range(CHANNELS)]
+        dark = [rng.choice((0, rng.randint(0, 40), 4 * FULL)) for _ in range(CHANNELS)]
+        shifts = rng.choice(((0, 0), (10, 6), (6, 10)))
+        cases.append((rest, [0] * CHANNELS, sums, dark, samples, *shifts))
+    compare("follow", cases, width=2 * CHANNELS)
+
+
+def a_finger(rng):
+    """Return readings of somebody who taps, holds, slides, presses firmly and with two fingers."""
+    t = rng.randint(0, contact.TICKS - 1)
+    readings = []
+
+    def read(flags, x_um, force_mN):
+        nonlocal t
+        t = (t + 10) % contact.TICKS
+        readings.append((flags, x_um, force_mN, t))
+
+    for _ in range(12):
+        x_um = rng.randint(-500, 85_500)
+        drift_um = rng.choice((0, 0, rng.randint(-40, 40), rng.randint(-3000, 3000)))
+        force_mN = rng.choice((500, 1500, 5000))
+        for _ in range(rng.choice((1, 4, 8, 30, 60))):
+            doubt = rng.choice((0, 0, 0, 0, 0, 16, 128))
+            read(1 | doubt, x_um, force_mN)
+            x_um += drift_um
+        for _ in range(rng.choice((0, 1, 4, 8, 60))):
+            read(4, 0, 0)
+    return readings
+
+
+RICH = [
+    "stuck_ms 500",
+    "slide_um 2000",
+    f"layer {action(CONSUMER, 0xE9)} {action(CONSUMER, 0xEA)}",
+    *(f"key {low} {low + 100} {action(KEYBOARD, 4 + low // 100, 2)} 0 0 0 0 0" for low in (0, 100)),
+    f"key 200 400 {action(KEYBOARD, 7)} 0 {action(KEYBOARD, 8)} 0 0 0",
+    f"key 420 500 {action(KEYBOARD, 9)} {action(KEYBOARD, 10)} 0 {action(KEYBOARD, 11)} 0 0",
+    f"key 500 700 {action(KEYBOARD, 12)} 0 0 0 {action(KEYBOARD, 13)} {action(KEYBOARD, 14)}",
+    f"key 700 1000 {action(ONCE, 1)} 0 {action(TOGGLE, 1)} 0 0 0",
+    "layer 0 0",
+    f"key 0 500 {action(KEYBOARD, 15)} 0 {action(MOMENTARY, 0)} 0 0 0",
+    f"key 500 1000 {action(TOGGLE, 1)} 0 0 0 0 0",
+]
+
+
+def test_keypad(compare, rng):
+    layouts = [default_lines(), *([f"flavour {flavour}", *RICH] for flavour in range(3))]
+    cases = [(rng.choice(layouts), 85_000, a_finger(rng)) for _ in range(3)]
+    compare("keypad", cases, width=3 * 150)
 
 
 def messages(rng):

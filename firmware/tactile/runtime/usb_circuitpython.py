@@ -11,8 +11,8 @@ import usb_hid
 
 from ..hid import GAMEPAD_DESCRIPTOR, REPORT_SIZE, with_report_id
 
-_PAGE = 0x01  # generic desktop
-_USAGES = {"keyboard": 0x06, "gamepad": 0x05}
+# Usage page and usage by which a device is known.
+_USAGES = {"keyboard": (0x01, 0x06), "consumer": (0x0C, 0x01), "gamepad": (0x01, 0x05)}
 _GAMEPAD_ID = 4  # 1 to 3 are those of CircuitPython's own devices
 _SPACE_MS = 10
 _PAUSE_MS = 2_000  # after a wait in vain; twice as long after each further one
@@ -24,13 +24,13 @@ def enable(keyboard, gamepad):
     """Choose what the host will see; for boot.py, USB must not be connected yet."""
     devices = []
     if keyboard:
-        devices.append(usb_hid.Device.KEYBOARD)
+        devices += [usb_hid.Device.KEYBOARD, usb_hid.Device.CONSUMER_CONTROL]
     if gamepad:
         devices.append(
             usb_hid.Device(
                 report_descriptor=with_report_id(GAMEPAD_DESCRIPTOR, _GAMEPAD_ID),
-                usage_page=_PAGE,
-                usage=_USAGES["gamepad"],
+                usage_page=_USAGES["gamepad"][0],
+                usage=_USAGES["gamepad"][1],
                 report_ids=(_GAMEPAD_ID,),
                 in_report_lengths=(REPORT_SIZE,),
                 out_report_lengths=(0,),
@@ -45,7 +45,7 @@ def open_interfaces(names):
     sends = {}
     for device in usb_hid.devices:
         for name in names:
-            if (device.usage_page, device.usage) == (_PAGE, _USAGES[name]):
+            if (device.usage_page, device.usage) == _USAGES[name]:
                 sends[name] = _Interface(endpoint, device).send
     return sends
 

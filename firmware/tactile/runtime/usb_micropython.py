@@ -4,7 +4,13 @@ import usb.device
 from micropython import const
 from usb.device.hid import HIDInterface
 
-from ..hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, REPORT_SIZE
+from ..hid import (
+    CONSUMER_DESCRIPTOR,
+    CONSUMER_SIZE,
+    GAMEPAD_DESCRIPTOR,
+    KEYBOARD_DESCRIPTOR,
+    REPORT_SIZE,
+)
 
 _NONE = const(0)  # protocols of an interface, HID 1.11, section 4.3
 _KEYBOARD = const(1)
@@ -13,19 +19,20 @@ _GET_REPORT = (0xA1, 1)  # bmRequestType, bRequest
 _INTERVAL_MS = const(1)  # how often the host is to ask
 
 _INTERFACES = {
-    "keyboard": (KEYBOARD_DESCRIPTOR, _KEYBOARD),
-    "gamepad": (GAMEPAD_DESCRIPTOR, _NONE),
+    "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE, _KEYBOARD),
+    "consumer": (CONSUMER_DESCRIPTOR, CONSUMER_SIZE, _NONE),
+    "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE, _NONE),
 }
 
 
 class _Reports(HIDInterface):
-    def __init__(self, descriptor, protocol):
+    def __init__(self, descriptor, size, protocol):
         # Hosts tell a keyboard its LEDs; a refusal of that may upset them.
         super().__init__(descriptor, set_report_buf=bytearray(1), protocol=protocol)
         self.binterval = _INTERVAL_MS
         self._described_as = protocol
         # The stack reads it until the host has it.
-        self._report = bytearray(REPORT_SIZE)
+        self._report = bytearray(size)
 
     def desc_cfg(self, desc, itf_num, ep_num, strs):
         # It is called twice, and the library's own leaves another meaning in this attribute: the
@@ -42,7 +49,7 @@ class _Reports(HIDInterface):
         """Give a report to the stack, if it has nothing of this interface left to send."""
         if not self.is_open() or self.busy():
             return False
-        for i in range(REPORT_SIZE):
+        for i in range(len(report)):
             self._report[i] = report[i]
         try:
             return self.send_report(self._report, 0)

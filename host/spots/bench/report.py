@@ -109,13 +109,14 @@ def _firmware(results: dict) -> Table:
 def _boards(results: dict) -> Table:
     table = _table(
         "Boards: what the firmware takes",
-        "Heap once it runs, calibrated; estimated for words of 32 bits.",
+        "Heap once it runs, estimated for words of 32 bits.",
         "board",
         ".mpy bytes",
         "heap bytes",
+        "calibrated",
     )
     for name, spent in results.items():
-        table.add_row(name, f"{spent['mpy_bytes']:,}", f"{spent['heap_bytes']:,}")
+        table.add_row(name, *(f"{count:,}" for count in spent.values()))
     return table
 
 

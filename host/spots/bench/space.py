@@ -1,10 +1,10 @@
 """What the firmware takes of a board: flash for its modules, and heap once it runs.
 
 The modules are weighed as they are built for the board. The heap is estimated from MicroPython in
-words of 64 bits, calibrated and streaming: code, constants and names are as long on every board,
-about as the .mpy files hold them, and of all else half is left where a word is half as long. Only
-what is loaded counts: a keyboard and a gamepad are not, unless they are switched on. What stands in
-for bus, clock and port is counted too; what MicroPython itself takes at start is not.
+words of 64 bits, streaming, before and with a calibration: code, constants and names are as long on
+every board, about as the .mpy files hold them, and of all else half is left where a word is half as
+long. Only what is loaded counts: keyboard and gamepad are not, unless they are switched on. What
+stands in for bus, clock and port is counted too; what MicroPython itself takes at start is not.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from ..build import build, files_of
-from ..stage import board_names, device_of, stage
+from ..stage import board_names, device_of
 from .firmware import run_script
 
 _PORTABLE = "virtual"
@@ -22,7 +22,8 @@ _RUNTIME = "tactile/runtime/micropython.mpy"  # what stands for it was loaded in
 
 
 def run(calibration: list[str]) -> dict:
-    """Return, for every board that takes .mpy files, ``mpy_bytes`` and ``heap_bytes``.
+    """Return, for every board that takes .mpy files, ``mpy_bytes``, ``started_bytes`` and
+    ``calibrated_bytes``, the latter two of its heap.
 
     Parameters
     ----------
@@ -36,21 +37,19 @@ def run(calibration: list[str]) -> dict:
     """
     names = [name for name in board_names() if device_of(name).runtime == "micropython"]
     with tempfile.TemporaryDirectory(prefix="spots-") as folder:
-        sizes = {name: _mpy_bytes(build(name, Path(folder) / "build")) for name in names}
-        running = Path(folder) / "running"
-        running.mkdir()
-        stage(_PORTABLE, running)
+        builds = {name: build(name, Path(folder)) for name in names}
+        sizes = {name: _mpy_bytes(built) for name, built in builds.items()}
         inputs = {"calibration": calibration}
-        measured = run_script(running, inputs, "canned.py", "heap.py")
+        measured = run_script(builds[_PORTABLE], inputs, "canned.py", "heap.py")
     loaded = [path for path in map(_path, measured["modules"]) if path in sizes[_PORTABLE]]
-    rest = (measured["taken_bytes"] - sum(sizes[_PORTABLE][path] for path in loaded)) // 2
-    return {
-        name: {
-            "mpy_bytes": sum(of.values()),
-            "heap_bytes": sum(of[path] for path in (*loaded, _RUNTIME)) + rest,
-        }
-        for name, of in sizes.items()
-    }
+    code_here = sum(sizes[_PORTABLE][path] for path in loaded)
+    spent = {}
+    for name, of in sizes.items():
+        spent[name] = {"mpy_bytes": sum(of.values())}
+        code = sum(of[path] for path in (*loaded, _RUNTIME))
+        for when in ("started_bytes", "calibrated_bytes"):
+            spent[name][when] = code + (measured[when] - code_here) // 2
+    return spent
 
 
 def _path(module: str) -> str:

@@ -5,7 +5,6 @@ The comments in ``data/*.toml`` say where each default comes from.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -155,13 +154,6 @@ class ScenarioFile(_Struct):
 _File = TypeVar("_File", SensorFile, ScenarioFile)
 
 
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise msgspec.ValidationError(f"'{text}' is no finite number")
-    return value
-
-
 def load(kind: type[_File], name: str | Path) -> _File:
     """Read a sensor or scenario file.
 
@@ -189,7 +181,4 @@ def load(kind: type[_File], name: str | Path) -> _File:
         raise SpotsError(
             f"cannot read the {what} file {name}: give a path that ends in .toml, or one of {known}"
         ) from None
-    try:
-        return msgspec.convert(toml.loads(text, parse_float=_finite), kind)
-    except (toml.TOMLDecodeError, msgspec.ValidationError) as error:
-        raise SpotsError(f"{what} file {path}: {error}") from None
+    return toml.checked(text, kind, f"{what} file {path}")

@@ -1,9 +1,9 @@
 """Runs the firmware's loop through scenes and prints the bytes that it sent, a scene a line.
 
 Reads from given.json: ``settings``, ``calibrations``, ``scenes`` (see `play`), ``port_bytes`` for
-what the port is to keep, ``uses``: settings at the start, and ``lock``: whether the heap is locked
-meanwhile. The last line but one has the USB reports; the last one tells how many bytes more are
-allocated after the scenes than before.
+what the port is to keep, ``uses`` and ``layout``: settings and keys at the start, and ``lock``:
+whether the heap is locked meanwhile. The last line but one has the USB reports; the last one tells
+how many bytes more are allocated after the scenes than before.
 """
 
 import gc
@@ -113,9 +113,12 @@ with open("given.json") as file:
 port = Port(given["port_bytes"])
 usb = Usb(given["port_bytes"])
 save_lines("settings.txt", given["uses"])
+save_lines("layout.txt", given["layout"])
 app, bus, clock, _ = canned.app((), port, usb)
 strip = app.strip
 calibrations = [Calibration(lines) if lines else None for lines in given["calibrations"]]
+for calibration in calibrations:
+    app.uses.apply(calibration)  # loads what is switched on
 first = given["scenes"][0]
 left_us = _AGE_US - clock.now
 while left_us > 0:

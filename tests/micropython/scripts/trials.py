@@ -6,6 +6,8 @@ from canned import Clock
 
 from tactile import kernel
 from tactile.frame import Time32
+from tactile.keypad import Keypad
+from tactile.layout import Layout
 from tactile.log2 import log2_q20
 from tactile.pacing import Pacing
 
@@ -117,6 +119,73 @@ def frame(cases, results):
     for i in range(len(cases)):
         case = cases[i]
         _keep(kernel.frame(case[0], case[1], _encoded), i * width, results)
+
+
+class Events:
+    """Keeps key events where results are wanted: time, page and direction, usage, modifiers."""
+
+    def __init__(self):
+        self.results = None
+        self.at = self.end = self.now = 0
+
+    def begin(self, results, at, most):
+        self.results = results
+        self.at = at
+        self.end = at + most
+        self.now = 0
+
+    def key(self, page, usage, modifiers, pressed):
+        self._keep(page << 1 | (1 if pressed else 0), usage << 8 | modifiers)
+
+    def stuck(self):
+        self._keep(1, 0)
+
+    def _keep(self, what, which):
+        if self.at + 3 <= self.end:
+            self.results[self.at] = self.now
+            self.results[self.at + 1] = what
+            self.results[self.at + 2] = which
+            self.at += 3
+
+
+def prepare_keypad(cases):
+    prepared = []
+    for lines, length_um, readings in cases:
+        events = Events()
+        pad = Keypad(events)
+        pad.set_layout(Layout(lines), length_um)
+        prepared.append(
+            (pad, events, array("i", [value for reading in readings for value in reading]))
+        )
+    return prepared
+
+
+def keypad(cases, results):
+    width = len(results) // len(cases)
+    for i in range(len(cases)):
+        case = cases[i]
+        pad = case[0]
+        events = case[1]
+        readings = case[2]
+        events.begin(results, i * width, width)
+        for j in range(0, len(readings), 4):
+            events.now = t = readings[j + 3]
+            pad.take(readings[j], readings[j + 1], readings[j + 2], t)
+            pad.tick(t)
+        pad.release()
+
+
+def prepare_follow(cases):
+    return [tuple(_arrays(case[:4])) + tuple(case[4:]) for case in cases]
+
+
+def follow(cases, results):
+    for i in range(len(cases)):
+        case = cases[i]
+        kernel.follow(case[0], case[1], case[2], case[4], case[3], 4, case[5], case[6])
+        for j in range(6):
+            results[12 * i + j] = case[0][j]
+            results[12 * i + 6 + j] = case[1][j]
 
 
 def _keep(size, at, results):

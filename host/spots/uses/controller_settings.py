@@ -1,0 +1,157 @@
+"""Settings of the controller: a TOML file, every key checked, units in the names.
+
+``data/controller.toml`` is the default and says what each key does.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Union
+
+import msgspec
+
+from .. import toml
+from ..errors import SpotsError
+
+DEFAULT = Path(__file__).parent / "data" / "controller.toml"
+
+Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Force = Annotated[float, msgspec.Meta(ge=0, le=65_535)]
+Time = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
+Hertz = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
+
+
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class Smooth(_Struct):
+    """See `one_euro.OneEuro`; the signal is the deflection, 1 at an end."""
+
+    min_cutoff_hz: Hertz = 2.0
+    beta: Annotated[float, msgspec.Meta(ge=0, le=1000)] = 16.0
+    derivative_cutoff_hz: Hertz = 10.0
+
+
+class _Axis(_Struct, tag_field="from"):
+    deadband: Annotated[float, msgspec.Meta(ge=0, le=0.9)] = 0.0
+    expo: Share = 0.0
+    invert: bool = False
+    smooth: Smooth = Smooth()
+
+
+class PositionAxis(_Axis, tag="position"):
+    """An axis that follows where the finger is, in per cent of the strip from the sensor on."""
+
+    rest_percent: Percent = 50.0
+    min_percent: Percent = 5.0
+    max_percent: Percent = 95.0
+
+    def __post_init__(self):
+        if not self.min_percent < self.rest_percent < self.max_percent:
+            raise ValueError("min_percent, rest_percent, max_percent must ascend")
+
+
+class ForceAxis(_Axis, tag="force"):
+    """An axis that follows how hard the finger presses."""
+
+    rest_mN: Force = 300.0
+    max_mN: Force = 6000.0
+
+    def __post_init__(self):
+        if not self.rest_mN < self.max_mN:
+            raise ValueError("rest_mN must be below max_mN")
+
+
+class _Button(_Struct, tag_field="when"):
+    number: Annotated[int, msgspec.Meta(ge=1, le=16)]
+    from_percent: Percent = 0.0
+    to_percent: Percent = 100.0
+
+    def __post_init__(self):
+        if not self.from_percent < self.to_percent:
+            raise ValueError("from_percent must be below to_percent")
+
+
+class Pressed(_Button, tag="pressed"):
+    """A button that is down while a touch that began in its zone presses hard."""
+
+    press_mN: Force = 0.0
+    release_mN: Force = 0.0
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.release_mN > self.press_mN:
+            raise ValueError("release_mN must not be above press_mN")
+
+
+class Tapped(_Button, tag="tapped"):
+    """A button that a short touch in its zone pushes for a moment."""
+
+    longest_ms: Time = 200.0
+    pulse_ms: Annotated[float, msgspec.Meta(ge=1, le=10_000)] = 50.0
+
+
+class Settings(_Struct):
+    """All of a controller."""
+
+    hold_ms: Time = 100.0
+    release_ms: Time = 15.0
+    rate_hz: Hertz = 125.0
+    x: Union[PositionAxis, ForceAxis, None] = None
+    y: Union[PositionAxis, ForceAxis, None] = None
+    z: Union[ForceAxis, None] = None
+    button: list[Union[Pressed, Tapped]] = []
+
+    def __post_init__(self):
+        if self.z is not None and self.z.invert:
+            raise ValueError("z has one side only: it cannot be inverted")
+
+
+def load(path: str | Path = DEFAULT) -> Settings:
+    """Read a settings file.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file, or a key in it is unknown, missing or out of range.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise SpotsError(
+            f"cannot read the settings file {path}: make one with 'spots controller --calibrate'"
+        ) from None
+    return toml.checked(text, Settings, f"settings file {path}")
+
+
+def save(settings: Settings, path: str | Path) -> None:
+    """Write a settings file.
+
+    Raises
+    ------
+    SpotsError
+        If it cannot be written.
+    """
+    content = msgspec.to_builtins(settings)
+    buttons = content.pop("button")
+    lines = _table("", content)
+    for one in buttons:
+        lines += ["", "[[button]]", *_table("", one)]
+    try:
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _table(name: str, content: dict) -> list[str]:
+    lines = ["", f"[{name}]"] if name else []
+    tables = {key: value for key, value in content.items() if isinstance(value, dict)}
+    for key, value in content.items():
+        if key not in tables and value is not None:
+            lines.append(f"{key} = {json.dumps(value)}")
+    for key, value in tables.items():
+        lines += _table(f"{name}.{key}".lstrip("."), value)
+    return lines

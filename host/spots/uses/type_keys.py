@@ -1,0 +1,133 @@
+"""``spots keyboard``: touches to keys of this computer; and the demo of a board that types."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import nullcontext
+
+from rich.console import Console
+
+from ..board import Board
+from ..connect import open
+from ..errors import SpotsError
+from ..frames import Key, Touch
+from ..view import Pace, live
+from .keyboard import KeyEngine, KeySink
+from .keys import push
+from .layout import KeyLayout, load
+from .outputs import ended_by_signals, open_keyboard
+from .typing_view import picture
+from .typist import TypedText
+
+_TICK_S = 0.02
+DEMO_LAYOUT = "mini"
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run ``spots keyboard`` with the options that `cli` parsed."""
+    layout = load(options.layout)
+    with ended_by_signals(), _open(options) as board:
+        info = board.command("hello")
+        if info["keys"]:
+            raise SpotsError(
+                "the board is a keyboard itself, and each key would come twice: "
+                "'spots command keys off' first"
+            )
+        with open_keyboard(options.dry_run) as keyboard:
+            type_on(board, layout, keyboard, options.seconds)
+
+
+def type_on(
+    board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
+) -> None:
+    """Type on a keyboard what is touched, until the time is over or Ctrl-C; then let go of all.
+
+    Parameters
+    ----------
+    board : Board
+    layout : KeyLayout
+    keyboard : KeySink
+    seconds : float, optional
+        Never end, if not given.
+
+    Raises
+    ------
+    SpotsError
+        If the board has no calibration, is lost, or the keyboard takes no more.
+    """
+    engine = KeyEngine(layout, length_of(board), keyboard)
+    board.command("set baseline=1")
+    board.command("stream touch")
+    end_s = None if seconds is None else board.now_s() + seconds
+    try:
+        while end_s is None or board.now_s() < end_s:
+            for frame in board.frames(_TICK_S):
+                if isinstance(frame, Touch) and frame.sensor == 0:
+                    engine.take(frame, board.now_s())
+            engine.tick(board.now_s())
+            if engine.rests:
+                engine.rests = 0
+                board.command("rest")
+    except KeyboardInterrupt:
+        pass
+    finally:
+        engine.release()
+
+
+def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
+    """Let the board be the keyboard, show what it types, and return the run in figures.
+
+    The same engine runs here on the same readings, and its events are compared.
+    """
+    layout = load(DEMO_LAYOUT)
+    typed, here, there = TypedText(), _Events(), _Events()
+    push(board, layout)
+    engine = KeyEngine(layout, length_of(board), here)
+    board.command("stream touch")
+    console = Console()
+    drawing = console.is_terminal and not quiet
+    pace, touch = Pace(), None
+    try:
+        with live(console) if drawing else nullcontext() as display:
+            for frame in board.frames(seconds):
+                if isinstance(frame, Touch):
+                    touch = frame
+                    engine.take(frame, board.now_s())
+                elif isinstance(frame, Key):
+                    there.key(*frame[3:7])
+                    typed.key(*frame[3:7])
+                    if frame.pressed and not drawing and not quiet:
+                        print(typed.text.splitlines()[-1], flush=True)
+                if drawing and pace.due(board.now_s()):
+                    display.update(picture(layout, engine, touch, typed, board.stats), refresh=True)
+    except KeyboardInterrupt:
+        pass
+    return {
+        "typed": typed.text,
+        "presses": typed.presses,
+        "keys_down": len(typed.down),
+        "host_agrees": here.events == there.events,
+    }
+
+
+def length_of(board: Board) -> int:
+    """Return the length of a board's strip in um; SpotsError if it knows none."""
+    length_um = board.command("hello").get("length_um")
+    if not length_um:
+        raise SpotsError(
+            "the board has no calibration that holds, so no touch is a key: run "
+            "'spots calibrate position', then 'spots calibrate force'"
+        )
+    return length_um
+
+
+class _Events:
+    def __init__(self):
+        self.events = []
+
+    def key(self, *event):
+        self.events.append(event)
+
+
+def _open(options: argparse.Namespace) -> Board:
+    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)

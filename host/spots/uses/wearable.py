@@ -1,0 +1,159 @@
+"""``spots wearable``: gestures on a strip that is worn, to keys of this computer."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from rich.console import Console
+
+from .. import toml
+from ..board import Board
+from ..connect import open
+from ..errors import SpotsError
+from ..frames import Touch
+from ..view import Pace, live
+from .gestures import NAMES, Gesture, Gestures
+from .keyboard import LOST_S, KeySink
+from .outputs import ended_by_signals, open_keyboard
+from .type_keys import length_of
+from .usages import chord_of
+from .wearable_view import picture
+
+DEFAULT = Path(__file__).parent / "data" / "wearable.toml"
+_TICK_S = 0.02
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    gestures: dict[str, str]
+    least_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.6
+
+
+class Mapping:
+    """What gestures do: a checked file.
+
+    Attributes
+    ----------
+    least_confidence : float
+        What is less sure does nothing.
+    names : dict of str to str
+        By gesture, the key as the file has it.
+    keys : dict of str to tuple of int
+        By gesture: page, usage, modifiers.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file, or something in it is wrong.
+    """
+
+    def __init__(self, path: str | Path = DEFAULT):
+        try:
+            file = msgspec.convert(toml.loads(Path(path).read_text(encoding="utf-8")), _File)
+        except (OSError, UnicodeDecodeError):
+            raise SpotsError(f"cannot read the gestures' file {path}: give a path to one") from None
+        except (toml.TOMLDecodeError, msgspec.ValidationError) as error:
+            raise SpotsError(f"gestures' file {path}: {error}") from None
+        unknown = sorted(set(file.gestures) - set(NAMES))
+        if unknown:
+            raise SpotsError(
+                f"gestures' file {path}: there is no gesture '{unknown[0]}'; there are "
+                + ", ".join(NAMES)
+            )
+        self.least_confidence = file.least_confidence
+        self.names = file.gestures
+        self.keys = {}
+        for gesture, action in file.gestures.items():
+            try:
+                self.keys[gesture] = chord_of(action)
+            except SpotsError as error:
+                raise SpotsError(f"gestures' file {path}, {gesture}: {error}") from None
+
+    def do(self, gesture: Gesture, keyboard: KeySink) -> None:
+        """Press and release what a gesture means, if it is sure enough."""
+        if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
+            for pressed in (True, False):
+                keyboard.key(*self.keys[gesture.name], pressed)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run ``spots wearable`` with the options that `cli` parsed."""
+    mapping = Mapping(options.gestures or DEFAULT)
+    with ended_by_signals(), _open(options) as board, open_keyboard(options.dry_run) as keyboard:
+        length_of(board)
+        drawing = Console().is_terminal and not options.dry_run
+        play(board, lambda one: mapping.do(one, keyboard), options.seconds, drawing, mapping)
+
+
+def play(
+    board: Board,
+    on_gesture: Callable[[Gesture], None],
+    seconds: float | None,
+    drawing: bool,
+    mapping: Mapping,
+) -> list[Gesture]:
+    """Tell of each gesture until the time is over or Ctrl-C; return all of them.
+
+    Parameters
+    ----------
+    board : Board
+        Told to follow the light of the untouched strip.
+    on_gesture : callable
+    seconds : float or None
+        Never end, if None.
+    drawing : bool
+        Whether to show a picture, with what `mapping` says.
+    mapping : Mapping
+    """
+    gestures, found = Gestures(), []
+    length_um = length_of(board)
+    board.command("set baseline=1")
+    board.command("stream touch")
+    end_s = None if seconds is None else board.now_s() + seconds
+    pace, touch, heard_s = Pace(), None, board.now_s()
+    try:
+        with live(Console()) if drawing else nullcontext() as display:
+            while end_s is None or board.now_s() < end_s:
+                for frame in board.frames(_TICK_S):
+                    if not isinstance(frame, Touch) or frame.sensor != 0:
+                        continue
+                    touch, heard_s = frame, board.now_s()
+                    for gesture in gestures.take(frame):
+                        found.append(gesture)
+                        on_gesture(gesture)
+                if board.now_s() - heard_s > LOST_S:
+                    gestures.release()
+                if gestures.rests:
+                    gestures.rests = 0
+                    board.command("rest")
+                if drawing and pace.due(board.now_s()):
+                    view = picture(touch, length_um, found, mapping.names, board.stats)
+                    display.update(view, refresh=True)
+    except KeyboardInterrupt:
+        pass
+    return found
+
+
+def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
+    """Show the gestures of a board and return the run in figures."""
+    drawing = Console().is_terminal and not quiet
+    mapping = Mapping()
+
+    def tell(gesture: Gesture) -> None:
+        if not drawing and not quiet:
+            does = mapping.names.get(gesture.name, "-")
+            print(f"{gesture.name:12} {gesture.confidence:4.0%}  {does}", flush=True)
+
+    found = play(board, tell, seconds, drawing, mapping)
+    return {
+        "gestures": [gesture.name for gesture in found],
+        "least_confidence": round(min((gesture.confidence for gesture in found), default=0), 3),
+    }
+
+
+def _open(options: argparse.Namespace) -> Board:
+    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)

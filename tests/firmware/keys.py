@@ -1,0 +1,88 @@
+"""A keypad on a desk: readings in, events out, at 10 ms a reading."""
+
+from __future__ import annotations
+
+from tactile.contact import TICKS
+from tactile.decode import TOO_DARK, TOUCHING
+from tactile.keypad import Keypad
+from tactile.layout import KEYBOARD, LIMITS, Layout, action
+
+LENGTH_UM = 100_000
+READING_MS = 10
+
+
+def letter(usage, modifiers=0):
+    """Return the action of a keyboard key."""
+    return action(KEYBOARD, usage, modifiers)
+
+
+def key(low, high, tap=0, double=0, hold=0, firm=0, minus=0, plus=0):
+    """Return the line of a key."""
+    return f"key {low} {high} {tap} {double} {hold} {firm} {minus} {plus}"
+
+
+class Desk:
+    """A keypad with a layout, and a finger to play with.
+
+    Attributes
+    ----------
+    events : list of (int, bool)
+        Usages that went down or up; ``modifiers`` has those beside each press.
+    """
+
+    def __init__(self, *lines, length_um=LENGTH_UM, number=int):
+        self._number = number
+        self.events = []
+        self.modifiers = []
+        self.rests = 0
+        self.now_ms = (TICKS * 1024 // 1000) - 300  # about to wrap
+        self.pad = Keypad(self)
+        self.pad.set_layout(Layout(lines), number(length_um))
+        self.lift(60)
+
+    def key(self, page, usage, modifiers, pressed):
+        self.events.append((int(usage), pressed))
+        if pressed:
+            self.modifiers.append(int(modifiers))
+
+    def stuck(self):
+        self.rests += 1
+
+    def read(self, flags, x_um=0, force_mN=0):
+        """One reading."""
+        t = self._number(self.now_ms * 1000 // 1024 % TICKS)
+        number = self._number
+        self.pad.take(number(flags), number(x_um), number(force_mN), t)
+        self.pad.tick(t)
+        self.now_ms += READING_MS
+
+    def press(self, x_mm, milliseconds=60, force_mN=1000, flags=TOUCHING):
+        """Hold a finger there."""
+        for _ in range(milliseconds // READING_MS):
+            self.read(flags, int(1000 * x_mm), force_mN)
+
+    def slide(self, from_mm, to_mm, milliseconds):
+        """Move a finger that is down."""
+        steps = milliseconds // READING_MS
+        for i in range(steps):
+            self.press(from_mm + (to_mm - from_mm) * (i + 1) / steps, READING_MS)
+
+    def lift(self, milliseconds=60):
+        """Leave the strip alone."""
+        for _ in range(milliseconds // READING_MS):
+            self.read(TOO_DARK)
+
+    def tap(self, x_mm, milliseconds=60, gap_ms=60, **options):
+        """Press and lift."""
+        self.press(x_mm, milliseconds, **options)
+        self.lift(gap_ms)
+
+
+def clicks(*usages):
+    """Return the events of keys that go down and up one after the other."""
+    return [event for usage in usages for event in ((usage, True), (usage, False))]
+
+
+def limit(name):
+    """Return a limit's default."""
+    return LIMITS[name][2]

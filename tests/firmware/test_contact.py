@@ -1,0 +1,139 @@
+"""Readings become touches: none of noise, one of one finger, two of two."""
+
+import pytest
+
+from keys import Desk, clicks, key, letter, limit
+from tactile.decode import LED_OFF, MISFIT, SATURATED, TOO_DARK, TOUCHING
+
+A, B, C = 4, 5, 6
+THREE = ("layer 0 0", key(0, 300, letter(A)), key(330, 660, letter(B)), key(700, 1000, letter(C)))
+
+
+def test_a_press_is_believed_at_its_second_reading():
+    desk = Desk(*THREE)
+    desk.press(10, 10)
+    assert desk.events == []
+    desk.press(10, 10)
+    assert desk.events == [(A, True)]
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_one_reading_is_none_and_two_apart_are_none():
+    desk = Desk(*THREE)
+    desk.tap(10, 10)
+    desk.press(10, 10)
+    desk.press(80, 10)
+    desk.lift()
+    assert desk.events == []
+
+
+def test_a_lift_is_believed_after_a_time_and_a_bounce_is_none():
+    desk = Desk(*THREE, "release_ms 25")
+    desk.press(10)
+    desk.lift(20)
+    desk.press(10, 30)
+    assert desk.events == [(A, True)]
+    desk.lift(30)
+    assert desk.events == [(A, True)]
+    desk.lift(10)
+    assert desk.events == clicks(A)
+
+
+@pytest.mark.parametrize("doubt", [SATURATED, MISFIT, LED_OFF])
+def test_a_doubtful_reading_neither_presses_nor_releases(doubt):
+    desk = Desk(*THREE)
+    desk.press(10, 200, flags=TOUCHING | doubt)
+    assert desk.events == []
+    desk.press(10)
+    desk.press(80, 200, flags=TOUCHING | doubt)
+    desk.press(10)
+    assert desk.events == [(A, True)]
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_blindness_is_no_lift():
+    desk = Desk(*THREE)
+    desk.press(10)
+    for _ in range(20):
+        desk.read(LED_OFF | TOO_DARK)
+    assert desk.events == [(A, True)]
+
+
+def test_force_has_hysteresis():
+    desk = Desk(*THREE, "press_mN 800", "release_mN 400")
+    desk.press(10, 100, force_mN=799)
+    assert desk.events == []
+    desk.press(10, 20, force_mN=800)
+    desk.press(10, 100, force_mN=400)
+    assert desk.events == [(A, True)]
+    desk.press(10, 100, force_mN=399)
+    assert desk.events == clicks(A)
+
+
+def test_a_finger_on_a_border_is_one_key():
+    for keys in (THREE, ("layer 0 0", key(0, 330, letter(A)), key(330, 1000, letter(B)))):
+        desk = Desk(*keys)
+        for i in range(50):
+            desk.press(33 + (-1) ** i * 0.4, 10)
+        desk.lift()
+        assert len(desk.events) == 2
+
+
+def test_a_quick_second_tap_may_miss_its_key_by_a_little():
+    desk = Desk(*THREE)
+    slack_mm = limit("slack_um") / 1000
+    desk.tap(32.9 + 0.2)
+    desk.tap(33 - slack_mm + 0.1)
+    desk.lift(1000)
+    desk.tap(33 - slack_mm + 0.1)  # between the keys, and no second tap
+    assert desk.events == clicks(B, B)
+
+
+def test_the_next_finger_counts_before_the_first_one_left():
+    desk = Desk(*THREE)
+    desk.press(10)
+    desk.press(45, 50, flags=TOUCHING | MISFIT)
+    desk.press(80, 10)
+    assert desk.events == [(A, True)]
+    desk.press(80, 10)
+    assert desk.events == [*clicks(A), (C, True)]
+    desk.lift()
+    assert desk.events == clicks(A, C)
+
+
+def test_a_finger_that_slides_is_the_same_one():
+    desk = Desk(*THREE)
+    desk.press(10)
+    desk.slide(10, 90, 300)
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_what_rests_for_long_is_no_finger():
+    desk = Desk(*THREE, "stuck_ms 2000")
+    desk.press(10, 1900)
+    assert (desk.rests, desk.events) == (0, [(A, True)])
+    desk.press(10, 200)
+    assert (desk.rests, desk.events) == (1, clicks(A))
+    desk.press(10, 1000)
+    assert desk.events == clicks(A)
+    desk.lift()
+    desk.tap(80)
+    assert desk.events == clicks(A, C)
+
+
+def test_a_finger_that_moves_or_changes_its_force_does_not_rest():
+    desk = Desk(*THREE, "stuck_ms 500")
+    for i in range(20):
+        desk.press(10 + 4 * (i % 2), 100)
+    for i in range(20):
+        desk.press(10, 100, force_mN=1000 + 600 * (i % 2))
+    assert (desk.rests, desk.events) == (0, [(A, True)])
+
+
+def test_without_a_limit_a_finger_may_rest():
+    desk = Desk(*THREE)
+    desk.press(10, 100_000)
+    assert (desk.rests, desk.events) == (0, [(A, True)])

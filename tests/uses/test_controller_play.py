@@ -1,0 +1,452 @@
+"""A board plays a gamepad: from the scenario's finger to the kernel, and every way it may end."""
+
+import contextlib
+import io
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from rich.console import Console
+
+from spots import SpotsError, cli, connect, demo
+from spots.board import Board
+from spots.connect import prepare
+from spots.frames import Touch
+from spots.sim.files import ScenarioFile, load
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Held, Press, Scenario
+from spots.uses import controller_setup, play
+from spots.uses.controller_score import ControllerScore
+from spots.uses.controller_settings import load as load_settings
+from spots.uses.outputs import AXIS_MAX, REST, PrintedGamepad, State
+from spots.uses.stick import picture
+from spots.uses.uinput import UInputGamepad
+
+LENGTH_UM = 85_000
+
+
+class Cable:
+    """A link to a board in simulated time that may fail.
+
+    Attributes
+    ----------
+    fault : callable
+        Takes the bytes of each read; returns those that arrive, or raises.
+    """
+
+    def __init__(self, sensor, scenario):
+        self.link = LockstepLink(sensor, scenario)
+        self.name, self.now_s, self.write = "cable", self.link.now_s, self.link.write
+        self.close = self.link.close
+        self.fault = lambda data: data
+
+    def read(self, timeout_s):
+        return self.fault(self.link.read(timeout_s))
+
+
+class Rig:
+    def __init__(self, sensor, calibration, scenario):
+        self.cable = Cable(sensor, scenario)
+        self.board = Board(self.cable)
+        prepare(self.board, calibration)
+        self.settings = load_settings()
+        self.controller = play.controller_for(self.board, self.settings)
+        self.score = None
+        if isinstance(scenario, Scenario):
+            self.score = ControllerScore(self.settings, LENGTH_UM, scenario, 0.0)
+        self.states = []
+
+    def play(self, gamepad, seconds):
+        def on_reading(touch):
+            if self.score:
+                self.score.read(touch, self.controller.state)
+
+        def on_state(state):
+            self.states.append((self.board.now_s(), state))
+            if self.score:
+                self.score.sent(state, self.board.now_s())
+
+        play.play(self.board, self.controller, gamepad, seconds, on_reading, on_state)
+
+
+@pytest.fixture
+def rig(sensor, calibration):
+    """Return a function that makes a board with a scenario and a controller."""
+    with contextlib.ExitStack() as stack:
+
+        def make(scenario):
+            made = Rig(sensor, calibration, scenario)
+            stack.callback(made.board.close)
+            return made
+
+        yield make
+
+
+def the_demo():
+    return Scenario(load(ScenarioFile, "demo"))
+
+
+def pressing(position_mm=70.0, force_mN=5500.0):
+    held = Held()
+    held.press = Press(position_mm, force_mN, 4.0)
+    return held
+
+
+# What arrives.
+
+
+def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
+    made = rig(the_demo())
+    with UInputGamepad() as gamepad:
+        made.play(gamepad, 11.0)
+        figures = made.score.summary()
+        assert 400 < figures["states"] < 800
+        assert figures["x_rms_percent"] < 1
+        assert figures["largest_unexplained_jump_percent"] < 1
+    device = evdev.UInput.made[-1]
+    pushed = [(code - 0x130 + 1, value) for kind, code, value in device.history if kind == 1]
+    # The press that grows, then the double tap far from the sensor.
+    assert pushed == [(1, 1), (1, 0), (3, 1), (3, 0), (3, 1), (3, 0)]
+    furthest = {code: value for kind, code, value in sorted(device.history) if kind == 3}
+    assert furthest[2] == AXIS_MAX
+    assert device.held() == []
+
+
+def test_the_figures_see_a_jump_that_no_finger_made(rig):
+    made = rig(the_demo())
+    made.play(PrintedGamepad(lambda line: None), 3.0)
+    assert made.score.summary()["largest_unexplained_jump_percent"] < 1
+    made.score.sent(State(-20_000, 0, 1000, 0), made.board.now_s())
+    made.score.sent(State(20_000, 0, 1000, 0), made.board.now_s() + 0.01)
+    assert made.score.summary()["largest_unexplained_jump_percent"] > 40
+
+
+def test_lost_frames_make_no_jump_and_leave_nothing_behind(rig):
+    made = rig(the_demo())
+    dice = random.Random(3)
+
+    def loses(data):
+        pieces = data.split(b"\0")
+        return b"\0".join(one for one in pieces if dice.random() > 0.3 or not one)
+
+    made.cable.fault = loses
+    made.play(PrintedGamepad(lambda line: None), 10.0)
+    assert made.board.stats.lost > 200
+    figures = made.score.summary()
+    assert figures["largest_unexplained_jump_percent"] < 2
+    assert figures["x_rms_percent"] < 2
+
+
+def test_a_cable_that_falls_silent_lets_go_and_the_board_is_felt_again(rig):
+    made = rig(pressing())
+    silent = PrintedGamepad(lambda line: None)
+    made.play(silent, 0.5)
+    last_s, last = made.states[-1]
+    assert last.x > 10_000
+    start_s = made.board.now_s()
+
+    def silence(data):
+        return b"" if start_s + 0.1 < made.board.now_s() < start_s + 0.5 else data
+
+    made.cable.fault = silence
+    made.play(silent, 1.0)
+    rest_s = next(time_s for time_s, state in made.states if state == REST)
+    hold_s = made.settings.hold_ms / 1000
+    assert start_s + hold_s < rest_s < start_s + 0.1 + hold_s + 0.03
+    assert made.controller.state.x == pytest.approx(last.x, abs=0.01 * AXIS_MAX)
+    assert last_s < rest_s < made.states[-1][0]
+
+
+def test_nobody_on_a_real_strip_sends_nothing(rig):
+    made = rig(Held())
+    made.play(PrintedGamepad(lambda line: None), 5.0)
+    assert made.states == []
+
+
+# How it ends.
+
+ENDS = {
+    "unplugged": SpotsError("the board on cable was disconnected"),
+    "Ctrl-C": KeyboardInterrupt(),
+    "terminated": SystemExit(143),
+    "a mistake of ours": RuntimeError("bug"),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_everything_is_let_go_whatever_ends_it(rig, evdev, name):
+    made = rig(pressing())
+
+    def later(data):
+        device = evdev.UInput.made[-1]  # there is one as soon as anything is read
+        if len(device.history) > 30:
+            assert device.known[3, 0] > 10_000
+            raise ENDS[name]
+        return data
+
+    made.cable.fault = later
+    with pytest.raises(type(ENDS[name])), UInputGamepad() as gamepad:
+        made.play(gamepad, 60.0)
+    device = evdev.UInput.made[-1]
+    assert device.held() == []
+    assert device.closed
+
+
+def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev, monkeypatch):
+    real, ends = connect.start_simulator, []
+
+    def start(*arguments):
+        started, end = real(*arguments)
+        ends.append(end)
+        return started, end
+
+    monkeypatch.setattr(connect, "start_simulator", start)
+    board, _ = connect.open_virtual("default", "demo", 0)
+    controller = play.controller_for(board, load_settings())
+
+    def unplug(state):
+        if state.z > 5000:
+            ends[0]()
+
+    with pytest.raises(SpotsError, match="disconnected"), board, UInputGamepad() as gamepad:
+        play.play(board, controller, gamepad, 60.0, on_state=unplug)
+    device = evdev.UInput.made[-1]
+    assert device.history
+    assert device.held() == []
+    assert device.closed
+
+
+def test_a_gamepad_that_is_gone_ends_it_in_a_sentence(rig, evdev):
+    made = rig(pressing())
+    gamepad = UInputGamepad()
+    evdev.UInput.made[-1].gone = True
+    with pytest.raises(SpotsError, match="takes no events any more"):
+        made.play(gamepad, 60.0)
+
+
+@pytest.fixture
+def process(environment, tmp_path):
+    """``spots controller`` on a virtual board, playing the stand-in; and what is told to it."""
+    if sys.platform == "win32":
+        pytest.skip("Windows has no such signals and no FIFO")
+    events, handle = tmp_path / "events", tmp_path / "handle"
+    os.mkfifo(handle)
+    reader = os.open(handle, os.O_RDONLY | os.O_NONBLOCK)
+    os.set_blocking(reader, True)
+    command = [sys.executable, "-m", "spots", "controller", "--port", "virtual"]
+    process = subprocess.Popen(
+        command,
+        env={**environment, "STAND_IN_EVENTS": str(events), "STAND_IN_HANDLE": str(handle)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    yield process, events, reader
+    process.kill()
+    process.wait()
+    os.close(reader)
+
+
+def _until_pressed(process, events):
+    for _ in range(1200):
+        if events.exists() and len(events.read_text().splitlines()) > 5:
+            return
+        assert process.poll() is None, "it ended by itself"
+        time.sleep(0.05)
+    pytest.fail("nothing was pressed in a minute of a demo that presses all the time")
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_lets_go_of_everything(process, name):
+    process, events, _ = process
+    _until_pressed(process, events)
+    process.send_signal(getattr(signal, name))
+    process.wait(30)
+    *told, last = events.read_text().splitlines()
+    assert last == "close"
+    known = {}
+    for line in told[1:]:
+        kind, code, value = line.split()
+        known[kind, code] = int(value)
+    assert known
+    assert set(known.values()) == {0}
+
+
+def test_a_killed_process_leaves_no_handle_of_the_device_behind(process):
+    # The kernel lets go of what a device held when its last handle is closed.
+    process, events, reader = process
+    _until_pressed(process, events)
+    assert os.read(reader, 1) == b"o"
+    process.send_signal(signal.SIGKILL)
+    process.wait(30)
+    assert os.read(reader, 1) == b""
+    assert events.read_text().splitlines()[-1] != "close"
+
+
+# The settings that a person measures.
+
+
+class Person:
+    """Does what is asked, on a stage."""
+
+    def __init__(self, held, touches):
+        self.held, self.touches, self.said = held, dict(touches), []
+
+    def __call__(self, words):
+        self.said.append(words)
+        if "lift" in words:
+            self.held.press = None
+        for key, (position_mm, force_mN) in self.touches.items():
+            if key in words:
+                self.held.press = Press(position_mm, force_mN, 4.0)
+
+
+TOUCHES = {
+    "middle": (30.0, 2000.0),
+    "towards the sensor": (12.0, 2000.0),
+    "other end": (70.0, 2000.0),
+    "lightly": (40.0, 700.0),
+    "as hard": (40.0, 5000.0),
+}
+
+
+def test_a_person_measures_rest_and_ends(rig, tmp_path):
+    held, path = Held(), tmp_path / "mine.toml"
+    made = rig(held)
+    person = Person(held, TOUCHES)
+    controller_setup.set_up(made.board, path, person)
+    settings = load_settings(path)
+    assert settings.x.rest_percent == pytest.approx(100 * 30 / 85, abs=0.3)
+    assert settings.x.min_percent == pytest.approx(100 * 12 / 85, abs=0.3)
+    assert settings.x.max_percent == pytest.approx(100 * 70 / 85, abs=0.3)
+    assert settings.z.rest_mN == pytest.approx(700, rel=0.05)
+    assert settings.z.max_mN == pytest.approx(5000, rel=0.05)
+    assert settings.button == load_settings().button
+    assert str(path) in person.said[-1]
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"middle": (75.0, 2000.0)}, "has to lie between the ends"),
+        ({"as hard": (40.0, 750.0)}, "times the light"),
+    ],
+)
+def test_touches_that_are_no_stick_are_told_and_nothing_is_written(
+    rig, tmp_path, change, complaint
+):
+    held, path = Held(), tmp_path / "mine.toml"
+    made = rig(held)
+    with pytest.raises(SpotsError, match=complaint):
+        controller_setup.set_up(made.board, path, Person(held, {**TOUCHES, **change}))
+    assert not path.exists()
+
+
+def test_without_a_touch_nothing_is_written(rig, tmp_path):
+    made = rig(Held())
+    with pytest.raises(SpotsError, match=r"no touch was held within 60 s"):
+        controller_setup.set_up(made.board, tmp_path / "mine.toml", lambda words: None)
+    assert not (tmp_path / "mine.toml").exists()
+
+
+# The command line.
+
+
+def test_the_demo_tells_its_figures_and_the_same_each_time(capsys):
+    told = []
+    for _ in range(2):
+        assert cli.main(["demo", "--use", "controller", "--fast", "--json", "--seconds", "3"]) == 0
+        told.append(json.loads(capsys.readouterr().out))
+    assert told[0] == told[1]
+    assert told[0]["states"] > 100
+    assert told[0]["x_rms_percent"] < 1
+    assert told[0]["largest_unexplained_jump_percent"] < 1
+
+
+def test_an_unknown_use_is_told_with_those_that_there_are(capsys):
+    assert cli.main(["demo", "--use", "piano"]) == 2
+    assert "strip, keyboard, controller" in capsys.readouterr().err
+    assert set(demo.USES) >= {"strip", "controller"}
+
+
+def test_settings_that_are_not_there_are_told_before_a_board_is_looked_for(capsys, tmp_path):
+    missing = str(tmp_path / "none.toml")
+    assert cli.main(["controller", "--port", "/dev/ttyNOPE", "--settings", missing]) == 2
+    assert "none.toml" in capsys.readouterr().err
+
+
+def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, rig, evdev):
+    made = rig(pressing())
+    made.board.info["gamepad"] = 1
+    evdev.UInput.made.clear()
+    monkeypatch.setattr(play, "_open", lambda options: made.board)
+    assert cli.main(["controller", "--seconds", "1"]) == 2
+    assert "gamepad off" in capsys.readouterr().err
+    assert evdev.UInput.made == []
+
+
+def test_a_board_without_a_calibration_is_told(sensor):
+    with (
+        Board(LockstepLink(sensor, Held())) as board,
+        pytest.raises(SpotsError, match="spots calibrate position"),
+    ):
+        play.controller_for(board, load_settings())
+
+
+def test_a_slow_board_is_held_for_two_readings():
+    class Slow:
+        def command(self, line):
+            return {"length_um": LENGTH_UM, "exposure_us": 100_000, "average": 4}
+
+    controller = play.controller_for(Slow(), load_settings())
+    touch = Touch(0, 0, 0, 1, 0, 0, 70_000, 3000)
+    controller.take(touch, 1.0)
+    controller.tick(1.79)
+    assert controller.state != REST
+    controller.tick(1.81)
+    assert controller.state == REST
+
+
+# The picture.
+
+
+def test_a_terminal_gets_the_picture_and_what_is_none_gets_lines(monkeypatch, capsys, rig):
+    screen = io.StringIO()
+    made = rig(the_demo())
+    terminal = {"file": screen, "force_terminal": True, "width": 100, "height": 40}
+    monkeypatch.setattr(play, "Console", lambda: Console(**terminal))
+    play.demonstrate(made.board, the_demo(), 0.0, 2.0, quiet=False)
+    assert screen.getvalue().count("SPOTS controller") > 20
+    for part in ("╪", "buttons", "states 9"):
+        assert part in screen.getvalue()
+    monkeypatch.setattr(play, "Console", lambda: Console(file=io.StringIO()))
+    assert capsys.readouterr().out == ""
+    play.demonstrate(made.board, the_demo(), 0.0, 2.0, quiet=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert 2 <= len(lines) <= 10
+    assert all(line.startswith("x ") for line in lines)
+
+
+def drawn(*arguments, **options):
+    console = Console(file=io.StringIO(), width=100)
+    console.print(picture(*arguments, **options))
+    return console.file.getvalue()
+
+
+def test_the_knob_is_where_x_is():
+    columns = [
+        drawn(State(x, 0, 0, 0)).splitlines()[3].index("●") for x in (-AXIS_MAX, 0, AXIS_MAX)
+    ]
+    assert columns[2] - columns[1] == columns[1] - columns[0] == 27
+
+
+def test_the_picture_tells_values_buttons_doubt_and_facts():
+    text = drawn(State(-5, 7, 123, 1), held=True, buttons=3, title="T", facts="states 9")
+    for part in ("-5", "+7", "123", " 1 ", " 3 ", "doubtful", "T", "states 9"):
+        assert part in text
+    assert " 4 " not in text
+    assert "doubtful" not in drawn(REST)

@@ -1,0 +1,145 @@
+"""Gestures are told apart, with how sure that is; what wanders means nothing."""
+
+import pytest
+
+from spots.frames import Touch
+from spots.uses import gestures as g
+from spots.uses.gestures import Gestures
+
+STEP_S = 0.01
+
+
+class Arm:
+    """A strip that is played with, a reading every 10 ms."""
+
+    def __init__(self):
+        self.gestures = Gestures()
+        self.found = []
+        self.now_s = 70 * 60 + 30.0  # ticks of the contact wrap soon
+        self.read(0, 0, 0)
+        self.lift(0.1)
+
+    def read(self, flags, x_um, force_mN):
+        t_us = round(1e6 * self.now_s) % (1 << 32)
+        touch = Touch(0, 0, t_us, flags, 0, 0, round(x_um), force_mN, self.now_s)
+        self.found += self.gestures.take(touch)
+        self.now_s += STEP_S
+
+    def go(self, from_mm, to_mm, seconds, force_mN=2000, to_mN=None):
+        steps = round(seconds / STEP_S)
+        for i in range(steps):
+            share = i / max(1, steps - 1)
+            force = force_mN + share * ((to_mN or force_mN) - force_mN)
+            self.read(1, 1000 * (from_mm + share * (to_mm - from_mm)), round(force))
+
+    def lift(self, seconds=0.08):
+        for _ in range(round(seconds / STEP_S)):
+            self.read(4, 0, 0)
+
+    @property
+    def names(self):
+        return [gesture.name for gesture in self.found]
+
+
+@pytest.fixture
+def arm():
+    return Arm()
+
+
+def test_a_tap_is_told_when_no_second_one_came(arm):
+    arm.go(30, 30, 0.12)
+    arm.lift(0.2)
+    assert arm.names == []
+    arm.lift(0.3)
+    assert arm.names == [g.TAP]
+    assert arm.found[0].confidence > 0.8
+    assert arm.found[0].position_um == 30_000
+
+
+def test_two_taps_are_one_gesture_and_three_are_two(arm):
+    for _ in range(3):
+        arm.go(30, 31, 0.1)
+        arm.lift(0.12)
+    arm.lift(0.5)
+    assert arm.names == [g.DOUBLE_TAP, g.TAP]
+
+
+def test_taps_far_apart_are_two(arm):
+    arm.go(20, 20, 0.1)
+    arm.lift(0.1)
+    arm.go(60, 60, 0.1)
+    arm.lift(0.5)
+    assert arm.names == [g.TAP, g.TAP]
+
+
+def test_a_hold_is_told_at_its_end_or_when_it_is_long(arm):
+    arm.go(30, 31, 0.8)
+    arm.lift()
+    assert arm.names == [g.HOLD]
+    arm.go(30, 31, 1.3)
+    assert arm.names == [g.HOLD, g.HOLD]
+    arm.lift()
+    assert arm.names == [g.HOLD, g.HOLD]
+
+
+@pytest.mark.parametrize(("to_mm", "name"), [(65, g.SWIPE_PLUS), (15, g.SWIPE_MINUS)])
+def test_a_swipe_has_a_way(arm, to_mm, name):
+    arm.go(40, to_mm, 0.2)
+    arm.lift()
+    assert arm.names == [name]
+    assert arm.found[0].distance_um == pytest.approx(1000 * (to_mm - 40), abs=2500)
+
+
+@pytest.mark.parametrize(("to_mm", "name"), [(60, g.SLIDE_PLUS), (20, g.SLIDE_MINUS)])
+def test_a_finger_that_rests_and_moves_slides(arm, to_mm, name):
+    arm.go(40, 40.5, 0.5)
+    arm.go(40.5, to_mm, 0.5)
+    arm.lift()
+    assert arm.names == [name]
+
+
+def test_a_squeeze_is_told_while_it_lasts_and_nothing_else(arm):
+    arm.go(40, 40, 0.1, force_mN=1000, to_mN=8000)
+    arm.go(40, 40, 0.2, force_mN=8000)
+    assert arm.names == [g.SQUEEZE]
+    arm.go(40, 40, 1.0, force_mN=8000)
+    arm.lift()
+    assert arm.names == [g.SQUEEZE]
+
+
+def test_a_finger_that_wanders_means_nothing(arm):
+    arm.go(40, 50, 0.7)
+    arm.go(50, 41, 0.7)
+    arm.lift(0.5)
+    assert arm.names == []
+
+
+def test_a_measure_near_its_limit_is_less_sure(arm):
+    arm.go(30, 30, 0.1)
+    arm.lift(0.5)
+    arm.go(30, 30, 0.28)
+    arm.lift(0.5)
+    sure, unsure = (gesture.confidence for gesture in arm.found)
+    assert sure > 0.9
+    assert 0.5 <= unsure < 0.8
+
+
+def test_what_rests_for_long_is_no_gesture(arm):
+    arm.go(30, 30, 1.3)
+    arm.go(30, 30, 20)
+    assert (arm.names, arm.gestures.rests) == ([g.HOLD], 1)
+    arm.go(30, 30, 5)
+    arm.lift()
+    assert arm.names == [g.HOLD]
+
+
+def test_a_release_forgets(arm):
+    arm.go(30, 30, 0.1)
+    arm.lift()
+    arm.gestures.release()
+    arm.lift(0.5)
+    arm.go(30, 30, 0.1)
+    arm.gestures.release()
+    arm.go(30, 30, 1.0)
+    arm.lift(0.5)
+    assert arm.names == []

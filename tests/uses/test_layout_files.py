@@ -1,0 +1,111 @@
+"""Layout files are compiled to what a board takes; what is wrong is told with its line and fix."""
+
+import numpy as np
+import pytest
+
+from spots import cli
+from spots.errors import SpotsError
+from spots.uses.keys import say
+from spots.uses.layout import FOLDER, load
+from spots.uses.typist import Typist
+from tactile.layout import KEY_SIZE, TAP, Layout, action
+
+BUILT_IN = sorted(file.stem for file in FOLDER.glob("*.toml"))
+
+
+def write(tmp_path, text):
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_layout_of_the_package_is_one_that_a_board_takes(name, capsys):
+    layout = load(name)
+    board = Layout(layout.lines)
+    assert board.layers == len(layout.layers)
+    assert len(board.keys) == KEY_SIZE * sum(len(keys) for keys in layout.layers.values())
+    assert cli.main(["keys", "check", name]) == 0
+    assert "no problem found" in capsys.readouterr().out
+    assert cli.main(["keys", "show", name]) == 0
+    said = capsys.readouterr().out
+    assert layout.name in said
+    for keys in layout.layers.values():
+        for key in keys:
+            assert key.label in said
+
+
+def test_the_mini_keyboard_has_a_way_to_every_letter_and_digit():
+    typist = Typist(load("mini"), 85.0, np.random.default_rng(0))
+    typist.type("the quick brown fox jumps over the lazy dog 1234567890,.!?\n")
+
+
+def test_keys_divide_the_strip_by_their_widths_with_gaps_between_them(tmp_path):
+    path = write(
+        tmp_path,
+        'name = "x"\n[[layer]]\nname = "a"\ngap_percent = 20\n'
+        'keys = ["A", {tap = "B", width = 2}, "LEFT_SHIFT+C"]\n',
+    )
+    layout = load(path)
+    keys = layout.layers["a"]
+    assert [(key.low, key.high) for key in keys] == [
+        pytest.approx(pair) for pair in ((0, 0.225), (0.275, 0.725), (0.775, 1))
+    ]
+    assert [key.actions["tap"] for key in keys] == [action(7, 4), action(7, 5), action(7, 6, 2)]
+    assert say(layout, keys[2].actions["tap"]) == "LEFT_SHIFT+C"
+    assert Layout(layout.lines).keys[TAP] == action(7, 4)
+
+
+def test_tuning_is_that_of_the_board(tmp_path):
+    path = write(
+        tmp_path,
+        'name = "x"\n[tuning]\ntapping_ms = 512\nflavour = "tap-preferred"\n'
+        '[[layer]]\nname = "a"\nkeys = ["A"]\n',
+    )
+    board = Layout(load(path).lines)
+    assert (board.tapping_t, board.flavour) == (500, 2)
+
+
+HEAD = 'name = "x"\n[[layer]]\nname = "a"\n'
+MISTAKES = {
+    'keys = ["A", "ENTRE"]': "line 4: in layer 'a', key 2: there is no key 'ENTRE'.*ENTER",
+    'keys = ["LEFT_SHFT+A"]': "line 4: in layer 'a', key 1: there is no key 'LEFT_SHFT'",
+    'keys = ["A+B"]': "line 4.*'A' is no modifier; there are LEFT_CONTROL",
+    'keys = ["LEFT_SHIFT+MUTE"]': "line 4.*'MUTE' takes no modifiers",
+    'keys = ["toggle b"]': "line 4.*no layer is called 'b'; there are a",
+    'keys = [{tap = "A", hodl = "B"}]': "line 4.*hodl",
+    "keys = []": "line 4.*keys",
+    'keys = ["A"]\ngap_percent = 90': "line 5.*gap_percent",
+    'keys = ["A"\nswipe_plus = 1': "line 5",
+    'keys = ["A"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
+        "line 6: nothing leads to layer 'b': give a key 'toggle b'"
+    ),
+    'keys = ["toggle b"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
+        "line 6: layer 'b' cannot be left: give one of its keys 'toggle b'"
+    ),
+    'keys = ["A"]\n[[layer]]\nname = "a"\nkeys = ["B"]': "line 3: two layers are called 'a'",
+    'keys = ["A"]\n[tuning]\ntapping_ms = 5': "line 6.*tapping_ms",
+    'keys = ["A"]\n[tuning]\nflavour = "sweet"': "line 6.*sweet",
+}
+
+
+@pytest.mark.parametrize("text", MISTAKES)
+def test_a_mistake_is_told_with_its_line_and_what_to_do(tmp_path, capsys, text):
+    path = write(tmp_path, HEAD + text)
+    with pytest.raises(SpotsError, match=MISTAKES[text]) as refused:
+        load(path)
+    assert str(path) in str(refused.value)
+    assert cli.main(["keys", "check", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("spots: layout ")
+    assert error.count("\n") == 1
+
+
+def test_no_file_says_which_there_are():
+    with pytest.raises(SpotsError, match=r"one of digits, media, mini"):
+        load("maxi")
+
+
+def test_a_character_without_a_key_is_told():
+    with pytest.raises(SpotsError, match="no key for 'a'"):
+        Typist(load("digits"), 85.0, np.random.default_rng(0)).type("a")

@@ -1,0 +1,390 @@
+"""Keyboards and gamepads of a computer: everything that goes down goes up, however it ends."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from spots import SpotsError
+from spots.uses import outputs
+from spots.uses.desktop import DesktopKeyboard
+from spots.uses.outputs import PrintedGamepad, PrintedKeyboard, ended_by_signals
+from spots.uses.uinput import UInputGamepad, UInputKeyboard
+from spots.uses.usages import CONSUMER, KEYBOARD, USAGES, usage_of
+
+A, B, ENTER, F5, PLAY = map(usage_of, ("A", "B", "ENTER", "F5", "PLAY_PAUSE"))
+SHIFT, CONTROL = 1 << 1, 1 << 0
+ENDS = [KeyboardInterrupt, RuntimeError, SpotsError, SystemExit]
+
+
+class Lines(list):
+    def __call__(self, line):
+        self.append(line)
+
+
+@pytest.fixture
+def lines():
+    return Lines()
+
+
+@pytest.fixture
+def printed(lines):
+    return PrintedKeyboard(lines)
+
+
+def down(*key, modifiers=0):
+    return (*key, modifiers, True)
+
+
+def up(*key):
+    return (*key, 0, False)
+
+
+def press(device):
+    if isinstance(device, outputs.Keyboard):
+        device.key(*down(*A, modifiers=SHIFT))
+    else:
+        device.update(1, 2, 3, 4)
+
+
+def ended(device, end):
+    """Press something, then end the block by an exception."""
+    try:
+        with device:
+            press(device)
+            raise end
+    except end:
+        pass
+
+
+# The rules of all keyboards, on the one that prints.
+
+
+def test_a_line_tells_the_name_of_a_key_that_goes_down_or_up(printed, lines):
+    printed.key(*down(*PLAY))
+    printed.key(*up(*PLAY))
+    assert lines == ["down  PLAY_PAUSE", "up    PLAY_PAUSE"]
+
+
+def test_modifiers_go_down_before_their_key_and_up_after_it(printed, lines):
+    printed.key(*down(*A, modifiers=SHIFT | CONTROL))
+    printed.key(*up(*A))
+    names = [line.split() for line in lines]
+    assert names[:3] == [["down", "LEFT_CONTROL"], ["down", "LEFT_SHIFT"], ["down", "A"]]
+    assert names[3:] == [["up", "A"], ["up", "LEFT_SHIFT"], ["up", "LEFT_CONTROL"]]
+
+
+def test_a_modifier_stays_while_another_key_holds_it(printed, lines):
+    printed.key(*down(*A, modifiers=SHIFT))
+    printed.key(*down(*B, modifiers=SHIFT))
+    printed.key(*up(*A))
+    assert "up    LEFT_SHIFT" not in lines
+    printed.key(*up(*B))
+    assert lines[-2:] == ["up    B", "up    LEFT_SHIFT"]
+    assert lines.count("down  LEFT_SHIFT") == 1
+
+
+def test_a_key_that_is_down_does_not_go_down_again_nor_one_that_is_up_up(printed, lines):
+    printed.key(*up(*A))
+    printed.key(*down(*A))
+    printed.key(*down(*A))
+    assert lines == ["down  A"]
+
+
+def test_release_lets_go_of_all_and_no_more_than_all(printed, lines):
+    printed.key(*down(*A, modifiers=SHIFT))
+    printed.key(*down(*ENTER))
+    printed.release()
+    printed.release()
+    assert sorted(lines[3:]) == ["up    A", "up    ENTER", "up    LEFT_SHIFT"]
+
+
+def test_a_key_that_no_keyboard_has_presses_nothing_not_even_its_modifiers(printed, lines):
+    with pytest.raises(SpotsError, match=r"no keyboard here has a key 0x07:0xa5"):
+        printed.key(KEYBOARD, 0xA5, SHIFT, True)
+    printed.release()
+    assert lines == []
+
+
+def test_the_block_lets_go_whatever_ends_it(lines):
+    for end in ENDS:
+        ended(PrintedKeyboard(lines), end)
+        assert lines == ["down  LEFT_SHIFT", "down  A", "up    A", "up    LEFT_SHIFT"]
+        lines.clear()
+
+
+# Linux.
+
+
+def names(evdev, device):
+    return [(evdev.NAMES.get(code, code), value) for _, code, value in device.history]
+
+
+def test_a_uinput_keyboard_tells_the_kernel_what_its_usb_sister_would(evdev):
+    with UInputKeyboard() as keyboard:
+        device = evdev.UInput.made[-1]
+        keyboard.key(*down(*A, modifiers=SHIFT))
+        assert names(evdev, device) == [("KEY_LEFTSHIFT", 1), ("KEY_A", 1)]
+        keyboard.key(*up(*A))
+        assert names(evdev, device)[2:] == [("KEY_A", 0), ("KEY_LEFTSHIFT", 0)]
+        keyboard.key(*down(*PLAY))
+    assert names(evdev, device)[4:] == [("KEY_PLAYPAUSE", 1), ("KEY_PLAYPAUSE", 0)]
+    assert device.closed
+    keyboard.close()
+
+
+def test_a_uinput_keyboard_is_able_to_send_every_key(evdev):
+    with UInputKeyboard():
+        able = evdev.UInput.made[-1].capabilities
+    wanted = {evdev.ecodes.ecodes[one.linux] for one in USAGES.values()}
+    assert set(able[evdev.ecodes.EV_KEY]) == wanted
+    assert evdev.ecodes.EV_REP in able
+
+
+def test_a_uinput_gamepad_has_the_ranges_of_a_boards_own_and_centres_at_the_end(evdev):
+    ecodes = evdev.ecodes
+    with UInputGamepad() as gamepad:
+        device = evdev.UInput.made[-1]
+        ranges = {code: (info.min, info.max) for code, info in device.capabilities[ecodes.EV_ABS]}
+        assert ranges == {0: (-32767, 32767), 1: (-32767, 32767), 2: (0, 32767)}
+        assert len(device.capabilities[ecodes.EV_KEY]) == 16
+        gamepad.update(-32767, 5, 32767, 0b1000_0000_0000_0001)
+        assert device.known[ecodes.EV_ABS, ecodes.ABS_X] == -32767
+        assert device.known[ecodes.EV_ABS, ecodes.ABS_Y] == 5
+        assert device.known[ecodes.EV_ABS, ecodes.ABS_Z] == 32767
+        assert device.known[ecodes.EV_KEY, ecodes.BTN_GAMEPAD] == 1
+        assert device.known[ecodes.EV_KEY, ecodes.BTN_GAMEPAD + 15] == 1
+        assert len(device.held()) == 5
+    assert device.held() == []
+    assert device.closed
+
+
+@pytest.mark.parametrize("kind", [UInputKeyboard, UInputGamepad])
+@pytest.mark.parametrize("end", ENDS)
+def test_a_uinput_device_lets_go_and_is_closed_whatever_ends_the_block(evdev, kind, end):
+    ended(kind(), end)
+    assert evdev.UInput.made[-1].history
+    assert evdev.UInput.made[-1].held() == []
+    assert evdev.UInput.made[-1].closed
+
+
+@pytest.mark.parametrize("kind", [UInputKeyboard, UInputGamepad])
+def test_a_uinput_device_that_is_gone_is_told_in_a_sentence_and_still_closed(evdev, kind):
+    device = kind()
+    press(device)
+    evdev.UInput.made[-1].gone = True
+    with pytest.raises(SpotsError, match="takes no events any more"):
+        device.close()
+    device.close()
+    assert evdev.UInput.made[-1].closed
+
+
+@pytest.mark.parametrize("kind", [UInputKeyboard, UInputGamepad])
+def test_what_keeps_uinput_from_opening_is_a_sentence_with_what_to_do(evdev, monkeypatch, kind):
+    refusals = {
+        '"/dev/uinput" does not exist or is not': "sudo modprobe uinput",
+        '"/dev/uinput" cannot be opened for writing': "60-spots.rules.*uaccess",
+        "out of memory": "out of memory",
+    }
+    for theirs, ours in refusals.items():
+        monkeypatch.setattr(evdev.UInput, "fails", evdev.UInputError(theirs))
+        with pytest.raises(SpotsError, match=ours):
+            kind()
+    monkeypatch.setattr(evdev.UInput, "fails", PermissionError(13, "Permission denied"))
+    with pytest.raises(SpotsError, match=r"60-spots\.rules"):
+        kind()
+
+
+def test_without_evdev_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "evdev", None)
+    with pytest.raises(SpotsError, match=r"pip install evdev.*--dry-run"):
+        UInputKeyboard()
+
+
+@pytest.mark.skipif(not os.access("/dev/uinput", os.W_OK), reason="no /dev/uinput to write to")
+def test_a_real_uinput_keyboard_is_read_back():
+    pytest.importorskip("evdev")
+    with UInputKeyboard() as keyboard:
+        device = keyboard._device.device
+        if device is None:
+            pytest.skip("its event device may not be read")
+        keyboard.key(*down(*A))
+        keyboard.release()
+        time.sleep(0.1)
+        events = [(e.code, e.value) for e in device.read() if e.type == 1]
+    assert events == [(30, 1), (30, 0)]
+
+
+# macOS and Windows.
+
+
+def test_a_desktop_keyboard_presses_characters_and_named_keys(pynput):
+    with DesktopKeyboard() as keyboard:
+        desktop = pynput.Controller.made[-1]
+        keyboard.key(*down(*A, modifiers=SHIFT))
+        keyboard.key(*up(*A))
+        keyboard.key(*down(*PLAY))
+    key = pynput.Key
+    assert desktop.history[:2] == [(key.shift_l, True), ("a", True)]
+    assert desktop.history[2:4] == [("a", False), (key.shift_l, False)]
+    assert desktop.history[4:] == [(key.media_play_pause, True), (key.media_play_pause, False)]
+
+
+def test_a_key_that_a_desktop_lacks_is_a_sentence_and_presses_nothing(pynput):
+    with DesktopKeyboard() as keyboard:
+        for name in ("AC_BACK", "NON_US_BACKSLASH", "F24"):
+            with pytest.raises(SpotsError, match=f"has no {name}"):
+                keyboard.key(*usage_of(name), SHIFT, True)
+    assert pynput.Controller.made[-1].history == []
+
+
+def test_a_key_that_does_not_come_up_does_not_keep_the_others_down(pynput):
+    keyboard = DesktopKeyboard()
+    desktop = pynput.Controller.made[-1]
+    for one in (A, B, ENTER):
+        keyboard.key(*down(*one))
+    desktop.refuses = {("b", False)}
+    with pytest.raises(SpotsError, match="the desktop is locked"):
+        keyboard.release()
+    assert desktop.down == ["b"]
+    desktop.refuses = set()
+    keyboard.close()
+    assert desktop.down == []
+
+
+def test_a_key_that_may_have_gone_down_is_let_go(pynput):
+    keyboard = DesktopKeyboard()
+    desktop = pynput.Controller.made[-1]
+    real = desktop.press
+
+    def interrupted(key):
+        real(key)
+        raise KeyboardInterrupt
+
+    desktop.press = interrupted
+    with pytest.raises(KeyboardInterrupt), keyboard:
+        keyboard.key(*down(*A))
+    assert desktop.down == []
+
+
+def test_without_pynput_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pynput", None)
+    with pytest.raises(SpotsError, match=r"pip install pynput.*--dry-run"):
+        DesktopKeyboard()
+
+
+# Which one.
+
+
+def test_a_dry_run_prints_on_every_system(capsys):
+    with outputs.open_keyboard(dry_run=True) as keyboard:
+        keyboard.key(*down(CONSUMER, 0xE9))
+    with outputs.open_gamepad(dry_run=True) as gamepad:
+        gamepad.update(-5, 0, 7, 0b101)
+    told = capsys.readouterr().out.splitlines()
+    assert told[:2] == ["down  VOLUME_INCREMENT", "up    VOLUME_INCREMENT"]
+    assert told[2].split() == ["x", "-5", "y", "0", "z", "7", "buttons", "1", "3"]
+    assert told[3].split() == ["x", "0", "y", "0", "z", "0", "buttons", "-"]
+    assert len(told) == 4
+
+
+def test_each_system_has_its_own(evdev, pynput, monkeypatch):
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert isinstance(outputs.open_keyboard(False), UInputKeyboard)
+    assert isinstance(outputs.open_gamepad(False), UInputGamepad)
+    for other in ("darwin", "win32"):
+        monkeypatch.setattr(sys, "platform", other)
+        assert isinstance(outputs.open_keyboard(False), DesktopKeyboard)
+        with pytest.raises(SpotsError, match="Linux only"):
+            outputs.open_gamepad(False)
+
+
+def test_a_gamepad_sends_only_what_changes(lines):
+    with PrintedGamepad(lines) as gamepad:
+        for _ in range(3):
+            gamepad.update(0, 0, 0, 0)
+        assert lines == []
+        for _ in range(3):
+            gamepad.update(1, 0, 0, 0)
+    assert len(lines) == 2
+
+
+def test_a_state_that_may_have_gone_out_is_taken_back(evdev):
+    gamepad = UInputGamepad()
+    device = evdev.UInput.made[-1]
+    real = device.syn
+
+    def interrupted():
+        real()
+        device.syn = real
+        raise KeyboardInterrupt
+
+    device.syn = interrupted
+    with pytest.raises(KeyboardInterrupt), gamepad:
+        gamepad.update(1, 2, 3, 4)
+    assert device.history
+    assert device.held() == []
+
+
+# Ends that come from outside.
+
+HOLDS = """
+import sys, time
+from spots.uses.outputs import ended_by_signals
+from spots.uses.uinput import UInputKeyboard
+with ended_by_signals(), UInputKeyboard() as keyboard:
+    keyboard.key(7, 4, 2, True)
+    print("ready", flush=True)
+    while True:
+        time.sleep(0.05)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_process_that_is_told_to_end_lets_go_first(environment, tmp_path, name):
+    events = tmp_path / "events"
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDS],
+        env={**environment, "STAND_IN_EVENTS": str(events)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(getattr(signal, name))
+        code = process.wait(30)
+    finally:
+        process.kill()
+        process.stdout.close()
+    assert code != 0
+    told = events.read_text().splitlines()
+    assert told[0] == "open"
+    assert told[-1] == "close"
+    assert [line.split()[-1] for line in told[1:-1]] == ["1", "1", "0", "0"]
+
+
+def test_handlers_of_signals_are_put_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with ended_by_signals():
+        assert signal.getsignal(signal.SIGTERM) is not before
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_a_second_signal_does_not_disturb_the_end(lines):
+    def ended_twice():
+        with ended_by_signals(), PrintedKeyboard(lines) as keyboard:
+            press(keyboard)
+            try:
+                os.kill(os.getpid(), signal.SIGHUP)
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
+                lines("the end")
+
+    with pytest.raises(SystemExit):
+        ended_twice()
+    assert lines[2:] == ["the end", "up    A", "up    LEFT_SHIFT"]
