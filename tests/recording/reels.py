@@ -9,8 +9,25 @@ from spots.errors import SpotsError
 from spots.frames import Decoder
 from spots.recording.reader import Recording
 from spots.recording.recorder import Recorder
+from tactile import PROTOCOL
 
-INFO = {"re": "hello", "board": "b", "runtime": "r", "firmware": "f", "id": "1", "plan": []}
+INFO = {
+    "re": "hello",
+    "protocol": PROTOCOL,
+    "board": "b",
+    "runtime": "r",
+    "firmware": "f",
+    "id": "1",
+    "plan": [],
+}
+    "re": "hello",
+    "protocol": PROTOCOL,
+    "board": "b",
+    "runtime": "r",
+    "firmware": "f",
+    "id": "1",
+    "plan": [],
+}
 
 
 class ScriptedLink:

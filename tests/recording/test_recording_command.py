@@ -17,6 +17,7 @@ from spots.calibrate import file
 from spots.calibrate.presses import Conditions
 from spots.frames import Spectrum, Touch
 from spots.recording.header import Header, encoded
+from spots.recording.note import note
 from test_frames import stream
 
 
@@ -181,9 +182,23 @@ def test_a_header_cut_short_and_one_of_a_later_version(tmp_path, capsys):
     assert "of version 2, this program reads 1: update" in refused(capsys, "info", later)
 
 
+def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
+    info = {"protocol": 7}
+    header = Header(recording=1, program="spots 9", set="", part=0, host_s=0, utc_s=0, info=info)
+    path = bad(tmp_path, encoded(header) + stream(1)[0])
+    assert "speaks protocol 7, this program 1: use the program that wrote it, spots 9" in refused(
+        capsys, "replay", path
+    )
+
+
 def test_a_header_that_is_none_of_ours(tmp_path, capsys):
     header = Header(recording=1, program="", set="", part=0, host_s="x", utc_s=0.0, info={})
     assert "the header is none of ours" in refused(capsys, "info", bad(tmp_path, encoded(header)))
+    for content in ({"header": 5, "i": 0, "of": 1}, {"header": "[]", "i": 0, "of": 1}):
+        path = bad(tmp_path, note(0, content))
+        assert "the header is none of ours" in refused(capsys, "info", path)
+    path = bad(tmp_path, note(0, {"header": "", "i": []}))
+    assert "is no recording" in refused(capsys, "info", path)
 
 
 def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):

@@ -26,8 +26,8 @@ _KILLS = 200
 
 
 def key(sequence):
-    fields = (4, sequence, 1000 * sequence, 30, 0, 1)
-    return encoded(struct.pack("<BHIBBB", *fields))
+    fields = (4, sequence, 1000 * sequence, 7, 30, 0, 1)
+    return encoded(struct.pack("<BHIBHBB", *fields))
 
 
 @pytest.fixture(scope="module")

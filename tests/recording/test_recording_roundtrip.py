@@ -146,7 +146,7 @@ def test_whatever_comes_in_whatever_pieces_decodes_the_same(tmp_path_factory, pa
 
 def at(seconds, sequence=0):
     t_us = 1_000_000 * seconds & 0xFFFFFFFF
-    return encoded(struct.pack("<BHIBBB", 4, sequence, t_us, 30, 0, 1))
+    return encoded(struct.pack("<BHIBHBB", 4, sequence, t_us, 7, 30, 0, 1))
 
 
 def test_the_time_of_the_board_wraps_in_a_recording_as_on_the_link(tmp_path):

@@ -12,7 +12,7 @@ from test_frames import encoded, stream
 
 def at(seconds, sequence):
     t_us = 1_000_000 * seconds & 0xFFFFFFFF
-    return encoded(struct.pack("<BHIBBB", 4, sequence, t_us, 30, 0, 1))
+    return encoded(struct.pack("<BHIBHBB", 4, sequence, t_us, 7, 30, 0, 1))
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
+from tactile import PROTOCOL
 from tactile.frame import Framer
 
 from ..frames import Decoder
@@ -24,7 +25,7 @@ from ..recording.replay import open_recording
 _READINGS = 5000
 _ROUNDS = 5
 _RATES_HZ = (100, 360, 1000)
-_INFO = {"board": "bench", "runtime": "cpython", "plan": ["F3", "F4", "F5", "F6", "F7", "F8"]}
+_INFO = {"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "plan": []}
 _CLOCK = {"last_us": 0, "low_s": 0.0, "high_s": 0.0}
 
 

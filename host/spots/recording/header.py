@@ -8,6 +8,8 @@ from pathlib import Path
 
 import msgspec
 
+from tactile import PROTOCOL
+
 from ..errors import SpotsError
 from ..frames import Decoder, Note
 from .note import note
@@ -88,10 +90,13 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     decoder, pieces, searched = Decoder(), {}, 0
     for block in blocks:
         for frame in decoder.feed(block):
-            if isinstance(frame, Note) and "header" in frame.content:
-                pieces[frame.content.get("i")] = frame.content["header"]
-                if len(pieces) == frame.content.get("of"):
-                    return _parsed(path, pieces)
+            if not isinstance(frame, Note) or "header" not in frame.content:
+                continue
+            i = frame.content.get("i")
+            if isinstance(i, int):
+                pieces[i] = frame.content["header"]
+            if len(pieces) == frame.content.get("of"):
+                return _parsed(path, pieces)
         searched += len(block)
         if searched > _SEARCHED_BYTES:
             break
@@ -104,10 +109,17 @@ def _parsed(path: Path, pieces: dict) -> Header:
     try:
         text = "".join(pieces[i] for i in range(len(pieces)))
         version = json.loads(text)["recording"]
-        if version == VERSION:
-            return msgspec.json.decode(text, type=Header)
+        header = msgspec.json.decode(text, type=Header) if version == VERSION else None
     except (KeyError, TypeError, ValueError, msgspec.MsgspecError) as error:
         raise SpotsError(f"{path}: the header is none of ours: {error}") from None
-    raise SpotsError(
-        f"{path} is a recording of version {version}, this program reads {VERSION}: update it"
-    )
+    if header is None:
+        raise SpotsError(
+            f"{path} is a recording of version {version}, this program reads {VERSION}: update it"
+        )
+    protocol = header.info.get("protocol")
+    if protocol != PROTOCOL:
+        raise SpotsError(
+            f"{path} is of a board that speaks protocol {protocol}, this program {PROTOCOL}: use "
+            f"the program that wrote it, {header.program}"
+        )
+    return header

@@ -46,7 +46,7 @@ _TOUCH = {
     "flags": "u1",
 }
 _SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
-_KEY = {"usage": "u1", "modifiers": "u1", "pressed": "?"}
+_KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
 _TEXT = {"content": "U"}
 
 
@@ -56,10 +56,14 @@ def _touch(frame: Touch) -> tuple:
     return (frame.touching, frame.trusted, *where_and_force, *logs, frame.flags)
 
 
+def _key(frame: Key) -> tuple:
+    return frame.page, frame.usage, frame.modifiers, frame.pressed
+
+
 TABLES = {
     Touch: Table("touch", _FIRST | _TOUCH, _touch),
     Spectrum: Table("spectrum", _FIRST | _SPECTRUM, lambda f: (f.flags, f.gain, f.counts)),
-    Key: Table("key", _FIRST | _KEY, lambda f: (f.usage, f.modifiers, f.pressed)),
+    Key: Table("key", _FIRST | _KEY, _key),
     Text: Table("text", _FIRST | _TEXT, lambda f: (json.dumps(f.content, ensure_ascii=False),)),
 }
 
