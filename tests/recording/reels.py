@@ -20,14 +20,6 @@ INFO = {
     "id": "1",
     "plan": [],
 }
-    "re": "hello",
-    "protocol": PROTOCOL,
-    "board": "b",
-    "runtime": "r",
-    "firmware": "f",
-    "id": "1",
-    "plan": [],
-}
 
 
 class ScriptedLink:
