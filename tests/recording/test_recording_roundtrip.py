@@ -156,6 +156,25 @@ def test_the_time_of_the_board_wraps_in_a_recording_as_on_the_link(tmp_path):
     assert frames[-1].time_s - frames[0].time_s == pytest.approx(19_000)
 
 
+def test_a_board_that_restarts_has_its_new_clock_in_the_recording(opened, tmp_path):
+    board = opened()
+    with board.record(tmp_path / "a.spots"):
+        live = list(board.touches(0.5))
+        board.command("reboot")
+        live += list(board.frames(3.0))
+    assert board.stats.restarts == 1
+    assert len(live) > 200
+    assert live == [f for f in replayed(tmp_path / "a.spots")[0] if not isinstance(f, Text)]
+
+
+def test_a_clock_that_is_none_is_told(tmp_path):
+    path = tmp_path / "a.spots"
+    record(path, stream(1))
+    path.write_bytes(path.read_bytes() + note(1, {"clock": {"low_s": "x"}}))
+    with pytest.raises(spots.SpotsError, match="a note is none of ours"):
+        replayed(path)
+
+
 def test_frames_that_reads_cut_in_two_have_their_times_too(tmp_path):
     data = b"".join(stream(30))
     record(tmp_path / "a.spots", cut(data, [7] + [26] * 29))  # each read ends 7 bytes into a frame

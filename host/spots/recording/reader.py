@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
+import msgspec
+
 from ..clockmap import ClockMap
 from ..errors import SpotsError
 from ..frames import Decoder, Frame, LinkStats, Note
-from .header import Header, read
+from .header import Clock, Header, read
 from .recorder import part_path
 
 # Statistics are ahead of the frames by at most so much: small, and yet little work a frame.
@@ -69,12 +71,9 @@ class Recording:
 
     def __iter__(self) -> Iterator[tuple[float, Frame]]:
         self._restart()
-        clock = ClockMap()
-        if self.header.clock is not None:
-            known = self.header.clock
-            clock = ClockMap.resume(known.last_us, known.low_s, known.high_s)
         start = b""
         for path, header in self._headers.items():
+            clock = _resumed(header.clock)
             arrived_s = self.end_s = header.host_s
             for block in chain([start], _blocks(path)):
                 self.read_bytes += len(block)
@@ -84,6 +83,8 @@ class Recording:
                         continue
                     self.notes += 1
                     arrived_s = self.end_s = header.host_s + 1e-6 * frame.since_us
+                    if "clock" in frame.content:
+                        clock = _noted(path, frame.content["clock"])
                     self.complete |= frame.content.get("end") is True
             self.cut_bytes += len(self._decoder.pending)
             start = b"\0"  # what a file breaks off in the middle of does not go on in the next
@@ -97,6 +98,17 @@ class Recording:
         self.notes = self.cut_bytes = self.read_bytes = 0
         self.end_s = self.header.host_s
         self.complete = False
+
+
+def _resumed(known: Clock | None) -> ClockMap:
+    return ClockMap.resume(**msgspec.structs.asdict(known)) if known else ClockMap()
+
+
+def _noted(path: Path, content: object) -> ClockMap:
+    try:
+        return _resumed(msgspec.convert(content, Clock))
+    except msgspec.ValidationError as error:
+        raise SpotsError(f"{path}: a note is none of ours: {error}") from None
 
 
 def _header(path: Path) -> Header:

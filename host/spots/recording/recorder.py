@@ -94,6 +94,10 @@ class Recorder:
                 raise
         return data
 
+    def reopen(self) -> None:
+        """Raises SpotsError if the port is still away."""
+        self._link.reopen()
+
     def stop(self) -> None:
         """End the recording; the link goes on. Twice is once."""
         if self._disk is None:
@@ -128,6 +132,11 @@ class Recorder:
         if self._between_frames and now_s >= self._next_note_s:
             self._next_note_s = now_s + ARRIVAL_STEP_S
             piece = self._note() + piece
+        clock = self._describe()["clock"]
+        if self._between_frames and _bounds(clock) != self._bounds:
+            # The board restarted: from here on its times mean something else.
+            self._bounds = _bounds(clock)
+            piece = self._note({"clock": clock}) + piece
         self._append(piece)
         self._between_frames = piece.endswith(b"\0")
 
@@ -143,6 +152,7 @@ class Recorder:
             "utc_s": self._utc_s(),
             **self._describe(),
         }
+        self._bounds = _bounds(header["clock"])
         self._disk = Disk(part_path(self._path, part))
         self.paths.append(self._disk.path)
         self._append(encoded(msgspec.convert(header, Header)))
@@ -159,6 +169,10 @@ class Recorder:
         disk, self._disk = self._disk, None
         if disk is not None:
             disk.close()
+
+
+def _bounds(clock: dict) -> tuple:
+    return clock["low_s"], clock["high_s"]
 
 
 def part_path(path: Path, part: int) -> Path:
