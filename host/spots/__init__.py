@@ -10,7 +10,9 @@
 from .board import Board
 from .connect import open
 from .errors import SpotsError
-from .frames import Decoder, Key, LinkStats, Spectrum, Text, Touch
+from .frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+from .recording.reader import Recording
+from .recording.replay import open_recording
 from .uses.encoder import Encoder
 from .uses.fivebar import Linkage
 from .uses.twin import Twin
@@ -23,10 +25,13 @@ __all__ = [
     "Key",
     "LinkStats",
     "Linkage",
+    "Note",
+    "Recording",
     "Spectrum",
     "SpotsError",
     "Text",
     "Touch",
     "Twin",
     "open",
+    "open_recording",
 ]
