@@ -4,6 +4,8 @@ import pytest
 
 import spots
 from spots.frames import Key, Touch
+from spots.uses.keys import push
+from spots.uses.layout import load
 from tactile.decode import DROPPED
 
 # One zone after the other from the sensor's end, and the keys 1 to 0 in them.
@@ -256,6 +258,16 @@ def test_both_at_once_are_two_interfaces(plugged, board):
     assert reports(made) == typed(FIVE)
     assert reports(made, gamepad)[-1] == UP
     assert reports(made, gamepad)[0][6:] == b"\1\0"
+
+
+def test_media_keys_are_reports_of_their_own(plugged, board):
+    made = plugged("keys=1")
+    push(made.board, load("media"))
+    made.board.command("reboot")
+    made.settle(0.5)
+    touch(made, 0)
+    assert reports(made) == []
+    assert reports(made, 1) == [b"\xb6\0", b"\0\0"]  # to the track before
 
 
 def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, calibration):

@@ -117,6 +117,7 @@ def test_what_rests_for_long_is_no_finger():
     assert (desk.rests, desk.events) == (0, [(A, True)])
     desk.press(10, 200)
     assert (desk.rests, desk.events) == (1, clicks(A))
+    assert not desk.pad.contact.touched
     desk.press(10, 1000)
     assert desk.events == clicks(A)
     desk.lift()

@@ -14,6 +14,7 @@ from tactile.hid import (
     KEYS_MAX,
     REPORT_SIZE,
     WAITING_MAX,
+    Consumer,
     Gamepad,
     Keyboard,
     Outbox,
@@ -79,6 +80,32 @@ def test_a_pump_offers_once_and_a_refusal_costs_nothing():
     assert keys.outbox.pump()
     assert host.got == [report(A), UP]
     assert keys.outbox.dropped == 0
+
+
+def test_a_modifier_is_a_key_too():
+    keys, host = keyboard()
+    keys.key(0xE1, 0, True)
+    keys.key(A, ALT, True)
+    keys.key(0xE1, 0, False)
+    keys.key(A, 0, False)
+    drain(keys.outbox)
+    assert host.got == [
+        report(modifiers=SHIFT),
+        report(A, modifiers=SHIFT | ALT),
+        report(A, modifiers=ALT),
+        UP,
+    ]
+
+
+def test_the_last_media_key_counts():
+    host = Host()
+    keys = Consumer(host.send)
+    keys.key(0xE9, True)
+    keys.key(0x1B5, True)
+    keys.key(0xE9, False)  # it is up already
+    keys.key(0x1B5, False)
+    drain(keys.outbox)
+    assert host.got == [b"\xe9\0", b"\xb5\x01", b"\0\0"]
 
 
 def test_keys_that_share_a_modifier_keep_it_until_the_last_one():

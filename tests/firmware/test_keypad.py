@@ -176,6 +176,15 @@ def test_a_slow_move_is_no_swipe():
     assert desk.events == clicks(A)
 
 
+def test_a_slow_move_on_a_key_that_waits_longer_is_no_swipe_either():
+    hold = key(0, 1000, letter(A), hold=letter(C))
+    desk = Desk(f"layer {letter(E)} {letter(F)}", hold, "swipe_ms 100", "tapping_ms 2000")
+    desk.press(20, 30)
+    desk.slide(20, 60, 400)
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
 def layers(how):
     return Desk(
         "layer 0 0",

@@ -102,6 +102,27 @@ def test_a_board_that_falls_silent_holds_no_key(board):
     assert not computer.typed.down
 
 
+def test_a_finger_that_comes_while_the_board_is_silent_is_a_new_one():
+    computer = Computer()
+    engine = KeyEngine(load("digits"), 85_000, computer)
+
+    def read(now_s, flags, force_mN):
+        t_us = round(1e6 * now_s)
+        engine.take(Touch(0, 0, t_us, flags, 0, 0, 38_000, force_mN, now_s), now_s)
+
+    for i in range(10):
+        read(0.01 * i, 4, 0)
+    engine.tick(5.0)
+    for i in range(3):
+        read(5.0 + 0.01 * i, 1, 1500)
+    assert computer.typed.text == "5"
+    engine.tick(6.0)
+    for i in range(30):
+        read(6.0 + 0.01 * i, 1, 1500)  # this one was there before, and was let go of
+    assert computer.typed.presses == 1
+    assert not computer.typed.down
+
+
 def test_what_rests_on_the_strip_becomes_its_untouched_state(board, tmp_path):
     path = tmp_path / "rests.toml"
     path.write_text(
