@@ -50,6 +50,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulation(demo)
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
 
+    _add_serve(commands)
+
     _add_uses(commands)
 
     bench = commands.add_parser("bench", help="driver, firmware and host against their peers")
@@ -78,6 +80,15 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("line", nargs="+", help="such as: set exposure_us=10000")
     command.set_defaults(run=_command)
     return parser
+
+
+def _add_serve(commands) -> None:
+    serve = commands.add_parser("serve", help="a live page of a board for web browsers")
+    _add_port(serve)
+    serve.add_argument("--layout", default="digits", metavar="FILE.toml", help="of keys; or a name")
+    serve.add_argument("--address", default="127.0.0.1", help="show it to others, with a token")
+    serve.add_argument("--http-port", type=_http_port, default=8765, help="0 for any")
+    serve.set_defaults(run=_serve)
 
 
 def _add_uses(commands) -> None:
@@ -188,6 +199,7 @@ _seconds = _number("a time in seconds", 0.001, 1e9)
 _length_mm = _number("the length of a strip in mm", 1, 1000)
 _strain_percent = _number("a strain in percent", 0.01, 50)
 _seed = _number("a seed", 0, 2**63, int)
+_http_port = _number("a port for web browsers", 0, 65535, int)
 
 
 def _open(options: argparse.Namespace):
@@ -232,6 +244,12 @@ def _demo(options: argparse.Namespace) -> None:
     )
     if options.json:
         print(json.dumps(summary))
+
+
+def _serve(options: argparse.Namespace) -> None:
+    from .web.serve import run
+
+    run(options)
 
 
 def _keys(options: argparse.Namespace) -> None:
