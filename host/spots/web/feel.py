@@ -13,7 +13,7 @@ from ..uses.keyboard import LOST_S, KeyEngine
 from ..uses.layout import KeyLayout
 from ..uses.outputs import AXIS_MAX
 from ..uses.play import controller_for
-from ..uses.usages import name_of
+from ..uses.usages import USAGES, name_of
 from .state import State
 
 _FLAG_WORDS = {
@@ -102,7 +102,7 @@ class Feel:
         layer, index = self._down.get(event, (None, None))
         if not pressed:
             self._down.pop(event, None)
-        name = name_of(page, usage)
+        name = _written(page, usage)
         self._state.tell(
             {"kind": "key", "name": name, "pressed": pressed, "layer": layer, "index": index}
         )
@@ -138,6 +138,15 @@ class Feel:
         if stick != self._shown_stick:
             self._shown_stick = stick
             self._state.put("stick", stick)
+
+
+def _written(page: int, usage: int) -> str:
+    """Return the character that a key writes, else its name."""
+    known = USAGES.get((page, usage))
+    character = known.pynput if known else None
+    if character and len(character) == 1:
+        return character.upper()
+    return name_of(page, usage).lower().replace("_", " ")
 
 
 def layout_shown(layout: KeyLayout) -> dict:

@@ -141,8 +141,9 @@ class Reader:
 
 
 _FACTS = (
-    "id board runtime firmware calibration length_um plan gain exposure_us led_mA average strain_ppm"
-).split()
+    *("id", "board", "runtime", "firmware", "calibration", "length_um"),
+    *("plan", "gain", "exposure_us", "led_mA", "average", "strain_ppm"),
+)
 
 
 class _Health:

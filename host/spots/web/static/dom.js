@@ -6,6 +6,11 @@ export function make(tag, name = "", ...children) {
   return element;
 }
 
+// Fills a bar to a share of its length.
+export function fill(bar, share) {
+  bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
+}
+
 // Rows of <dt> and <dd> from pairs of words; without a value there is no row.
 export function list(root, pairs) {
   root.replaceChildren(...pairs

@@ -31,7 +31,7 @@ export function history(root) {
     if (now_s - heard_s > STALE_S && !news.connection) return;  // it stands still
     const end_s = ahead_s === null ? 0 : Math.min(now_s - ahead_s, (points.at(-1)?.time_s ?? 0) + STALE_S);
     paint((c, width, height) => {
-      const each = (height - TOP - GAP) / 2;
+      const each = (height - TOP - GAP - 1) / 2;
       const room = Math.max((high - low) * 0.08, 0.02);
       const span = high > low ? [low - room, high + room] : [-1, 1];
       const x = (time_s) => width * (1 - (end_s - time_s) / SPAN_S);
@@ -58,7 +58,9 @@ export function history(root) {
     c.textAlign = "left";
     c.fillText(`${name}, ${unit}`, 0, top - 5);
     c.textAlign = "right";
-    c.fillText(name === "force" ? `${ceiling / 1000}` : ceiling.toFixed(2), width, top - 5);
+    const [above, below] = name === "force" ? [ceiling / 1000, null] : [ceiling.toFixed(2), bottom.toFixed(2)];
+    c.fillText(above, width, top - 5);
+    if (below !== null) c.fillText(below.replace("-", "−"), width, top + height - 5);
 
     c.strokeStyle = colour;
     c.lineWidth = 2;

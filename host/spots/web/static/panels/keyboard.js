@@ -37,7 +37,7 @@ export function keyboard(root) {
     for (const event of news.events ?? []) {
       if (event.kind === "gesture") say(event.name.replaceAll("_", " "), "gesture");
       else if (event.pressed) {
-        say(event.name.toLowerCase().replaceAll("_", " "), "key-event");
+        say(event.name, "key-event");
         lit.set(`${event.layer}/${event.index}`, now_s + SHORTEST_S);
       }
     }

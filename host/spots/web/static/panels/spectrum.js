@@ -1,5 +1,5 @@
 // The six channels behind a reading.
-import { make } from "../dom.js";
+import { fill, make } from "../dom.js";
 
 // What a channel's band looks like.
 const COLOURS = {
@@ -37,7 +37,7 @@ export function spectrum(root) {
     const { counts } = news.spectrum;
     const top = state.board.full_scale || Math.max(LEAST_TOP, ...counts);
     counts.forEach((value, i) => {
-      rows[i].bar.style.transform = `scaleX(${Math.min(value / top, 1)})`;
+      fill(rows[i].bar, value / top);
       rows[i].count.textContent = value;
     });
   };

@@ -1,5 +1,5 @@
 // What a gamepad would be told: where, how hard, which buttons.
-import { make } from "../dom.js";
+import { fill, make } from "../dom.js";
 
 export function stick(root) {
   const knob = make("div", "knob"), bar = make("i");
@@ -15,7 +15,7 @@ export function stick(root) {
       buttons.replaceChildren(...it.buttons.map((_, i) => make("div", "button", String(i + 1))));
     }
     knob.style.transform = `translateX(${((it?.x ?? 0) * rail.clientWidth) / 2}px)`;
-    bar.style.transform = `scaleX(${it?.z ?? 0})`;
+    fill(bar, it?.z ?? 0);
     [...buttons.children].forEach((one, i) => one.classList.toggle("on", it?.buttons[i] ?? false));
   };
 }

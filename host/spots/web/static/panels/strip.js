@@ -1,14 +1,13 @@
 // The strip, the press on it, its place and its force.
-import { FULL_FORCE_MN, make } from "../dom.js";
+import { FULL_FORCE_MN, fill, make } from "../dom.js";
 
 const USUAL_LENGTH_UM = 85000;
+const STEPS_MM = [1, 2, 5, 10, 20, 50, 100], MOST_TICKS = 9;
 
 export function strip(root) {
   const place = figure("position", "mm"), force = figure("force", "N");
   const bar = make("i");
   force.root.append(make("div", "meter", bar));
-  place.root.append(make("div", "meter place"));
-  const along = place.root.lastChild.appendChild(make("i"));
   const words = make("div", "words");
   const press = make("div", "press");
   const track = make("div", "track", press);
@@ -18,9 +17,13 @@ export function strip(root) {
   scale();
 
   function scale() {
-    ticks.replaceChildren(...[0, 1, 2, 3, 4].map((i) => {
-      const mm = (length_um / 1000) * (i / 4);
-      return make("span", "", `${+mm.toFixed(1)}${i === 4 ? " mm" : ""}`);
+    const length_mm = length_um / 1000;
+    const step = STEPS_MM.find((one) => length_mm / one <= MOST_TICKS) ?? length_mm;
+    const places = Array.from({ length: Math.floor(length_mm / step) + 1 }, (_, i) => i * step);
+    ticks.replaceChildren(...places.map((mm, i) => {
+      const tick = make("span", "", i ? `${mm}` : "0 mm");
+      tick.style.left = `${(100 * mm) / length_mm}%`;
+      return tick;
     }));
   }
 
@@ -36,8 +39,7 @@ export function strip(root) {
     words.textContent = touch ? touch.flags.join(", ") : "";
     place.show(placed ? (touch.position_um / 1000).toFixed(2) : null);
     force.show(placed ? (touch.force_mN / 1000).toFixed(2) : null);
-    bar.style.transform = `scaleX(${placed ? Math.min(touch.force_mN / FULL_FORCE_MN, 1) : 0})`;
-    along.style.transform = `scaleX(${placed ? Math.min(touch.position_um / length_um, 1) : 0})`;
+    fill(bar, placed ? touch.force_mN / FULL_FORCE_MN : 0);
     root.dataset.positionUm = placed ? touch.position_um : "";
     if (!placed) return;
     press.classList.toggle("doubtful", !touch.trusted);
