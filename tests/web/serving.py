@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 from spots.board import Board
 from spots.connect import prepare
@@ -126,3 +127,14 @@ def until(page, expression, timeout_s=60.0):
     while not page.evaluate(expression):
         assert time.monotonic() < end_s, f"never came: {expression}"
         page.wait_for_timeout(20)
+
+
+def apart(function, *arguments):
+    """Call a function in a thread: Playwright's loop runs in this one, and no other may."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+def run(coroutine):
+    """Run a coroutine to its end."""
+    return apart(asyncio.run, coroutine)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -12,7 +11,7 @@ import aiohttp
 import pytest
 from playwright.sync_api import expect
 
-from serving import Serving
+from serving import Serving, apart, run
 from spots.cli import main
 from spots.sim.scenario import Held
 from spots.web import app
@@ -32,7 +31,7 @@ def status(url, path="", **headers):
         ):
             return answer.status, answer.headers, await answer.text()
 
-    return asyncio.run(ask())
+    return run(ask())
 
 
 UPGRADE = {
@@ -121,7 +120,7 @@ def test_only_looking_is_a_method(serve, method):
         async with aiohttp.ClientSession() as session, session.request(method, url) as answer:
             return answer.status
 
-    assert asyncio.run(ask()) == 405
+    assert run(ask()) == 405
 
 
 @pytest.mark.parametrize("message", ["set gain=3", "keys on", "-1", "", "1" * 17, b"1", "²"])
@@ -142,7 +141,7 @@ def test_what_a_page_sends_reaches_no_board(bench, serve, message):
                 pass
             return written, socket.close_code
 
-    written, code = asyncio.run(send())
+    written, code = run(send())
     assert code in (1008, 1009)
     assert one.link.written == written
     assert not any(b"set" in line or b"keys" in line for line in written[-3:])
@@ -177,7 +176,7 @@ def test_files_beside_the_page_are_not_served(serve):
 
 def test_another_address_asks_for_the_token(serve, open_page):
     server = serve(State(), address="0.0.0.0")
-    address, _, token = server.url.partition("?token=")
+    _, token = server.url.split("?token=")
     home = f"http://127.0.0.1:{server.port}/"
     assert len(token) >= 20
     for path in ("", "live", "static/main.js", "?token=wrong", "?token=", "?token=ü"):
@@ -212,12 +211,12 @@ def test_home_needs_no_token():
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, arguments, says):
-    assert main(["serve", "--http-port", "0", *arguments]) == 2
+    assert apart(main, ["serve", "--http-port", "0", *arguments]) == 2
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
 
 
 def test_a_port_that_is_taken_is_told(serve, capsys):
-    assert main(["serve", "--http-port", str(serve(State()).port)]) == 2
+    assert apart(main, ["serve", "--http-port", str(serve(State()).port)]) == 2
     assert "--http-port" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serving import Serving
+from serving import Serving, run
 from spots.errors import SpotsError
 from spots.web import reader as reading
 from spots.web.state import EVENTS_KEPT, State
@@ -50,7 +50,7 @@ def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, 
             await awake.close()
             return messages
 
-    messages = asyncio.run(watch())
+    messages = run(watch())
     assert [message["n"] for message in messages] == [1, 2, 3]
     assert messages[-1]["touch"] == {"i": 199}
     told = [event["i"] for message in messages for event in message.get("events", [])]
@@ -70,7 +70,7 @@ def test_a_message_is_what_changed_since_the_last(state, serve):
             state.put("touch", {"i": 1})
             return first, await socket.receive_json(timeout=60)
 
-    first, second = asyncio.run(watch())
+    first, second = run(watch())
     assert first == {"n": 1, "board": {"state": "searching"}}
     assert second == {"n": 2, "touch": {"i": 1}}
 
@@ -86,7 +86,7 @@ def test_pages_that_go_leave_nothing(state):
                     state.put("touch", {"i": i})
                     await socket.receive_json(timeout=60)
 
-    asyncio.run(come_and_go())
+    run(come_and_go())
     tasks = asyncio.run_coroutine_threadsafe(_tasks(), server._loop).result(30)
     server.stop()
     assert threading.active_count() <= before
@@ -110,7 +110,7 @@ def test_too_many_pages_are_refused(state, serve):
                 await socket.close()
             return refused.value.status
 
-    assert asyncio.run(open_all()) == 503
+    assert run(open_all()) == 503
 
 
 @given(st.lists(st.sampled_from(["put", "tell", "read"]), max_size=60), st.integers(0, 700))

@@ -27,7 +27,7 @@ except ImportError:
     raise SpotsError("the page needs aiohttp: pip install 'spots[web]'") from None
 
 LOOPBACK = "127.0.0.1"
-PORT = 8765
+_WATCH_EVERY_S = 0.5
 
 
 class Server:
@@ -122,20 +122,14 @@ def serve(
     reader = Reader(open_board, load_layout(layout), state)
 
     async def main():
-        ended = asyncio.Event()
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            try:
-                loop.add_signal_handler(number, ended.set)
-            except NotImplementedError:
-                pass  # Windows; there Ctrl-C ends asyncio.run
         async with Server(state, address, port) as server:
+            ended = _ended_by_signals()
             reader.start()
             on_start(server.url)
             while not ended.is_set():
                 reader.watch()
                 try:
-                    await asyncio.wait_for(ended.wait(), 0.5)
+                    await asyncio.wait_for(ended.wait(), _WATCH_EVERY_S)
                 except asyncio.TimeoutError:
                     pass
 
@@ -148,6 +142,16 @@ def serve(
 def print_address(url: str) -> None:
     """Tell where the page is."""
     print(f"the page is at {url} (Ctrl-C ends it)", flush=True)
+
+
+def _ended_by_signals() -> asyncio.Event:
+    ended = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        try:
+            asyncio.get_running_loop().add_signal_handler(number, ended.set)
+        except NotImplementedError:
+            pass  # Windows; there Ctrl-C ends asyncio.run
+    return ended
 
 
 def _outward(address: str) -> str:
