@@ -25,3 +25,11 @@ def sensor():
 def calibration(sensor):
     """Lines of its calibration, from presses of the simulated stage."""
     return list(calibrate(sensor))
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say what this machine could not be asked."""
+    if not os.access("/dev/uinput", os.W_OK):
+        terminalreporter.write_line(
+            "not run: a real uinput keyboard read back, for /dev/uinput cannot be written here"
+        )

@@ -16,16 +16,21 @@ SLEEP = const(0x53)  # time in us, 3 bytes, low first
 RESET = const(0x58)  # 0, 0, 0; ends this run
 RECEIVE = const(0x47)  # device address, 0, size
 SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
+LINES = const(0x4C)  # SCL and SDA let go of (1) or pulled (0), 1; answers the level of SDA
 HID = const(0x48)  # USB interface, size of the report or 0 to ask for room, 0
 HOST = const(0x55)  # 0, 0, 0; fails unless a USB host is there and awake
 
-_READS = (READ, RECEIVE)
+_READS = (READ, RECEIVE, LINES)
 
 _requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
 _answers = open("/dev/fd/" + os.getenv("SPOTS_ANSWERS"), "rb")
 _header = bytearray(4)
 _long = bytearray(4 + 256)
 _answer = bytearray(5)
+_level = bytearray(1)
+_wires = bytearray(b"\x01\x01")  # SCL, SDA: what this end does with them
+SCL = const(0)
+SDA = const(1)
 
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
 now_us = 0
@@ -48,6 +53,18 @@ def call(operation, a, b, c, buffer=None):
         raise OSError(_answer[0])
     if operation in _READS:
         _receive(buffer, c)
+
+
+def set_wire(wire, level):
+    """Let go of a wire of the I2C bus, or pull it."""
+    _wires[wire] = 1 if level else 0
+    call(LINES, _wires[SCL], _wires[SDA], 1, _level)
+
+
+def sda():
+    """Return the level of SDA."""
+    call(LINES, _wires[SCL], _wires[SDA], 1, _level)
+    return _level[0]
 
 
 def sleep_us(us):

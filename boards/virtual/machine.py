@@ -5,24 +5,36 @@ import os
 import _simulator
 from umachine import *  # noqa: F403
 
+_wires = {}  # of the I2C bus, by their pins
+
 
 class Pin:
     """A pin by number. A button that is held pulls every input low."""
 
     IN = 0
+    OPEN_DRAIN = 2
     PULL_UP = 1
 
-    def __init__(self, number, mode=-1, pull=-1):
+    def __init__(self, number, mode=-1, pull=-1, *, value=None):
         self.number = number
+        if value is not None:
+            self.value(value)
 
-    def value(self):
-        return int(os.getenv("SPOTS_BUTTON") != "held")
+    def value(self, level=None):
+        wire = _wires.get(self.number)
+        if level is not None:
+            _simulator.set_wire(wire, level)
+        elif wire == _simulator.SDA:
+            return _simulator.sda()
+        else:
+            return int(os.getenv("SPOTS_BUTTON") != "held")
 
 
 class I2C:
     """An I2C controller whose wires end in the simulator. Transfers allocate nothing."""
 
     def __init__(self, id, *, scl, sda, freq=400_000, timeout=50_000):
+        _wires[scl.number], _wires[sda.number] = _simulator.SCL, _simulator.SDA
         khz = freq // 1000
         _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, 0)
 

@@ -3,6 +3,8 @@
 On the simulator's clock time passes only in bus transfers and sleeps, and sleeping is free.
 """
 
+import os
+
 import _simulator
 import utime
 from utime import *  # noqa: F403
@@ -25,9 +27,12 @@ if _simulator.simulated_time:
         return _simulator.now_us
 
 else:
+    # Of an oscillator that is not quite right.
+    _ppm = int(os.getenv("SPOTS_CLOCK_PPM"))
 
     def ticks_us():
-        return utime.ticks_us() & (_PERIOD - 1)
+        us = utime.ticks_us()
+        return us + us * _ppm // 1_000_000 & (_PERIOD - 1)
 
 
 sleep_us = _simulator.sleep_us

@@ -1,7 +1,8 @@
 """`board` of the virtual board: pins by the names that are printed on one."""
 
+import _simulator
 from microcontroller import Pin
 
-SCL = Pin()
-SDA = Pin()
+SCL = Pin(_simulator.SCL)
+SDA = Pin(_simulator.SDA)
 BUTTON = Pin()

@@ -5,12 +5,17 @@ import _simulator
 
 class I2C:
     def __init__(self, scl, sda, *, frequency=100_000, timeout=255):
+        self._pins = scl, sda
+        for pin in self._pins:
+            pin.taken = True
         khz = frequency // 1000
         _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, 0)
         self._locked = False
 
     def deinit(self):
-        pass
+        for pin in self._pins:
+            pin.taken = False
+        self._pins = ()
 
     def __enter__(self):
         return self
@@ -66,5 +71,7 @@ class I2C:
         _simulator.call(_simulator.READ, address, out[0], len(view), view)
 
     def _need_lock(self):
+        if not self._pins:
+            raise ValueError("Object has been deinitialized and can no longer be used")
         if not self._locked:
             raise RuntimeError("Function requires lock")

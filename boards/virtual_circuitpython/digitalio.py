@@ -2,15 +2,34 @@
 
 import os
 
+import _simulator
+
 
 class Pull:
     UP = "up"
     DOWN = "down"
 
 
+class DriveMode:
+    PUSH_PULL = "push_pull"
+    OPEN_DRAIN = "open_drain"
+
+
 class DigitalInOut:
     def __init__(self, pin):
-        self.value = False
+        if pin.taken:
+            raise ValueError("pin in use")
+        self._pin = pin
+        self._level = False
+
+    @property
+    def value(self):
+        return bool(_simulator.sda()) if self._pin.wire == _simulator.SDA else self._level
+
+    @value.setter
+    def value(self, level):
+        self._level = level
+        _simulator.set_wire(self._pin.wire, level)
 
     def deinit(self):
         pass
@@ -22,4 +41,9 @@ class DigitalInOut:
         self.deinit()
 
     def switch_to_input(self, pull=None):
-        self.value = pull == Pull.UP and os.getenv("SPOTS_BUTTON") != "held"
+        self._level = pull == Pull.UP and os.getenv("SPOTS_BUTTON") != "held"
+
+    def switch_to_output(self, value=False, drive_mode=DriveMode.PUSH_PULL):
+        if drive_mode != DriveMode.OPEN_DRAIN:
+            raise NotImplementedError("a wire of the I2C bus is not to be driven high")
+        self.value = value

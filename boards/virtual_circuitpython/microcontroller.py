@@ -6,7 +6,9 @@ import _simulator
 
 
 class Pin:
-    pass
+    def __init__(self, wire=None):
+        self.wire = wire
+        self.taken = False
 
 
 class Processor:

@@ -1,5 +1,7 @@
 """`time` of the virtual board: CircuitPython's, whose `sleep` counts whole milliseconds."""
 
+import os
+
 import _simulator
 import utime
 
@@ -17,7 +19,12 @@ if _simulator.simulated_time:
         return 1000 * (_wraps * _PERIOD_US + _last_us)
 
 else:
-    monotonic_ns = utime.time_ns
+    # Of an oscillator that is not quite right.
+    _ppm = int(os.getenv("SPOTS_CLOCK_PPM"))
+
+    def monotonic_ns():
+        ns = utime.time_ns()
+        return ns + ns // 1_000_000 * _ppm
 
 
 def monotonic():

@@ -90,6 +90,9 @@ class App:
                 return
         try:
             if self.strip.sensor.poll():
+                if self.fault:
+                    self.fault = None
+                    self.log("info", "the sensor is back")
                 self.strip.take()
         except (OSError, SensorError) as error:
             self._lose(error)
@@ -237,9 +240,6 @@ class App:
             self._clock.sleep_us(_RETRY_US)
             return
         self._lost = False
-        if self.fault:
-            self.fault = None
-            self.log("info", "the sensor is back")
         self.apply_calibration()
 
     def _lose(self, error):

@@ -4,7 +4,8 @@ Section numbers are those of the ams datasheet DS000504 v3-00. Nothing here wait
 deadline, and `poll`, `switch_led` and `read_into` allocate nothing.
 
 The bus is any object with ``read_into(register, buffer)`` and ``write(buffer)``, whose first
-byte is the register; both raise OSError when the chip does not answer.
+byte is the register; both raise OSError when the chip does not answer. ``recover()``, called
+after that, frees the wires as well as it can.
 """
 
 from array import array
@@ -45,6 +46,9 @@ _AUTO_ZERO_US = const(50_000)
 # The first integration begins so long after `start`: longer than any bring-up takes at 400 kHz,
 # so that what a recording holds does not depend on who brought the chip up.
 _START_US = const(20_000)
+_AGAIN_US = const(500)  # after a transfer that failed
+# Pairs of neighbours that are read back.
+_CHECKED = (_ENABLE, _CFG0, _ASTEP)
 
 
 class SensorError(Exception):
@@ -73,6 +77,8 @@ class AS7341:
         self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
         self._clear = bytes((_STATUS, _AINT))
         self._led_code = 0
+        self._written = bytearray(2 * len(_CHECKED))
+        self._check = 0
         self._settled = 0
         self.pacing = Pacing(clock)
         self.counts = array("i", bytes(4 * CHANNELS))
@@ -85,6 +91,7 @@ class AS7341:
         self.full_scale = 0
         self.led_mA = 0
         self.led_on = False
+        self.retries = 0  # transfers that failed while sampling, and were tried again
 
     def start(self, plan, gain, exposure_us, led_mA):
         """Identify the chip, set it up and let it sample. Also the way back after an error.
@@ -124,6 +131,12 @@ class AS7341:
         self.exposure_us = exposure.actual_us(atime, astep)
         self.full_scale = exposure.full_scale(atime, astep)
         self.led_mA = led_mA
+        written = (_PON, atime, 0, gain, astep & 0xFF, astep >> 8)
+        for i in range(len(written)):
+            self._written[i] = written[i]
+        for _ in _CHECKED:
+            self.check()
+        self._written[0] = _PON | _SP_EN
         self.switch_led(True)
         self._sleep_until(began, _START_US)
         self._bus.write(self._clear)
@@ -166,17 +179,28 @@ class AS7341:
         ------
         SensorError
             If no sample came for two periods and the time of an auto-zero.
+        OSError
+            If the bus failed for as long; until then a transfer that failed costs its sample.
         """
         clock = self._clock
         now = clock.ticks_us()
         burst = self._burst
-        self._bus.read_into(_STATUS, burst)
+        try:
+            self._bus.read_into(_STATUS, burst)
+            if burst[0] & _AINT:
+                self._bus.write(self._clear)
+        except OSError:
+            self.recover()
+            if self._overdue(now):
+                raise
+            self.retries += 1
+            clock.sleep_us(_AGAIN_US)
+            return False
         if not burst[0] & _AINT:
-            if clock.ticks_diff(now, self.complete) > 2 * self.exposure_us + _AUTO_ZERO_US:
+            if self._overdue(now):
                 raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
             self.pacing.early(now)
             return False
-        self._bus.write(self._clear)
         complete = self.pacing.found(now, clock.ticks_us())
         if complete is None:
             self.complete = now
@@ -197,10 +221,34 @@ class AS7341:
             self.steady = clock.ticks_diff(began, self._settled) >= 0
         return True
 
+    def check(self):
+        """Read back one of three pairs of registers, in turns.
+
+        Nothing on an I2C bus guards a byte, and a chip may lose its registers.
+
+        Raises
+        ------
+        SensorError
+            If it does not hold what was written.
+        """
+        i = self._check
+        self._check = (i + 1) % len(_CHECKED)
+        self._bus.read_into(_CHECKED[i], self._pair)
+        if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
+            raise SensorError("the AS7341 does not hold its settings; check its supply and wiring")
+
+    def recover(self):
+        """Free the wires after a transfer that failed."""
+        self._bus.recover()
+
     def saturation(self):
         """Return 'analog', 'digital' or None for the sample last taken (STATUS2)."""
         self._bus.read_into(_STATUS2, self._byte)
         return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
+
+    def _overdue(self, now):
+        silent_us = self._clock.ticks_diff(now, self.complete)
+        return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US
 
     def _configure(self, atime, astep, gain, led_mA):
         """Set exposure, gain and LED current; the chip is on and does not sample."""
@@ -229,6 +277,7 @@ class AS7341:
                 break
             except OSError:
                 if clock.ticks_diff(clock.ticks_us(), began) > _POWER_UP_US:
+                    self.recover()
                     raise SensorError("no chip answers at 0x39; check wiring and supply")
                 clock.sleep_us(200)
         if self._byte[0] >> 2 != 9:

@@ -126,6 +126,7 @@ class Commands:
         reply["missed"] = app.strip.sensor.pacing.missed
         reply["dropped"] = app.framer.dropped
         reply["dropped_reports"] = app.uses.dropped()
+        reply["retries"] = app.strip.sensor.retries
         reply["faults"] = app.faults
         reply["fault"] = app.fault
         reply["full_scale"] = app.strip.sensor.full_scale
@@ -157,6 +158,11 @@ class Commands:
         strip.stream_touch = "touch" in kinds
         strip.stream_spectrum = "spectrum" in kinds
         return {"stream": sorted(kinds)}
+
+    def _streamed(self):
+        strip = self._app.strip
+        on = (("spectrum", strip.stream_spectrum), ("touch", strip.stream_touch))
+        return [name for name, streamed in on if streamed]
 
     def _keys(self, words):
         return self._switch("keys", words)
@@ -213,7 +219,8 @@ class Commands:
         return {}
 
     def _sync(self, words):
-        return {"t_us": self._app.time_us()}
+        # What is streamed tells a host that the board has restarted.
+        return {"t_us": self._app.time_us(), "stream": self._streamed()}
 
     def _reboot(self, words):
         self._app.abandon("the board was rebooted")

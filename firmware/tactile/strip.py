@@ -256,6 +256,7 @@ class Strip:
             self.dark[i] = self._blink_sums[i]
             self._floor[i] = self.dark[i] + (self._rest[i] >> 10)
         sensor.switch_led(True)
+        sensor.check()
         self._blink = _RISING
         self._dark_known = True
         self._dark_wanted = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 
@@ -9,7 +10,7 @@ from tactile import PROTOCOL
 from tactile.command import LINE_MAX, NAME_MAX
 
 from .clockmap import ClockMap
-from .errors import SpotsError
+from .errors import PortLostError, SpotsError
 from .frames import Decoder, Frame, LinkStats, Text, Touch
 from .link import Link
 
@@ -24,12 +25,21 @@ _SYNC_ROUND_TRIPS = 12
 _SYNC_SPREAD_S = 0.01
 _GOLDEN = 0.618034
 _POLL_S = 0.1
+# A board that streams and is silent for so long is asked whether it has restarted.
+_SILENCE_S = 0.5
+# So long may its port be gone meanwhile; a board takes some seconds to be a USB device again.
+_GONE_S = 10.0
+_REOPEN_EVERY_S = 0.1
 # A consumer that falls behind by more than this many frames loses the oldest.
 _QUEUE_FRAMES = 1 << 16
 
 
 class Board:
     """A connected board. Close it, or use it in a ``with`` block.
+
+    A board that restarts (a brown-out, a crash) has forgotten that it was streaming, and its port
+    may go away for a while. `frames` and what builds on it open the port again, notice the
+    silence, ask, and tell it again; see `stats.restarts`.
 
     Parameters
     ----------
@@ -55,13 +65,14 @@ class Board:
         self._clock = ClockMap()
         self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
         self._replies: deque[Text] = deque(maxlen=64)
+        self._streams: list[str] = []  # what the board was told to stream
+        self._resuming = False
+        self._heard_s = link.now_s()
         self._on_close: Callable[[], None] | None = None
         self.log: deque[dict] = deque(maxlen=100)
         try:
             self.info = self._hello()
-            for i in range(_SYNC_ROUND_TRIPS):
-                self._idle(i * _GOLDEN % 1 * _SYNC_SPREAD_S)
-                self._sync()
+            self._map_clocks()
         except BaseException:
             link.close()
             raise
@@ -110,6 +121,8 @@ class Board:
             raise SpotsError(f"no reply to '{line}' within {timeout_s:g} s; is the board alive?")
         if "error" in reply.content:
             raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
+        if reply.content["re"] == "stream":
+            self._streams = [kind for kind in reply.content["stream"] if kind != "off"]
         return reply.content
 
     def frames(self, seconds: float | None = None) -> Iterator[Frame]:
@@ -127,7 +140,7 @@ class Board:
             if end_s is not None and self.now_s() >= end_s:
                 return
             left_s = _POLL_S if end_s is None else min(_POLL_S, end_s - self.now_s())
-            self._pump(max(left_s, 0))
+            self._pump_or_resume(max(left_s, 0))
 
     def touches(self, seconds: float | None = None) -> Iterator[Touch]:
         """Tell the board to stream readings, and nothing else, and yield them."""
@@ -153,7 +166,7 @@ class Board:
                 return latest
             if self.now_s() >= end_s:
                 raise SpotsError(f"no reading within {timeout_s:g} s; is the board streaming?")
-            self._pump(_POLL_S)
+            self._pump_or_resume(_POLL_S)
 
     def close(self) -> None:
         """Tell the board to be silent and let the port go."""
@@ -191,10 +204,56 @@ class Board:
         self._frames.clear()
         return reply.content
 
+    def _map_clocks(self) -> None:
+        for i in range(_SYNC_ROUND_TRIPS):
+            self._idle(i * _GOLDEN % 1 * _SYNC_SPREAD_S)
+            self._sync()
+
     def _sync(self) -> None:
         sent_s = self.now_s()
-        reply = self.command("sync")
+        reply = self.command("sync", _SILENCE_S)
         self._clock.round_trip(sent_s, reply["t_us"], self.now_s())
+
+    def _pump_or_resume(self, timeout_s: float) -> None:
+        try:
+            self._pump(timeout_s)
+            self._resume()
+        except PortLostError:
+            if not self._streams:
+                raise
+            self._reopen()
+
+    def _reopen(self) -> None:
+        end_s = time.monotonic() + _GONE_S
+        while True:
+            try:
+                self._link.reopen()
+                return
+            except SpotsError:
+                if time.monotonic() >= end_s:
+                    raise
+                time.sleep(_REOPEN_EVERY_S)
+
+    def _resume(self) -> None:
+        # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
+        if not self._streams or self.now_s() - self._heard_s < _SILENCE_S:
+            return
+        sent_s = self._heard_s = self.now_s()
+        lost = self.stats.lost
+        reply = self._exchange("sync", _SILENCE_S)
+        if reply is None or reply.content.get("stream") != []:
+            return  # nobody there, or damaged: after the next silence again; or it has no news
+        if not self._resuming:
+            self._resuming = True
+            self.stats.restarts += 1
+        self.stats.lost = lost  # it counts its frames from 0 again
+        self._clock = ClockMap()
+        self._clock.round_trip(sent_s, reply.content["t_us"], self.now_s())
+        try:
+            self.command("stream " + " ".join(self._streams), _SILENCE_S)
+            self._map_clocks()
+        except SpotsError:
+            pass  # as above
 
     def _idle(self, seconds: float) -> None:
         end_s = self.now_s() + seconds
@@ -215,8 +274,12 @@ class Board:
         return None
 
     def _pump(self, timeout_s: float) -> None:
-        for frame in self._decoder.feed(self._link.read(timeout_s)):
+        frames = self._decoder.feed(self._link.read(timeout_s))
+        if frames:
+            self._heard_s = self.now_s()
+        for frame in frames:
             if not isinstance(frame, Text):
+                self._resuming = False
                 self._frames.append(frame._replace(time_s=self._clock.host_s(frame.t_us)))
             elif "log" in frame.content:
                 self.log.append(frame.content)

@@ -54,6 +54,8 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_uses(commands)
 
+    _add_soak(commands)
+
     bench = commands.add_parser("bench", help="driver, firmware and host against their peers")
     bench.add_argument("--json", action="store_true", help="one JSON object")
     bench.set_defaults(run=_bench)
@@ -119,6 +121,16 @@ def _add_uses(commands) -> None:
     controller.add_argument("--calibrate", action="store_true", help="measure rest and ends")
     controller.add_argument("--seconds", type=_seconds, help="end after so long")
     controller.set_defaults(run=_controller)
+
+
+def _add_soak(commands) -> None:
+    parser = commands.add_parser("soak", help="hours of faults in simulated time, and a ledger")
+    parser.add_argument("--hours", type=_hours, default=1.0, help="of simulated time (1)")
+    parser.add_argument("--faults", default="fire", metavar="FILE", help="scenario file or name")
+    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument("--seed", type=_seed, default=0, help="of noise and faults")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(run=_soak)
 
 
 def _add_boards(commands) -> None:
@@ -196,6 +208,7 @@ def _number(what: str, low: float, high: float, kind: type = float):
 
 
 _seconds = _number("a time in seconds", 0.001, 1e9)
+_hours = _number("a time in hours", 0.001, 10_000)
 _length_mm = _number("the length of a strip in mm", 1, 1000)
 _strain_percent = _number("a strain in percent", 0.01, 50)
 _seed = _number("a seed", 0, 2**63, int)
@@ -282,6 +295,12 @@ def _controller(options: argparse.Namespace) -> None:
     from .uses.play import run
 
     run(options)
+
+
+def _soak(options: argparse.Namespace) -> None:
+    from .soak import run
+
+    run(options.hours, options.faults, options.seed, options.sensor, options.json)
 
 
 def _bench(options: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from .connect import open_virtual, prepare
 from .errors import SpotsError
 from .link import Link
 from .score import Score
+from .sim.faults import Faults, FaultyLink, of_scenario
 from .sim.files import ScenarioFile, SensorFile, load
 from .sim.lockstep import LockstepLink
 from .sim.scenario import Scenario
@@ -67,13 +68,16 @@ def demo(
         raise SpotsError(f"there is no demo of '{use}': --use takes one of {', '.join(USES)}")
     show, usual = USES[use]
     scenario = scenario or usual
-    truth = Scenario(load(ScenarioFile, scenario))
+    file = load(ScenarioFile, scenario)
+    truth = Scenario(file)
     if fast:
-        board, link = open_fast(sensor, truth, seed)
+        board, link = open_fast(sensor, truth, seed, of_scenario(file, seed))
         started_s = 0.0
     else:
         (board, started_s), link = open_virtual(sensor, scenario, seed), None
     with board:
+        if file.faults:
+            board.command("save")  # or a restart would cost the calibration
         summary = show(board, truth, started_s, seconds, quiet)
     if link is not None:
         summary["stream_sha256"] = link.sha256.hexdigest()
@@ -93,15 +97,7 @@ def _controller(
 ) -> dict:
     from .uses.play import demonstrate
 
-    figures = demonstrate(board, truth, started_s, seconds, quiet)
-    return {
-        "runtime": board.info["runtime"],
-        "board": board.info["board"],
-        "frames": board.stats.frames,
-        "lost": board.stats.lost,
-        "bad_crc": board.stats.bad_crc,
-        **figures,
-    }
+    return _with_link(board, demonstrate(board, truth, started_s, seconds, quiet))
 
 
 def _keyboard(
@@ -121,8 +117,14 @@ def _wearable(
 
 
 def _with_link(board: Board, figures: dict) -> dict:
-    stats = board.stats
-    return {"frames": stats.frames, "lost": stats.lost, "bad_crc": stats.bad_crc, **figures}
+    return {
+        "runtime": board.info["runtime"],
+        "board": board.info["board"],
+        "frames": board.stats.frames,
+        "lost": board.stats.lost,
+        "bad_crc": board.stats.bad_crc,
+        **figures,
+    }
 
 
 # What is shown of a board, the truth and the host time of its time 0, for so long, or quietly;
@@ -131,15 +133,18 @@ USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dic
     "strip": (_strip, "demo"),
     "keyboard": (_keyboard, "typing"),
     "controller": (_controller, "demo"),
-    "wearable": (_wearable, "demo"),
+    "wearable": (_wearable, "arm"),
 }
 
 
-def open_fast(sensor: str, truth: Scenario, seed: int) -> tuple[Board, _Hashing]:
+def open_fast(
+    sensor: str, truth: Scenario, seed: int, faults: Faults | None = None
+) -> tuple[Board, _Hashing]:
     """Open a calibrated virtual board in simulated time, and the link that hashes its stream."""
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
-    link = _Hashing(LockstepLink(file, truth, seed))
+    bare = LockstepLink(file, truth, seed, faults=faults)
+    link = _Hashing(FaultyLink(bare, faults) if faults else bare)
     board = Board(link)
     try:
         prepare(board, calibration)

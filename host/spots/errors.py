@@ -6,3 +6,7 @@ class SpotsError(Exception):
 
     The command line prints it as one line and ends with exit code 2.
     """
+
+
+class PortLostError(SpotsError):
+    """The port went away, as that of a board with USB of its own does when it restarts."""

@@ -153,12 +153,15 @@ class LinkStats:
         Pieces between two delimiters that were no good frame.
     bytes : int
         All bytes received.
+    restarts : int
+        How often `Board` found that the board had begun anew.
     """
 
     frames: int = 0
     lost: int = 0
     bad_crc: int = 0
     bytes: int = 0
+    restarts: int = 0
 
 
 class Decoder:

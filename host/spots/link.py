@@ -10,7 +10,7 @@ from typing import Protocol
 import serial
 from serial.tools import list_ports
 
-from .errors import SpotsError
+from .errors import PortLostError, SpotsError
 
 try:
     import termios
@@ -33,6 +33,9 @@ class Link(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
+
+    def reopen(self) -> None:
+        """Open the port again that raised PortLostError; only of links that do."""
 
     def close(self) -> None:
         """Let the port go."""
@@ -57,6 +60,12 @@ class SerialLink:
     def __init__(self, port: str):
         self.name = port
         self._serial = None
+        self.reopen()
+
+    def reopen(self) -> None:
+        """Open the port, again if need be; raises SpotsError as the constructor does."""
+        self.close()
+        port = self.name
         try:
             # The speed means nothing to USB; a number keeps UART bridges happy.
             self._serial = serial.Serial(
@@ -71,23 +80,23 @@ class SerialLink:
         return time.monotonic()
 
     def read(self, timeout_s: float) -> bytes:
-        """Raises SpotsError if the port went away or was closed."""
+        """Raises PortLostError if the port went away, SpotsError if it was closed."""
         if not self._serial.is_open:
             raise SpotsError(f"the port {self.name} was closed")
         try:
             self._serial.timeout = timeout_s
             return self._serial.read(max(1, self._serial.in_waiting))
         except _FAILURES:
-            raise SpotsError(f"the board on {self.name} was disconnected") from None
+            raise PortLostError(f"the board on {self.name} was disconnected") from None
 
     def write(self, data: bytes) -> None:
-        """Raises SpotsError if the port went away or takes nothing."""
+        """Raises PortLostError if the port went away, SpotsError if it takes nothing."""
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:
             raise SpotsError(f"{self.name} takes no data: replug the board") from None
         except _FAILURES:
-            raise SpotsError(f"the board on {self.name} was disconnected") from None
+            raise PortLostError(f"the board on {self.name} was disconnected") from None
 
     def close(self) -> None:
         if self._serial is not None:

@@ -82,6 +82,7 @@ class Score:
             "frames": stats.frames,
             "lost": stats.lost,
             "bad_crc": stats.bad_crc,
+            "restarts": stats.restarts,
             "rate_hz": _rounded(self.rate_hz),
             "touches": self.touches,
             "position_rmse_um": self.position_rmse_um,

@@ -18,6 +18,7 @@ class Cut:
         self.misses = range(0)
         self.transfers = 0
         self.clock = bus.clock
+        self.lines = bus.lines
 
     def write(self, *arguments):
         self._fail()

@@ -18,6 +18,8 @@ from ..as7341 import AS7341, SensorError
 from ..settings import SETTINGS_FILE, Settings, load_lines
 
 _ADDRESS = const(0x39)
+_RECOVERY_CLOCKS = const(9)
+_HALF_CLOCK_US = const(5)
 _PERIOD_US = const(1 << 30)
 _HALF_PERIOD_US = const(1 << 29)
 # Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
@@ -33,16 +35,16 @@ class Bus:
     """The sensor's registers over ``busio``. Allocates nothing but what Adafruit's device does."""
 
     def __init__(self, i2c):
-        self._device = I2CDevice(i2c, _ADDRESS, probe=False)
+        self.device = I2CDevice(i2c, _ADDRESS, probe=False)
         self._register = bytearray(1)
 
     def read_into(self, register, buffer):
         self._register[0] = register
-        with self._device as device:
+        with self.device as device:
             device.write_then_readinto(self._register, buffer)
 
     def write(self, buffer):
-        with self._device as device:
+        with self.device as device:
             device.write(buffer)
 
 
@@ -51,29 +53,57 @@ class Sensor(AS7341):
 
     Parameters
     ----------
-    open_i2c : callable
-        Returns a ``busio.I2C``; called again until it does, for it raises RuntimeError where
-        nothing pulls the wires up.
+    scl, sda : microcontroller.Pin
+    frequency_hz : int
+        Of the bus. It is opened anew until it does, for it raises RuntimeError where nothing
+        pulls the wires up, or something holds them low.
     clock : object
         As `as7341.AS7341` asks for.
     """
 
-    def __init__(self, open_i2c, clock):
+    def __init__(self, scl, sda, frequency_hz, clock):
         super().__init__(None, clock)
-        self._open = open_i2c
+        self._pins = scl, sda
+        self._frequency_hz = frequency_hz
         self._i2c = self._driver = None
 
     def start(self, plan, gain, exposure_us, led_mA):
         if self._i2c is None:
-            try:
-                self._i2c = self._open()
-            except RuntimeError as error:
-                raise SensorError("the I2C bus does not start (%s)" % error)
-            self._bus = Bus(self._i2c)
+            self._open()
         super().start(plan, gain, exposure_us, led_mA)
 
-    def stop(self):
+    def recover(self):
+        """Clock out a chip that holds SDA in the middle of a byte, STOP, and begin anew.
+
+        Source: UM10204, section 3.1.16.
+        """
+        self._i2c.deinit()
+        self._i2c = None
+        scl, sda = [digitalio.DigitalInOut(pin) for pin in self._pins]
+        with scl, sda:
+            for wire in (scl, sda):
+                wire.switch_to_output(value=True, drive_mode=digitalio.DriveMode.OPEN_DRAIN)
+            for _ in range(_RECOVERY_CLOCKS):
+                if sda.value:
+                    break
+                _set(scl, False)
+                _set(scl, True)
+            for wire, level in ((scl, False), (sda, False), (scl, True), (sda, True)):
+                _set(wire, level)
+        self._open()
+
+    def _open(self):
+        scl, sda = self._pins
+        try:
+            self._i2c = busio.I2C(scl, sda, frequency=self._frequency_hz)
+        except RuntimeError as error:
+            raise SensorError("the I2C bus does not start (%s)" % error)
+        self._bus = Bus(self._i2c)
         if self._driver is not None:
+            self._driver.i2c_device = self._bus.device
+
+    def stop(self):
+        if self._driver is not None and self._i2c is not None:
             super().stop()
 
     def _configure(self, atime, astep, gain, led_mA):
@@ -91,6 +121,11 @@ class Sensor(AS7341):
 
     def _light(self, on):
         self._driver.led = on
+
+
+def _set(wire, level):
+    wire.value = level
+    microcontroller.delay_us(_HALF_CLOCK_US)
 
 
 class Clock:
@@ -205,16 +240,14 @@ def main():
         return
     from ..app import App
 
-    def open_i2c():
-        scl = getattr(board, board_config.SCL_PIN)
-        sda = getattr(board, board_config.SDA_PIN)
-        return busio.I2C(scl, sda, frequency=board_config.I2C_HZ)
-
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
     serial = Serial(usb_cdc.data, Clock)
     usb = Usb() if board_config.USB_HID else None
-    app = App(board_config, runtime, uid, Sensor(open_i2c, Clock), Clock, serial, usb)
+    scl = getattr(board, board_config.SCL_PIN)
+    sda = getattr(board, board_config.SDA_PIN)
+    sensor = Sensor(scl, sda, board_config.I2C_HZ, Clock)
+    app = App(board_config, runtime, uid, sensor, Clock, serial, usb)
     try:
         app.run()
     except Exception as error:  # all but Ctrl-C

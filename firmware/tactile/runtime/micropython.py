@@ -10,6 +10,8 @@ from micropython import const
 
 _ADDRESS = const(0x39)
 _I2C_TIMEOUT_US = const(50_000)
+_RECOVERY_CLOCKS = const(9)
+_HALF_CLOCK_US = const(5)
 _CTRL_C = const(3)
 # Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
 _SAFE_BOOT_MS = const(500)
@@ -19,17 +21,58 @@ _CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a f
 
 
 class Bus:
-    """The sensor's registers over ``machine.I2C``. Allocates nothing."""
+    """The sensor's registers over ``machine.I2C``. Transfers allocate nothing.
 
-    def __init__(self, i2c):
-        self._read = i2c.readfrom_mem_into
-        self._write = i2c.writeto
+    Parameters
+    ----------
+    id : int
+        Of the controller.
+    scl, sda : int or str
+        Its pins.
+    freq : int
+        In Hz.
+    """
+
+    def __init__(self, id, scl, sda, freq):
+        self._pins = scl, sda
+        self._options = id, freq
+        self._open()
 
     def read_into(self, register, buffer):
         self._read(_ADDRESS, register, buffer)
 
     def write(self, buffer):
         self._write(_ADDRESS, buffer)
+
+    def recover(self):
+        """Clock out a chip that holds SDA in the middle of a byte, STOP, and begin anew.
+
+        Source: UM10204, section 3.1.16.
+        """
+        scl, sda = [
+            machine.Pin(pin, machine.Pin.OPEN_DRAIN, machine.Pin.PULL_UP, value=1)
+            for pin in self._pins
+        ]
+        for _ in range(_RECOVERY_CLOCKS):
+            if sda.value():
+                break
+            _set(scl, 0)
+            _set(scl, 1)
+        for pin, level in ((scl, 0), (sda, 0), (scl, 1), (sda, 1)):
+            _set(pin, level)
+        self._open()
+
+    def _open(self):
+        scl, sda = [machine.Pin(pin) for pin in self._pins]
+        id, freq = self._options
+        i2c = machine.I2C(id, scl=scl, sda=sda, freq=freq, timeout=_I2C_TIMEOUT_US)
+        self._read = i2c.readfrom_mem_into
+        self._write = i2c.writeto
+
+
+def _set(pin, level):
+    pin.value(level)
+    time.sleep_us(_HALF_CLOCK_US)
 
 
 class Serial:
@@ -99,17 +142,11 @@ def main():
     from tactile.app import App
     from tactile.as7341 import AS7341
 
-    i2c = machine.I2C(
-        board_config.I2C_ID,
-        scl=machine.Pin(board_config.SCL_PIN),
-        sda=machine.Pin(board_config.SDA_PIN),
-        freq=board_config.I2C_HZ,
-        timeout=_I2C_TIMEOUT_US,
-    )
+    bus = Bus(board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ)
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
     usb = Usb() if board_config.USB_HID else None
-    app = App(board_config, runtime, uid, AS7341(Bus(i2c), time), time, Serial(), usb)
+    app = App(board_config, runtime, uid, AS7341(bus, time), time, Serial(), usb)
     try:
         app.run()
     except Exception as error:  # all but Ctrl-C

@@ -84,6 +84,14 @@ class AS7341:
         self._rng = rng
         self._quirks = quirks
         self._step_us = STEP_US * (1 + quirks.clock_error_percent / 100)
+        self._now = 0.0
+        self.samples = 0
+        self.integrating_us = 0.0
+        self.power_on(0.0)
+
+    def power_on(self, now_us: float) -> None:
+        """Begin anew with the registers' reset values, whatever it was doing."""
+        self._now = self._on_since = max(now_us, self._now)
         self._main = bytearray(256)
         for register, value in _RESET_VALUES.items():
             self._main[register] = value
@@ -92,7 +100,6 @@ class AS7341:
         self._smux_ram = bytearray(20)
         self._routing = np.zeros((6, len(DIODES)))
         self._pointer = 0
-        self._now = 0.0
         self._smux_done = None
         self._zeroed = False
         self._start = None  # of the running integration
@@ -101,14 +108,12 @@ class AS7341:
         self._cycle = 0
         self._live = (0, [0] * 6)  # ASTATUS and counts of the last sample
         self._latched = (0, [0] * 6)
-        self.samples = 0
-        self.integrating_us = 0.0
 
     # The bus side. A controller calls advance(now) first, so that time never runs backwards.
 
     def answers(self) -> bool:
         """Whether the chip acknowledges its address now."""
-        return self._now >= POWER_ON_US
+        return self._now - self._on_since >= POWER_ON_US
 
     def write(self, data: bytes) -> None:
         """A write transfer: register, then bytes; the pointer auto-increments."""

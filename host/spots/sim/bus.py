@@ -16,6 +16,9 @@ class Clock(Protocol):
     def spend_us(self, duration_us: float) -> None:
         """Let a transfer or a sleep take its time."""
 
+    def pause_us(self, duration_us: float) -> None:
+        """Let time pass in which the board does nothing."""
+
 
 @dataclass
 class SimulatedClock:
@@ -28,6 +31,8 @@ class SimulatedClock:
 
     def spend_us(self, duration_us: float) -> None:
         self.time_us += duration_us
+
+    pause_us = spend_us
 
 
 @dataclass
@@ -73,12 +78,23 @@ class Bus:
         self.chip.advance(self.clock.now_us())
         return self.chip.read(size)
 
+    def lines(self, scl: int, sda: int) -> int:
+        """Let go of (1) or pull (0) the wires by hand, and return the level of SDA.
+
+        The chip listens to transfers only and takes no note of it.
+        """
+        return sda
+
+    def refuse(self) -> None:
+        """Spend what an address costs that nobody acknowledges, and raise OSError(ENODEV)."""
+        self._spend(2, 1)
+        raise OSError(errno.ENODEV, "no acknowledge")
+
     def _address(self, address: int) -> None:
         self.ledger.transactions += 1
         self.chip.advance(self.clock.now_us())
         if address != self.chip.address or not self.chip.answers():
-            self._spend(2, 1)
-            raise OSError(errno.ENODEV, "no acknowledge")
+            self.refuse()
 
     def _bits_us(self, bits: int) -> float:
         return bits * 1e6 / self.frequency_hz

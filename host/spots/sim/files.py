@@ -20,6 +20,9 @@ Positive = Annotated[float, msgspec.Meta(gt=0, le=_MOST)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=_MOST)]
 Time = NotNegative
 Place = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
+Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
+Strain = Annotated[float, msgspec.Meta(ge=0, le=50)]
+Bend = Annotated[float, msgspec.Meta(ge=0, le=360)]
 Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
 
 
@@ -134,21 +137,123 @@ class Ambient(_Struct):
             raise ValueError("the times of the steps must ascend")
 
 
+class Moments(_Struct):
+    """When a fault begins and how long it lasts: at moments of the scenario, at random, or both.
+
+    A scenario repeats, and the moments in `at_s` with it.
+    """
+
+    at_s: list[Time] = []
+    per_min: Annotated[float, msgspec.Meta(ge=0, le=6000)] = 0.0
+    last_ms: Annotated[float, msgspec.Meta(gt=0, le=3_600_000)] = 100.0
+
+
+class Bursts(Moments):
+    """Times of dense damage: so many of the bytes, each in one of four ways."""
+
+    damage_percent: Percent = 100.0
+
+
+class SerialFaults(_Struct):
+    """Damage to the bytes in one direction: the share of them that it befalls, and bursts."""
+
+    flip_percent: Percent = 0.0
+    drop_percent: Percent = 0.0
+    double_percent: Percent = 0.0
+    insert_percent: Percent = 0.0
+    bursts: Bursts = Bursts()
+
+    def __post_init__(self):
+        shares = self.flip_percent, self.drop_percent, self.double_percent, self.insert_percent
+        if sum(shares) > 100:
+            raise ValueError("more than 100 % of the bytes would be damaged")
+
+
+class BusFaults(_Struct):
+    """Damage to transfers on the I2C bus.
+
+    `nack_percent` of them nobody acknowledges, and during `nack_bursts` none; `wrong_percent`
+    carry a wrong bit; `sda_low`: SDA is held low until nine clocks, at most for that time.
+    """
+
+    nack_percent: Percent = 0.0
+    nack_bursts: Moments = Moments()
+    wrong_percent: Percent = 0.0
+    sda_low: Moments = Moments()
+
+
+class PowerFaults(_Struct):
+    """Brown-outs take board and sensor down together; the other two only the sensor."""
+
+    brown_outs: Moments = Moments()
+    sensor_resets: Moments = Moments()
+    sensor_unplugged: Moments = Moments()
+
+
+class ClockFaults(_Struct):
+    """The board's oscillator, fast if positive, and times in which its processor stands still."""
+
+    oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
+    stalls: Moments = Moments()
+
+
+class Faults(_Struct):
+    """What goes wrong in a scenario, from `from_s` of the run on; see `faults`."""
+
+    from_s: Time = 0.0
+    to_host: SerialFaults = SerialFaults()
+    to_board: SerialFaults = SerialFaults()
+    i2c: BusFaults = BusFaults()
+    power: PowerFaults = PowerFaults()
+    clock: ClockFaults = ClockFaults()
+
+    def moments(self) -> dict[str, Moments]:
+        """Return every set of moments by its place in the file."""
+        parts = (getattr(self, name) for name in self.__struct_fields__[1:])
+        return {
+            f"{part}.{name}": value
+            for part, table in zip(self.__struct_fields__[1:], parts)
+            for name, value in msgspec.structs.asdict(table).items()
+            if isinstance(value, Moments)
+        }
+
+
 class ScenarioFile(_Struct):
     """What happens to the strip; it repeats after `seconds`.
 
-    Positions are those on the strip as it is, stretched or not.
+    Positions are those on the strip as it is, stretched or not. `strain` and `bend` are points of
+    (time s, percent) and (time s, degrees), `leak` of (time s, share of full contact, position
+    mm): light that couples without a finger. All are joined by straight lines and keep their
+    first and last value outside. `strain_percent` and `bend_deg` are the short form.
     """
 
     seconds: Positive
-    strain_percent: Annotated[float, msgspec.Meta(ge=0, le=50)] = 0.0
-    bend_deg: Annotated[float, msgspec.Meta(ge=0, le=360)] = 0.0
+    strain_percent: Strain = 0.0
+    bend_deg: Bend = 0.0
+    strain: list[tuple[Time, Strain]] = []
+    bend: list[tuple[Time, Bend]] = []
+    leak: list[tuple[Time, Annotated[float, msgspec.Meta(ge=0, le=1)], Place]] = []
     touch: list[Touch] = []
     ambient: Ambient | None = None
+    faults: Faults | None = None
 
     def __post_init__(self):
         if any(touch.points[-1][0] > self.seconds for touch in self.touch):
             raise ValueError(f"a touch ends after the scenario's {self.seconds:g} seconds")
+        for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
+            if getattr(self, name) and constant:
+                raise ValueError(f"{name} is given twice: as points and as a constant")
+        for name in ("strain", "bend", "leak"):
+            times = [point[0] for point in getattr(self, name)]
+            if any(b <= a for a, b in zip(times, times[1:])):
+                raise ValueError(f"the times of {name} must ascend")
+            if times and times[-1] > self.seconds:
+                raise ValueError(f"{name} ends after the scenario's {self.seconds:g} seconds")
+        for place, moments in self.faults.moments().items() if self.faults else ():
+            if any(at_s >= self.seconds for at_s in moments.at_s):
+                raise ValueError(
+                    f"faults.{place} has a moment after the scenario's {self.seconds:g} seconds"
+                )
 
 
 _File = TypeVar("_File", SensorFile, ScenarioFile)

@@ -8,11 +8,13 @@ machine allows. It is a link as `link.SerialLink` is one.
 from __future__ import annotations
 
 import os
+import select
 
 from ..errors import SpotsError
 from ..stage import device_of
 from . import server
 from .bus import Bus, SimulatedClock
+from .faults import BoardFaults, Faults, FaultyBus
 from .files import SensorFile
 from .identity import board_id
 from .usb import UsbHost
@@ -36,6 +38,8 @@ class LockstepLink:
         How long everything but the board's processor has been on: the LED is as warm as then.
     board : str
         See `vm.Machine`.
+    faults : faults.Faults, optional
+        What goes wrong with bus and board; with the bytes, `faults.FaultyLink` does it.
 
     Attributes
     ----------
@@ -53,15 +57,21 @@ class LockstepLink:
         folder=None,
         started_s: float = 0.0,
         board: str = "virtual",
+        faults: Faults | None = None,
     ):
         micropython_command()  # fails before anything is open
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed)
         self.bus = Bus(self.chip, self.clock)
+        if faults:
+            self.bus = FaultyBus(self.bus, faults)
+        self._faults = BoardFaults(faults) if faults else None
+        self._rate = self._faults.rate if faults else 1.0
         self.usb = UsbHost()
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
+        self._board_in = board_in
         self._open = [board_in, self._to_board, self._from_board, board_out]
         stdin, data = board_in, None
         if device_of(board).runtime == "circuitpython":
@@ -84,7 +94,12 @@ class LockstepLink:
             received = self._received()
             if received or self.clock.now_us() >= horizon_us:
                 return received
-            server.answer(self._pending, self.bus, self.usb, self._machine.answers)
+            off_us = self._faults.step(self.bus) if self._faults else None
+            if off_us is None:
+                answers = self._machine.answers
+                server.answer(self._pending, self.bus, self.usb, answers, self._rate)
+            else:
+                self._brown_out(off_us)
             self._pending = self._next_request()
 
     def write(self, data: bytes) -> None:
@@ -98,6 +113,14 @@ class LockstepLink:
         self._machine.close()
         while self._open:
             os.close(self._open.pop())
+
+    def _brown_out(self, off_us: float) -> None:
+        self._machine.shut_down()
+        if select.select([self._board_in], [], [], 0)[0]:
+            os.read(self._board_in, 1 << 16)  # what it had not read is gone
+        self.clock.pause_us(off_us)
+        self.chip.power_on(self.clock.now_us())
+        self._machine.boot()
 
     def _next_request(self) -> bytes:
         for _ in range(3):

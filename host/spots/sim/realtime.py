@@ -23,6 +23,7 @@ from ..errors import SpotsError
 from ..stage import device_of
 from . import server
 from .bus import Bus
+from .faults import BoardFaults, Faults, FaultyBus, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .scenario import Scenario
@@ -31,6 +32,8 @@ from .vm import Machine
 from .world import chip
 
 _RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
+
+_STUCK_S = 0.002  # between two tries to give the host what it does not read
 
 
 class RealClock:
@@ -44,6 +47,9 @@ class RealClock:
 
     def spend_us(self, duration_us: float) -> None:
         pass
+
+    def pause_us(self, duration_us: float) -> None:
+        time.sleep(duration_us * 1e-6)
 
 
 class SerialPort:
@@ -73,9 +79,9 @@ class Console(SerialPort):
         tty.setraw(self.board_in)
         self.raw_prompt = False
 
-    def pass_on(self) -> None:
-        """Give the board what the host has written."""
-        data = os.read(self.board_end, 4096)
+    def pass_on(self, to_board) -> None:
+        """Give the board what the host has written, changed by ``to_board(data)``."""
+        data = to_board(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
             self.raw_prompt = modes[-1] == _RAW_PROMPT
@@ -88,24 +94,75 @@ class Console(SerialPort):
             os.write(self._to_board, bytes((_RAW_PROMPT,)))
 
 
+class Noise:
+    """Damages the bytes between a board and the port for its frames, as a scenario says.
+
+    The board writes into a pipe and, where the port is not its console, reads from another one.
+
+    Parameters
+    ----------
+    faults : faults.Faults
+    clock : RealClock
+    port : SerialPort
+        The port for frames.
+    """
+
+    def __init__(self, faults: Faults, clock: RealClock, port: SerialPort):
+        self._faults = faults
+        self._clock = clock
+        self._port_end = port.board_end
+        self.from_board, self.board_out = os.pipe()
+        self.board_in, self._to_board = os.pipe()
+        self._waiting = b""
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the host reads nothing."""
+        return bool(self._waiting)
+
+    def to_board(self, data: bytes) -> bytes:
+        """Return what arrives at the board."""
+        return self._faults.to_board(data, self._clock.now_us())
+
+    def pass_in(self) -> None:
+        """Give the board what the host has written to a port for frames alone."""
+        os.write(self._to_board, self.to_board(os.read(self._port_end, 4096)))
+
+    def pass_out(self) -> None:
+        """Give the host what the board has sent; as long as it reads none, no more is taken."""
+        if not self._waiting:
+            data = os.read(self.from_board, 4096)
+            self._waiting = self._faults.to_host(data, self._clock.now_us())
+        with contextlib.suppress(BlockingIOError):
+            self._waiting = self._waiting[os.write(self._port_end, self._waiting) :]
+
+
 def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: str) -> None:
     """Serve a board until standard input closes."""
     sensor = load(SensorFile, sensor_name)
-    scenario = Scenario(load(ScenarioFile, scenario_name))
+    file = load(ScenarioFile, scenario_name)
+    scenario = Scenario(file)
     console = Console()
     data = SerialPort() if device_of(board).runtime == "circuitpython" else None
     clock = RealClock()
     bus, usb = Bus(chip(sensor, scenario, seed), clock), UsbHost()
+    noise = board_faults = None
+    faults = of_scenario(file, seed)
+    if faults:
+        noise, board_faults = Noise(faults, clock, data or console), BoardFaults(faults)
+        bus = FaultyBus(bus, faults)
+    frames_out = noise.board_out if noise else (data or console).board_end
     machine = Machine(
         board_id(sensor),
         False,
         console.board_in,
-        console.board_end,
+        console.board_end if data else frames_out,
         folder=Path(folder) if folder else None,
         board=board,
         blank=bool(folder),
         terminal=True,
-        data=data and (data.board_end, data.board_end),
+        data=data and (noise.board_in if noise else data.board_end, frames_out),
+        rate=board_faults.rate if board_faults else 1.0,
     )
     start = {
         "port": (data or console).name,
@@ -114,22 +171,49 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     }
     try:
         print(json.dumps(start), flush=True)
-        _serve(machine, bus, usb, console)
+        _serve(machine, bus, usb, console, data, noise, board_faults)
     finally:
         machine.close()
 
 
-def _serve(machine: Machine, bus: Bus, usb: UsbHost, console: Console) -> None:
+def _serve(
+    machine: Machine,
+    bus: Bus | FaultyBus,
+    usb: UsbHost,
+    console: Console,
+    data: SerialPort | None,
+    noise: Noise | None,
+    board_faults: BoardFaults | None,
+) -> None:
     stdin = sys.stdin.fileno()
+    passages = {console.board_end: lambda: console.pass_on(bytes)}
+    if noise:
+        passages[noise.from_board] = noise.pass_out
+        if data:
+            passages[data.board_end] = noise.pass_in
+        else:
+            passages[console.board_end] = lambda: console.pass_on(noise.to_board)
     while True:
-        ready, _, _ = select.select([machine.requests, stdin, console.board_end], [], [])
+        stuck = noise is not None and noise.stuck
+        ends = [end for end in passages if not (stuck and end == noise.from_board)]
+        patience_s = _STUCK_S if stuck else None
+        ready, _, _ = select.select([machine.requests, stdin, *ends], [], [], patience_s)
+        if stuck:
+            noise.pass_out()
         if stdin in ready and not os.read(stdin, 1):
             return
-        if console.board_end in ready:
-            console.pass_on()
+        for end, pass_on in passages.items():
+            if end in ready:
+                pass_on()
         if machine.requests in ready:
             request = server.read_request(machine.requests)
-            if request is None:
+            off_us = board_faults.step(bus) if board_faults else None
+            if off_us is not None:
+                machine.shut_down()
+                bus.clock.pause_us(off_us)
+                bus.chip.power_on(bus.clock.now_us())
+                machine.boot()
+            elif request is None:
                 machine.ended()
                 machine.boot(run_entry=not console.raw_prompt)
                 console.after_soft_reset()

@@ -18,6 +18,27 @@ class Press:
     width_mm: float
 
 
+@dataclass(frozen=True)
+class Pose:
+    """How the strip lies at one moment.
+
+    Attributes
+    ----------
+    strain : float
+        Elongation over length at rest.
+    bend_deg : float
+    leak_share : float
+        Light that couples without a finger, as a share of full contact.
+    leak_mm : float
+        Where.
+    """
+
+    strain: float = 0.0
+    bend_deg: float = 0.0
+    leak_share: float = 0.0
+    leak_mm: float = 0.0
+
+
 class Scenario:
     """A scenario file, played over and over."""
 
@@ -26,8 +47,16 @@ class Scenario:
     def __init__(self, file: ScenarioFile):
         self._file = file
         self._times = [[point[0] for point in touch.points] for touch in file.touch]
-        self.strain = file.strain_percent / 100
-        self.bend_deg = file.bend_deg
+        self._strain = file.strain or [(0.0, file.strain_percent)]
+        self._bend = file.bend or [(0.0, file.bend_deg)]
+        self._leak = file.leak or [(0.0, 0.0, 0.0)]
+
+    def pose(self, time_s: float) -> Pose:
+        """Return how the strip lies at `time_s`."""
+        phase_s = time_s % self._file.seconds
+        (percent,) = _on_lines(self._strain, phase_s)
+        (bend_deg,) = _on_lines(self._bend, phase_s)
+        return Pose(percent / 100, bend_deg, *_on_lines(self._leak, phase_s))
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the fingers that touch with any force at `time_s`."""
@@ -69,6 +98,9 @@ class Held:
         self.strain = 0.0
         self.bend_deg = 0.0
 
+    def pose(self, time_s: float) -> Pose:
+        return Pose(self.strain, self.bend_deg)
+
     def presses(self, time_s: float) -> list[Press]:
         return [self.press] if self.press else []
 
@@ -87,6 +119,16 @@ def _between(touch: Touch, i: int, time_s: float) -> Press:
     (t0, x0, f0), (t1, x1, f1) = touch.points[i - 1], touch.points[i]
     share = (time_s - t0) / (t1 - t0)
     return Press(x0 + share * (x1 - x0), f0 + share * (f1 - f0), touch.width_mm)
+
+
+def _on_lines(points: list, time_s: float) -> tuple[float, ...]:
+    # The values at a time on the lines that join the points, whose times are their first values.
+    i = bisect_right(points, time_s, key=lambda point: point[0])
+    if i in (0, len(points)):
+        return tuple(points[max(0, i - 1)][1:])
+    before, after = points[i - 1], points[i]
+    share = (time_s - before[0]) / (after[0] - before[0])
+    return tuple(a + share * (b - a) for a, b in zip(before[1:], after[1:]))
 
 
 def _step(ambient: Ambient, time_s: float) -> float:

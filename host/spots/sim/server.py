@@ -28,18 +28,31 @@ def is_reset(request: bytes) -> bool:
     return request[:1] == b"X"
 
 
-def answer(request: bytes, bus: Bus, usb: UsbHost, fd: int) -> None:
-    """Carry a request out and write its answer, in one piece."""
+def answer(request: bytes, bus: Bus, usb: UsbHost, fd: int, rate: float = 1.0) -> None:
+    """Carry a request out and write its answer, in one piece.
+
+    Parameters
+    ----------
+    request : bytes
+    bus : bus.Bus
+    usb : usb.UsbHost
+    fd : int
+        Where to write.
+    rate : float
+        Seconds that the board counts in one.
+    """
     data, error = b"", 0
     try:
         if request[:1] == b"S":
-            bus.clock.spend_us(request[1] | request[2] << 8 | request[3] << 16)
+            bus.clock.spend_us((request[1] | request[2] << 8 | request[3] << 16) / rate)
         elif request[:1] == b"F":
             bus.frequency_hz = 1000 * (request[1] | request[2] << 8)
         elif request[:1] == b"R":
             data = bus.write_read(request[1], request[2:3], request[3])
         elif request[:1] == b"G":
             data = bus.read(request[1], request[3])
+        elif request[:1] == b"L":
+            data = bytes((bus.lines(request[1], request[2]),))
         elif request[:1] == b"H":
             usb.offer(request[1], request[4:])
         elif request[:1] == b"U":
@@ -48,6 +61,6 @@ def answer(request: bytes, bus: Bus, usb: UsbHost, fd: int) -> None:
             bus.write(request[1], request[4:])
     except OSError as failure:
         error = failure.errno
-    now = int(bus.clock.now_us()) % _TICKS
+    now = int(bus.clock.now_us() * rate) % _TICKS
     with contextlib.suppress(BrokenPipeError):  # the next request will not come, and tell
         os.write(fd, bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data))

@@ -64,6 +64,8 @@ class Machine:
         Whether `stdin` is a terminal. Then MicroPython's own prompt begins where the entry ends.
     data : tuple of int, optional
         File descriptors, to read and to write, of a second serial port.
+    rate : float
+        Seconds that the board counts in one of real time.
     """
 
     def __init__(
@@ -77,6 +79,7 @@ class Machine:
         blank: bool = False,
         terminal: bool = False,
         data: tuple[int, int] | None = None,
+        rate: float = 1.0,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
@@ -89,6 +92,7 @@ class Machine:
             "MICROPYPATH": f":lib:{BOARDS / board}:{_COMMON}:.frozen",
             "SPOTS_BOARD_ID": board_id,
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
+            "SPOTS_CLOCK_PPM": str(round(1e6 * (rate - 1))),
             "PATH": os.environ.get("PATH", ""),
             # "held" stands for a finger on the board's button.
             "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),

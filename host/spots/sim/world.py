@@ -65,14 +65,18 @@ class World:
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _lit(self, time_s: float) -> np.ndarray:
-        strain, bend_deg = self._scenario.strain, self._scenario.bend_deg
+        pose = self._scenario.pose(time_s)
         rates = np.zeros(len(self._optics.names))
         for press in self._scenario.presses(time_s):
             share = coupling(self._sensor.contact, press.force_mN)
             if share > 0:
                 rates += share * self._optics.press(
-                    press.position_mm, press.width_mm, strain, bend_deg
+                    press.position_mm, press.width_mm, pose.strain, pose.bend_deg
                 )
+        if pose.leak_share > 0:
+            rates += pose.leak_share * self._optics.press(
+                pose.leak_mm, 0.0, pose.strain, pose.bend_deg
+            )
         return rates
 
     def _led_level(self, start_us: float, duration_us: float) -> float:

@@ -1,0 +1,200 @@
+"""A program's side of a restart, against a stand-in for a board that restarts on request."""
+
+import json
+import os
+import pty
+import struct
+import tty
+
+import pytest
+
+from fault_streams import encoded
+from spots import board as module
+from spots.board import Board
+from spots.errors import PortLostError, SpotsError
+from spots.link import SerialLink
+from tactile import PROTOCOL
+
+
+class StandIn:
+    """A link to a board of a few lines, in a time of its own; a reading every 10 ms."""
+
+    name = "stand-in"
+
+    def __init__(self, sequence):
+        self.time_s = 100.0
+        self.sequence = sequence
+        self.streams = []
+        self.asked = []
+        self.deaf = set()  # commands whose replies are lost
+        self.booted_s = 0.0
+        self._due = b""
+        self.gone = 0  # so many tries find no port
+
+    def now_s(self):
+        return self.time_s
+
+    def reopen(self):
+        self.gone -= 1
+        if self.gone:
+            raise SpotsError("there is no such port")
+
+    def read(self, timeout_s):
+        if self.gone:
+            raise PortLostError("the board was disconnected")
+        if not self._due:
+            self.time_s += min(timeout_s, 0.01)
+            if self.streams:
+                self._due = self._frame(1, struct.pack("<Biiii", 9, 0, 0, 42_000, 0)[:15])
+        data, self._due = self._due, b""
+        return data
+
+    def write(self, data):
+        for line in data.decode().split("\n"):
+            if line:
+                self._take(*line.split())
+
+    def restart(self):
+        self.streams, self.sequence, self.booted_s = [], 0, self.time_s
+
+    def close(self):
+        pass
+
+    def _take(self, name, *words):
+        self.asked.append(name)
+        reply = {"re": name}
+        if name == "hello":
+            reply["protocol"] = PROTOCOL
+        elif name == "sync":
+            reply |= {"t_us": self._t_us(), "stream": self.streams}
+        elif name == "stream":
+            self.streams = [] if words == ("off",) else sorted(words)
+            reply["stream"] = sorted(words)
+        frame = self._frame(3, json.dumps(reply).encode())
+        if name not in self.deaf:
+            self._due += frame
+
+    def _frame(self, kind, body):
+        sequence, self.sequence = self.sequence, (self.sequence + 1) % 65_536
+        return encoded(struct.pack("<BHI", kind, sequence, self._t_us()) + body)
+
+    def _t_us(self):
+        return int(1e6 * (self.time_s - self.booted_s))
+
+
+def reading(board, count):
+    return [touch for touch, _ in zip(board.frames(), range(count))]
+
+
+def streaming(sequence=60_000):
+    link = StandIn(sequence)
+    board = Board(link)
+    board.touches()
+    reading(board, 50)
+    return link, board
+
+
+def test_a_restart_is_one_restart_and_no_loss_wherever_the_sequence_was():
+    for sequence in (100, 30_000, 60_000):
+        link, board = streaming(sequence)
+        link.restart()
+        readings = reading(board, 50)
+        assert board.stats.restarts == 1
+        assert board.stats.lost == 0
+        assert all(0 <= link.now_s() - touch.time_s < 1.5 for touch in readings)
+        assert link.now_s() - readings[-1].time_s < 0.05
+
+
+def test_what_was_streamed_is_streamed_again():
+    link, board = streaming()
+    board.command("stream touch spectrum")
+    link.restart()
+    reading(board, 20)
+    assert link.streams == ["spectrum", "touch"]
+
+
+def test_replies_that_are_lost_cost_time_and_count_no_restart_twice():
+    link, board = streaming()
+    link.restart()
+    link.deaf = {"sync"}
+    assert list(board.frames(3.0)) == []
+    assert link.asked.count("sync") > 3
+    link.deaf = {"stream"}  # it streams, though nobody hears that it does
+    assert len(reading(board, 20)) == 20
+    assert board.stats.restarts == 1
+    link.deaf = set()
+    link.restart()
+    reading(board, 100)
+    assert board.stats.restarts == 2
+
+
+def test_nothing_is_asked_of_a_board_that_streams_or_was_told_to_be_silent():
+    link, board = streaming()
+    asked = len(link.asked)
+    reading(board, 300)
+    assert len(link.asked) == asked
+    board.command("stream off")
+    asked = len(link.asked)
+    assert list(board.frames(3.0)) == []
+    assert len(link.asked) == asked
+
+
+def test_a_board_whose_firmware_does_not_tell_what_it_streams_is_left_alone():
+    link, board = streaming()
+    link.streams = None
+    assert list(board.frames(3.0)) == []
+    assert board.stats.restarts == 0
+
+
+def test_a_port_that_goes_away_and_comes_back_is_opened_again():
+    link, board = streaming()
+    link.restart()
+    link.gone = 3
+    assert len(reading(board, 50)) == 50
+    assert board.stats.restarts == 1
+
+
+def test_a_port_that_does_not_come_back_is_told(monkeypatch):
+    monkeypatch.setattr(module, "_GONE_S", 0.0)
+    link, board = streaming()
+    link.gone = 1000
+    with pytest.raises(SpotsError, match="no such port"):
+        reading(board, 50)
+
+
+def test_a_port_that_goes_away_while_nothing_is_streamed_is_told_at_once():
+    link, board = streaming()
+    board.command("stream off")
+    link.gone = 2
+    with pytest.raises(PortLostError):
+        reading(board, 1)
+    assert link.gone == 2
+
+
+def test_a_serial_port_is_opened_again_by_its_name(tmp_path):
+    name = tmp_path / "port"
+
+    def plug():
+        ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        name.unlink(missing_ok=True)
+        name.symlink_to(os.ttyname(theirs))
+        os.close(theirs)
+        return ours
+
+    first = plug()
+    link = SerialLink(str(name))
+    os.write(first, b"one")
+    assert link.read(1.0) + link.read(1.0) == b"one"
+    os.close(first)
+    with pytest.raises(PortLostError):
+        link.read(1.0)
+    name.unlink()
+    with pytest.raises(SpotsError, match="there is no port"):
+        link.reopen()
+    second = plug()
+    link.reopen()
+    os.write(second, b"two")
+    assert link.read(1.0) + link.read(1.0) == b"two"
+    link.close()
+    os.close(second)

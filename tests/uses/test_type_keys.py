@@ -1,0 +1,248 @@
+"""A program that types, or does what gestures mean: whatever ends it, nothing stays down."""
+
+import contextlib
+import json
+
+import numpy as np
+import pytest
+
+from spots import cli
+from spots.board import Board
+from spots.connect import prepare
+from spots.errors import SpotsError
+from spots.frames import Touch
+from spots.sim.files import ScenarioFile
+from spots.sim.files import Touch as Finger
+from spots.sim.files import load as load_scenario
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Scenario
+from spots.uses import gestures as g
+from spots.uses.keyboard import LOST_S, KeyEngine
+from spots.uses.keys import push
+from spots.uses.layout import load
+from spots.uses.outputs import Keyboard
+from spots.uses.type_keys import type_on
+from spots.uses.typist import TypedText, Typist, typing
+from spots.uses.wearable import DEFAULT, Mapping, play
+
+HELD_S = 2.0  # a finger comes down on the key 5 at this time, and stays
+HELD = ScenarioFile(
+    seconds=60,
+    touch=[Finger(points=[(HELD_S, 38.0, 0), (HELD_S + 0.02, 38.0, 1500), (50, 38.0, 1500)])],
+)
+
+
+class Computer(Keyboard):
+    """A keyboard that remembers, and may fail at its first key."""
+
+    def __init__(self, fails=None):
+        super().__init__()
+        self.typed = TypedText()
+        self.fails = fails
+
+    def _set(self, one, pressed):
+        self.typed.key(one.page, one.usage, 0, pressed)
+        if pressed and self.fails:
+            raise self.fails
+
+
+@pytest.fixture
+def board(sensor, calibration):
+    """A board on whose strip a finger comes down and stays."""
+    with Board(LockstepLink(sensor, Scenario(HELD), 0)) as made:
+        prepare(made, calibration)
+        yield made
+
+
+def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
+    with Computer() as computer:
+        type_on(board, load("digits"), computer, HELD_S + 1 - board.now_s())
+        assert computer.typed.text == "5"
+        assert not computer.typed.down
+
+
+@pytest.mark.parametrize("end", [SpotsError("unplugged"), KeyboardInterrupt(), ValueError()])
+def test_whatever_ends_it_lets_go(board, monkeypatch, end):
+    """Unplugged, Ctrl-C, a fault in the program."""
+    frames = board.frames
+
+    def ended(seconds):
+        if board.now_s() > HELD_S + 0.5:
+            raise end
+        return frames(seconds)
+
+    monkeypatch.setattr(board, "frames", ended)
+    orderly = isinstance(end, KeyboardInterrupt)
+    with Computer() as computer:
+        with contextlib.nullcontext() if orderly else pytest.raises(type(end)):
+            type_on(board, load("digits"), computer)
+        assert computer.typed.presses == 1
+        assert not computer.typed.down
+
+
+def test_a_keyboard_that_fails_in_the_middle_of_a_key_lets_go(board):
+    computer = Computer(fails=SpotsError("the device is gone"))
+    with pytest.raises(SpotsError, match="is gone"), computer:
+        type_on(board, load("digits"), computer)
+    assert computer.typed.presses == 1
+    assert not computer.typed.down
+
+
+def test_a_board_that_falls_silent_holds_no_key(board):
+    computer, engine = Computer(), None
+    engine = KeyEngine(load("digits"), 85_000, computer)
+    board.command("stream touch")
+    for frame in board.frames(HELD_S + 0.5 - board.now_s()):
+        if isinstance(frame, Touch):
+            engine.take(frame, board.now_s())
+    heard_s = board.now_s()
+    engine.tick(heard_s + LOST_S - 0.01)
+    assert computer.typed.down
+    engine.tick(heard_s + LOST_S + 0.01)
+    assert not computer.typed.down
+
+
+def test_what_rests_on_the_strip_becomes_its_untouched_state(board, tmp_path):
+    path = tmp_path / "rests.toml"
+    path.write_text(
+        'name = "x"\n[tuning]\nstuck_ms = 3000\n[[layer]]\nname = "a"\nkeys = ["A", "B"]\n'
+    )
+    computer = Computer()
+    type_on(board, load(path), computer, HELD_S + 4 - board.now_s())
+    assert computer.typed.text == "a"
+    assert sum(board.command("get")["rest"]) > 0
+    board.command("stream touch")
+    later = [frame for frame in board.frames(1.0) if isinstance(frame, Touch)]
+    assert not any(frame.touching for frame in later[10:])
+
+
+def test_resting_is_followed_on_the_board_too(board, tmp_path):
+    path = tmp_path / "rests.toml"
+    path.write_text(
+        'name = "x"\n[tuning]\nstuck_ms = 3000\n[[layer]]\nname = "a"\nkeys = ["A", "B"]\n'
+    )
+    push(board, load(path))
+    for _ in board.frames(HELD_S + 4 - board.now_s()):
+        pass
+    assert sum(board.command("get")["rest"]) > 0
+    board.command("set baseline=0")
+    for _ in board.frames(0.1):
+        pass
+    assert sum(board.command("get")["rest"]) == 0
+
+
+def test_rest_is_refused_where_nothing_follows_it(board):
+    with pytest.raises(SpotsError, match="set baseline=1"):
+        board.command("rest")
+
+
+def test_a_board_without_a_calibration_is_told(sensor):
+    bare = Board(LockstepLink(sensor, Scenario(HELD), 0))
+    with bare, pytest.raises(SpotsError, match="spots calibrate position"):
+        type_on(bare, load("digits"), Computer())
+
+
+def test_the_typing_scenario_is_what_the_typist_makes(tmp_path):
+    made = typing(load("mini"), "hello strip, type 42!\n", 85.0, seed=1, start_s=3.0)
+    kept = load_scenario(ScenarioFile, "typing")
+    assert kept.seconds == pytest.approx(made.seconds, abs=0.001)
+    for ours, theirs in zip(kept.touch, made.touch):
+        np.testing.assert_allclose(np.array(ours.points), np.array(theirs.points), atol=0.5)
+
+
+def test_the_demo_types_the_scenarios_text(capsys):
+    assert cli.main(["demo", "--use", "keyboard", "--fast", "--json", "--seconds", "13"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["typed"] == "hello strip, type 42!\n"
+    assert figures["keys_down"] == 0
+    assert figures["host_agrees"]
+
+
+def test_a_dry_run_prints_the_keys(capsys):
+    arguments = ["keyboard", "--port", "virtual", "--dry-run", "--seconds", "4"]
+    assert cli.main(arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines
+    assert len([line for line in lines if line.startswith("down")]) == len(
+        [line for line in lines if line.startswith("up")]
+    )
+
+
+# Worn.
+
+
+def gestures_of(sensor, calibration, fingers, seconds, on_gesture=lambda one: None, **scenario):
+    file = ScenarioFile(seconds=seconds + 1, touch=fingers, **scenario)
+    with Board(LockstepLink(sensor, Scenario(file), 0)) as board:
+        prepare(board, calibration)
+        return play(board, on_gesture, seconds - board.now_s(), False, Mapping())
+
+
+def test_gestures_through_the_firmware(sensor, calibration):
+    typist = Typist(load("digits"), 85.0, np.random.default_rng(0), start_s=2.0)
+    typist.press(0.5, 0.1, 1500)
+    typist.seconds += 0.8
+    typist.press(0.5, 0.1, 1500)
+    typist.seconds += 0.1
+    typist.press(0.52, 0.1, 1500)
+    typist.seconds += 0.8
+    typist.press(0.3, 0.9, 1500)
+    typist.seconds += 0.5
+    typist.press(0.3, 0.4, 8000)
+    at_s = typist.seconds + 0.5
+    swipe = Finger(
+        points=[
+            (at_s, 20, 0),
+            (at_s + 0.02, 20, 1500),
+            (at_s + 0.2, 60, 1500),
+            (at_s + 0.22, 60, 0),
+        ]
+    )
+    slide_s = at_s + 1
+    slide = Finger(
+        points=[
+            (slide_s, 60, 0),
+            (slide_s + 0.02, 60, 1500),
+            (slide_s + 0.5, 60, 1500),
+            (slide_s + 1, 30, 1500),
+            (slide_s + 1.02, 30, 0),
+        ]
+    )
+    found = gestures_of(sensor, calibration, [*typist.touches, swipe, slide], slide_s + 2)
+    assert [one.name for one in found] == [
+        g.TAP, g.DOUBLE_TAP, g.HOLD, g.SQUEEZE, g.SWIPE_PLUS, g.SLIDE_MINUS
+    ]  # fmt: skip
+    assert min(one.confidence for one in found) > 0.6
+
+
+def test_a_gesture_presses_and_releases_its_key_if_it_is_sure():
+    mapping, computer = Mapping(), Computer()
+    tap = g.Gesture(g.TAP, 0.9, 0, 0, 0, 0.0)
+    mapping.do(tap, computer)
+    assert computer.typed.presses == 1
+    assert not computer.typed.down
+    mapping.do(tap._replace(confidence=0.3), computer)
+    assert computer.typed.presses == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('[gestures]\nwave = "A"', "no gesture 'wave'; there are tap"),
+        ('[gestures]\ntap = "PLAYPAUSE"', "tap: there is no key 'PLAYPAUSE'.*PLAY_PAUSE"),
+        ("least_confidence = 2\n[gestures]", "least_confidence"),
+        ("gestures = 1", "gestures"),
+        ("[gestures", "gestures' file"),
+    ],
+)
+def test_a_mistake_in_the_gestures_file_is_told(tmp_path, capsys, text, why):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(SpotsError, match=why):
+        Mapping(path)
+    assert cli.main(["wearable", "--gestures", str(path), "--port", "virtual"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_every_gesture_of_the_default_file_has_a_key():
+    assert set(Mapping(DEFAULT).keys) == set(g.NAMES)
