@@ -47,8 +47,9 @@ erase: .venv/flash
 doctor: .venv/flash
 	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
-pictures: .venv/demo
+pictures: .venv/test
 	@$(BIN)/python docs/make_pictures.py
+	@$(BIN)/python docs/make_screenshots.py
 
 paper: .venv/test
 	@$(BIN)/python -m spots.calibrate.paper docs

@@ -46,6 +46,7 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seconds", type=_seconds, help="end after so long (10 off a terminal)")
     demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
     demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
+    demo.add_argument("--page", action="store_true", help="in a web browser, until Ctrl-C")
     demo.add_argument("--use", default="strip", help="strip, keyboard, controller or wearable")
     _add_simulation(demo)
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
@@ -241,6 +242,11 @@ def _monitor(options: argparse.Namespace) -> None:
 
 
 def _demo(options: argparse.Namespace) -> None:
+    if options.page:
+        from .web.serve import show_demo
+
+        show_demo(options.sensor, options.scenario or "demo", options.seed)
+        return
     from .demo import demo
 
     seconds = options.seconds

@@ -6,10 +6,11 @@ import asyncio
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 from spots.board import Board
 from spots.connect import prepare
-from spots.errors import SpotsError
+from spots.errors import PortLostError, SpotsError
 from spots.sim.lockstep import LockstepLink
 from spots.uses.layout import load
 from spots.web.reader import Reader
@@ -25,6 +26,7 @@ class PacedLink:
         self.name = link.name
         self._ahead_s = link.now_s() - time.monotonic()
         self.plugged = True
+        self.loss = SpotsError  # PortLostError, if the port is worth opening again
         self.written = []
 
     def now_s(self):
@@ -46,12 +48,16 @@ class PacedLink:
         self.written.append(bytes(data))
         self._link.write(data)
 
+    def reopen(self):
+        self._check()
+        self.pace()
+
     def close(self):
         self._link.close()
 
     def _check(self):
         if not self.plugged:
-            raise SpotsError("the board on virtual was disconnected")
+            raise self.loss("the board on virtual was disconnected")
 
 
 class Bench:
@@ -81,14 +87,23 @@ class Bench:
         if self._calibration:
             prepare(board, self._calibration)
         link.pace()
-        self.link = link
+        self.link, self.board = link, board
         return board
 
     def unplug(self):
+        """Pull the cable; the board forgets all."""
         self.there = self.link.plugged = False
 
     def replug(self):
         self.there = True
+
+    @contextmanager
+    def loose(self):
+        """A plug that has contact again at the end; the board has noticed nothing."""
+        self.link.loss = PortLostError
+        self.link.plugged = False
+        yield
+        self.link.plugged = True
 
     def close(self):
         self.reader.stop(timeout_s=30)

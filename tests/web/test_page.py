@@ -166,3 +166,37 @@ def test_a_board_that_is_unplugged_is_found_again(bench, serve, open_page):
     assert first is None
     assert len(set(later)) == 1
     assert None not in later
+
+
+def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_page):
+    held = Held()
+    one = bench(held)
+    page = open_page(serve(one.state).url)
+    board, press = page.locator("#board"), page.locator(".press.on")
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    held.press = Press(20.0, 3000, 4.0)
+    expect(page.locator(".key.lit")).to_have_count(1, timeout=LONG_MS)
+    with one.loose():
+        while board.get_attribute("data-state") != "lost":
+            one.reader.watch()
+            page.wait_for_timeout(50)
+        expect(press).to_have_count(0)
+        expect(page.locator(".key.lit")).to_have_count(0)
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    expect(press).to_have_count(1, timeout=LONG_MS)
+    assert len(one.asked_for) == 1
+    held.press = None
+    expect(press).to_have_count(0, timeout=LONG_MS)
+    held.press = Press(80.0, 3000, 4.0)
+    expect(page.locator(".key.lit")).to_have_text(["0"], timeout=LONG_MS)
+
+
+def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page):
+    one = bench(Held())
+    page = open_page(serve(one.state).url)
+    board = page.locator("#board")
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    one.board.stats.restarts += 1
+    while len(one.asked_for) < 2:
+        page.wait_for_timeout(20)
+    assert one.asked_for == [None, one.board.info["id"]]

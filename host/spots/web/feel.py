@@ -88,9 +88,11 @@ class Feel:
         self._show_stick()
 
     def release(self) -> None:
-        """Let go of all: there is no board any more."""
+        """Let go of all: nobody knows of a finger any more."""
         if self._engine:
             self._engine.release()
+        self._show_keys()
+        self._shown_stick = None
         for name in ("touch", "stick"):
             self._state.put(name, None)
 

@@ -9,9 +9,10 @@ from collections.abc import Callable
 from statistics import median
 
 from ..board import Board
-from ..connect import find, open
+from ..connect import VIRTUAL, find, open
 from ..errors import SpotsError
 from ..frames import Key, Spectrum, Touch
+from ..sim.files import ScenarioFile, SensorFile, load
 from ..uses.layout import KeyLayout
 from .feel import Feel, layout_shown
 from .state import State
@@ -111,6 +112,8 @@ class Reader:
                 health.show()
                 if time.monotonic() - self._heard_s > self._patience_s():
                     raise SpotsError("no readings come")
+                if board.stats.restarts:
+                    return  # it has forgotten its settings, or is another one on the same port
         finally:
             feel.release()
 
@@ -119,7 +122,9 @@ class Reader:
             return
         if isinstance(frame, Touch):
             self._heard_s = time.monotonic()
-            self._say(CONNECTED, "")
+            if self._said[0] != CONNECTED:
+                feel.release()
+                self._say(CONNECTED, "")
             now_s = board.now_s()
             feel.take(frame, now_s)
             health.took(now_s - frame.time_s)
@@ -181,8 +186,19 @@ class _Health:
         self._state.put("link", link)
 
 
-def finder(port: str | None, sensor: str, scenario: str, seed: int):
-    """Return a function as `Reader` takes it; arguments as for `spots.open`."""
+def finder(
+    port: str | None, sensor: str, scenario: str, seed: int
+) -> Callable[[str | None], Board]:
+    """Return a function as `Reader` takes it; arguments as for `spots.open`.
+
+    Raises
+    ------
+    SpotsError
+        If a file of the virtual board is wrong, which waiting does not mend.
+    """
+    if port == VIRTUAL:
+        load(SensorFile, sensor)
+        load(ScenarioFile, scenario)
 
     def open_board(board_id: str | None) -> Board:
         if port is None and board_id is not None:

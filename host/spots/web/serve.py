@@ -5,16 +5,17 @@ from __future__ import annotations
 import argparse
 import asyncio
 import ipaddress
+import os
 import secrets
 import signal
 import socket
+import sys
+import webbrowser
 from collections.abc import Callable
 
 from ..connect import VIRTUAL
 from ..errors import SpotsError
-from ..sim.files import ScenarioFile, SensorFile
-from ..sim.files import load as load_file
-from ..uses.layout import load as load_layout
+from ..uses.layout import load
 from .reader import Reader, finder
 from .state import State
 
@@ -27,6 +28,7 @@ except ImportError:
     raise SpotsError("the page needs aiohttp: pip install 'spots[web]'") from None
 
 LOOPBACK = "127.0.0.1"
+DEMO_LAYOUT = "digits"
 _WATCH_EVERY_S = 0.5
 
 
@@ -89,9 +91,6 @@ class Server:
 
 def run(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
-    if options.port == VIRTUAL:  # what is wrong with these does not mend itself
-        load_file(SensorFile, options.sensor)
-        load_file(ScenarioFile, options.scenario)
     open_board = finder(options.port, options.sensor, options.scenario, options.seed)
     serve(State(), options.address, options.http_port, open_board, options.layout, print_address)
 
@@ -119,7 +118,7 @@ def serve(
     on_start : callable
         Told the URL.
     """
-    reader = Reader(open_board, load_layout(layout), state)
+    reader = Reader(open_board, load(layout), state)
 
     async def main():
         async with Server(state, address, port) as server:
@@ -137,6 +136,21 @@ def serve(
         asyncio.run(main())
     finally:
         reader.stop()
+
+
+def show_demo(sensor: str, scenario: str, seed: int) -> None:
+    """Serve the virtual board, and open the page where there is a screen and somebody at it."""
+    open_board = finder(VIRTUAL, sensor, scenario, seed)
+    serve(State(), LOOPBACK, 0, open_board, DEMO_LAYOUT, _open_or_print)
+
+
+def _open_or_print(url: str) -> None:
+    print_address(url)
+    screen = sys.platform in ("win32", "darwin") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
+    if screen and sys.stdout.isatty():
+        webbrowser.open(url)
 
 
 def print_address(url: str) -> None:

@@ -23,16 +23,20 @@ const acknowledge = connect(
     const { events, missed, ...changed } = parts;
     Object.assign(state, changed);
     Object.assign(news, changed);
+    if (changed.board && changed.board.state !== "connected") letGo();
     if (events) news.events = [...(news.events ?? []), ...events];
   },
   (how) => {
     document.body.dataset.link = how;
-    if (how !== "live") {
-      for (const part of ["touch", "stick", "keys"]) state[part] = news[part] = null;
-    }
+    if (how !== "live") letGo();
     news.connection = how;
   },
 );
+
+// What is not told any more is not shown as if it were.
+function letGo() {
+  for (const part of ["touch", "stick", "keys"]) state[part] = news[part] = null;
+}
 
 function frame(now_ms) {
   const fresh = news;

@@ -1,0 +1,51 @@
+"""Takes the pictures of the page, of the virtual board in real time, with the system's Chromium."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import time
+from pathlib import Path
+
+from playwright.async_api import async_playwright
+
+from spots.uses.layout import load
+from spots.web.reader import Reader, finder
+from spots.web.serve import Server
+from spots.web.state import State
+
+_HERE = Path(__file__).parent
+# One round of the demo is to be seen, up to the middle of a slide.
+_AFTER_S = 13.2
+_PICTURES = {
+    "page-dark.png": {"color_scheme": "dark", "viewport": {"width": 1180, "height": 800}},
+    "page-light.png": {"color_scheme": "light", "viewport": {"width": 1180, "height": 800}},
+    "page-phone.png": {"color_scheme": "dark", "viewport": {"width": 390, "height": 800}},
+}
+
+
+async def main() -> None:
+    """Take all of them at once."""
+    state = State()
+    reader = Reader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    async with Server(state) as server, async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        pages = {}
+        for name, options in _PICTURES.items():
+            context = await browser.new_context(**options, device_scale_factor=1.5)
+            pages[name] = await context.new_page()
+            await pages[name].goto(server.url)
+        reader.start()
+        await pages[name].wait_for_selector("#board[data-state=connected]")
+        end_s = time.monotonic() + _AFTER_S
+        await asyncio.sleep(end_s - time.monotonic())
+        for name, page in pages.items():
+            await page.screenshot(path=_HERE / name, full_page=True)
+            print(_HERE / name)
+        await browser.close()
+    reader.stop()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())
