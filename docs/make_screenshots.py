@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-import time
 from pathlib import Path
 
 from playwright.async_api import async_playwright
@@ -15,8 +14,10 @@ from spots.web.serve import Server
 from spots.web.state import State
 
 _HERE = Path(__file__).parent
-# One round of the demo is to be seen, up to the middle of a slide.
-_AFTER_S = 13.2
+# The last ten seconds are to be full, and a finger to press hard.
+_AFTER_S = 12.0
+_HARD_N = 5.5
+_FORCE_N = "Number(document.querySelectorAll('.figure b')[1].firstChild.data) || 0"
 _PICTURES = {
     "page-dark.png": {"color_scheme": "dark", "viewport": {"width": 1180, "height": 800}},
     "page-light.png": {"color_scheme": "light", "viewport": {"width": 1180, "height": 800}},
@@ -38,9 +39,10 @@ async def main() -> None:
             await pages[name].goto(server.url)
         reader.start()
         await pages[name].wait_for_selector("#board[data-state=connected]")
-        end_s = time.monotonic() + _AFTER_S
-        await asyncio.sleep(end_s - time.monotonic())
+        await asyncio.sleep(_AFTER_S)
         for name, page in pages.items():
+            while await page.evaluate(_FORCE_N) < _HARD_N:
+                await asyncio.sleep(0.05)
             await page.screenshot(path=_HERE / name, full_page=True)
             print(_HERE / name)
         await browser.close()

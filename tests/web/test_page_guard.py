@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import signal
+import subprocess
+import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -220,3 +223,19 @@ def test_a_mistake_is_one_sentence(capsys, arguments, says):
 def test_a_port_that_is_taken_is_told(serve, capsys):
     assert apart(main, ["serve", "--http-port", str(serve(State()).port)]) == 2
     assert "--http-port" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_end_is_quiet(number):
+    arguments = ["serve", "--port", "/dev/nowhere", "--http-port", "0"]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "spots", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    line = program.stdout.readline()
+    assert status(re.search(r"http://\S+", line).group())[0] == 200
+    program.send_signal(number)
+    _, error = program.communicate(timeout=60)
+    assert (program.returncode, error) == (0, "")

@@ -122,7 +122,7 @@ def serve(
 
     async def main():
         async with Server(state, address, port) as server:
-            ended = _ended_by_signals()
+            ended = _ended_by_sigterm()
             reader.start()
             on_start(server.url)
             while not ended.is_set():
@@ -134,6 +134,8 @@ def serve(
 
     try:
         asyncio.run(main())
+    except KeyboardInterrupt:
+        pass
     finally:
         reader.stop()
 
@@ -158,13 +160,12 @@ def print_address(url: str) -> None:
     print(f"the page is at {url} (Ctrl-C ends it)", flush=True)
 
 
-def _ended_by_signals() -> asyncio.Event:
+def _ended_by_sigterm() -> asyncio.Event:
     ended = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        try:
-            asyncio.get_running_loop().add_signal_handler(number, ended.set)
-        except NotImplementedError:
-            pass  # Windows; there Ctrl-C ends asyncio.run
+    try:
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
+    except (NotImplementedError, RuntimeError):
+        pass  # Windows has none, and threads get none
     return ended
 
 
