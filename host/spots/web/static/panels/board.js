@@ -1,7 +1,7 @@
 // Which board, and whether it is there.
 import { list } from "../dom.js";
 
-const WORDS = { searching: "looking for a board", connected: "connected", lost: "board lost" };
+const WORDS = { searching: "looking for a board", lost: "board lost" };
 
 export function board(root) {
   const facts = document.getElementById("facts");
@@ -16,10 +16,8 @@ export function board(root) {
     const it = state.board;
     if (!it) return;
     root.dataset.state = document.body.dataset.board = it.state;
-    const words = [WORDS[it.state]];
-    if (it.state === "connected") words[0] = `${it.board} on ${it.port}`;
-    root.textContent = words.join("  ");
-    root.title = it.message;
+    const words = it.state === "connected" ? `${it.board} on ${it.port}` : WORDS[it.state];
+    root.textContent = it.message ? `${words}: ${it.message}` : words;
     list(facts, [
       ["board", it.id],
       ["runtime", it.runtime],
@@ -29,7 +27,6 @@ export function board(root) {
       ["gain", it.id && `${2 ** (it.gain - 1)}×`],
       ["LED", it.id && `${it.led_mA} mA`],
       ["strain", it.strain_ppm ? `${it.strain_ppm / 10000} %` : null],
-      ["", it.state === "connected" ? null : it.message],
     ]);
   };
 }

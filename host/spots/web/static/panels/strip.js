@@ -5,7 +5,7 @@ const USUAL_LENGTH_UM = 85000;
 const STEPS_MM = [1, 2, 5, 10, 20, 50, 100], MOST_TICKS = 9;
 
 export function strip(root) {
-  const place = figure("position", "mm"), force = figure("force", "N");
+  const place = figure("Position", "mm"), force = figure("Force", "N");
   const bar = make("i");
   force.root.append(make("div", "meter", bar));
   const words = make("div", "words");

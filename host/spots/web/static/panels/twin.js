@@ -6,6 +6,8 @@ const HEIGHT = 380, MARGIN = 24, ERRORS = 3;
 
 export function twin(root) {
   let paint = null;
+  // Grows with what was seen, so that the picture stands still.
+  const box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
 
   return (state, news) => {
     const it = news.twin;
@@ -13,16 +15,21 @@ export function twin(root) {
     root.hidden = it === null;
     if (it === null) return;
     paint ??= canvas(root, HEIGHT);
-    paint((c, width, height) => draw(c, width, height, it));
+    paint((c, width, height) => draw(c, width, height, it, box));
   };
 }
 
-function draw(c, width, height, it) {
+function draw(c, width, height, it, box) {
   const bars = outline(it);
   const points = [...bars.flat(), ...(it.trail ?? []), [it.x_mm, it.y_mm]].filter(([x]) => x !== null);
   if (!points.length) return;
-  const xs = points.map(([x]) => x), ys = points.map(([, y]) => y);
-  const [left, right, low, high] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+  for (const [x, y] of points) {
+    box.left = Math.min(box.left, x);
+    box.right = Math.max(box.right, x);
+    box.low = Math.min(box.low, y);
+    box.high = Math.max(box.high, y);
+  }
+  const { left, right, low, high } = box;
   const scale = Math.min((width - 2 * MARGIN) / (right - left || 1), (height - 2 * MARGIN) / (high - low || 1));
   const at = ([x, y]) => [
     width / 2 + (x - (left + right) / 2) * scale,
@@ -36,7 +43,15 @@ function draw(c, width, height, it) {
     path.forEach((point) => c.lineTo(...at(point)));
     c.stroke();
   };
-  for (const bar of bars) line(bar, colours.quiet, 5);
+  for (const bar of bars) {
+    line(bar, colours.quiet, 5);
+    c.fillStyle = colours.text;
+    for (const joint of [bar[0], bar.at(-1)]) {
+      c.beginPath();
+      c.arc(...at(joint), 6, 0, 7);
+      c.fill();
+    }
+  }
   if (it.trail?.length) line(it.trail, colours.force, 2);
   if (it.x_mm === null) return;
   const [x, y] = at([it.x_mm, it.y_mm]);
