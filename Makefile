@@ -60,13 +60,13 @@ clean:
 .venv/demo: pyproject.toml
 	@echo 'Setting up .venv (once) ...'
 	@$(PYTHON) -m venv .venv
-	@$(PIP) install --prefer-binary --editable '.[virtual]'
+	@$(PIP) install --prefer-binary --editable '.[virtual,web]'
 	@touch $@
 
 .venv/flash: pyproject.toml
 	@echo 'Setting up .venv for flashing (once) ...'
 	@$(PYTHON) -m venv .venv
-	@$(PIP) install --prefer-binary --editable '.[virtual,flash]'
+	@$(PIP) install --prefer-binary --editable '.[virtual,web,flash]'
 	@touch .venv/demo $@
 
 .venv/test: pyproject.toml

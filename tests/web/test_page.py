@@ -9,6 +9,7 @@ from spots.sim.files import ScenarioFile, load
 from spots.sim.scenario import Held, Press, Scenario
 
 LONG_MS = 60_000
+FLASH_MS = 500  # more than a key is lit that is only struck
 LENGTH_MM = 85.0
 
 
@@ -38,6 +39,8 @@ def test_a_key_is_lit_as_long_as_it_is_pressed(bench, serve, open_page):
     for place_mm, key in ((30.0, "4"), (80.0, "0")):
         held.press = Press(place_mm, 3000, 4.0)
         expect(lit).to_have_text([key], timeout=LONG_MS)
+        page.wait_for_timeout(FLASH_MS)
+        assert lit.all_text_contents() == [key]
         held.press = None
         expect(lit).to_have_count(0, timeout=LONG_MS)
     expect(tape).to_have_text(["4", "0"])

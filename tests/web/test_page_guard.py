@@ -239,3 +239,10 @@ def test_the_end_is_quiet(number):
     program.send_signal(number)
     _, error = program.communicate(timeout=60)
     assert (program.returncode, error) == (0, "")
+
+
+def test_what_is_not_installed_is_told(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    monkeypatch.delitem(sys.modules, "spots.web.serve", raising=False)
+    assert main(["serve"]) == 2
+    assert "pip install 'spots[web]'" in capsys.readouterr().err
