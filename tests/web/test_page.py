@@ -137,17 +137,17 @@ def test_a_linkage_is_shown_as_long_as_somebody_tells_of_one(bench, serve, open_
 
 def test_a_server_that_restarts_is_found_again(bench, serve, open_page):
     held = Held()
+    held.press = Press(20.0, 3000, 4.0)
     one = bench(held)
     server = serve(one.state)
     page = open_page(server.url)
-    board = page.locator("#board")
-    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    board, press = page.locator("#board"), page.locator(".press.on")
+    expect(press).to_have_count(1, timeout=LONG_MS)
     server.stop()
     expect(board).to_have_text("looking for the server", timeout=LONG_MS)
-    expect(page.locator(".press.on")).to_have_count(0)
-    held.press = Press(20.0, 3000, 4.0)
+    expect(press).to_have_count(0)
     serve(one.state, port=server.port)
-    expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+    expect(press).to_have_count(1, timeout=LONG_MS)
     expect(board).to_have_attribute("data-state", "connected")
 
 

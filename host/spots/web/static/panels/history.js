@@ -58,9 +58,9 @@ export function history(root) {
     c.textAlign = "left";
     c.fillText(`${name}, ${unit}`, 0, top - 5);
     c.textAlign = "right";
-    const [above, below] = name === "force" ? [ceiling / 1000, null] : [ceiling.toFixed(2), bottom.toFixed(2)];
+    const [above, below] = name === "force" ? [`${ceiling / 1000}`, ""] : [ceiling, bottom].map(written);
     c.fillText(above, width, top - 5);
-    if (below !== null) c.fillText(below.replace("-", "−"), width, top + height - 5);
+    c.fillText(below, width, top + height - 5);
 
     c.strokeStyle = colour;
     c.lineWidth = 2;
@@ -77,4 +77,8 @@ export function history(root) {
     }
     c.stroke();
   }
+}
+
+function written(value) {
+  return value.toFixed(2).replace(/^-(?!0\.00)/, "−").replace("-", "");
 }

@@ -35,8 +35,10 @@ export function keyboard(root) {
     }
     if (!layout) return;
     for (const event of news.events ?? []) {
-      if (event.kind === "gesture") say(event.name.replaceAll("_", " "), "gesture");
-      else if (event.pressed) {
+      if (event.kind === "gesture") {
+        // That a key was tapped, the key says.
+        if (event.name !== "tap") say(event.name.replaceAll("_", " "), "gesture");
+      } else if (event.pressed) {
         say(event.name, "key-event");
         lit.set(`${event.layer}/${event.index}`, now_s + SHORTEST_S);
       }
