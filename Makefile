@@ -19,7 +19,7 @@ help:
 	@echo 'make erase  remove firmware, settings and calibration'
 	@echo 'make doctor what is wrong with a board, and what to do'
 	@echo 'make pictures  draw the pictures of the documents again'
-	@echo 'make paper  measure again what docs/paper.md compares'
+	@echo 'make paper  measure again what docs/paper.md and fivebar.md tell'
 	@echo 'make clean  remove .venv and all that was built'
 
 demo: .venv/demo
@@ -53,6 +53,7 @@ pictures: .venv/test
 
 paper: .venv/test
 	@$(BIN)/python -m spots.calibrate.paper docs
+	@$(BIN)/python -m spots.uses.page docs
 
 clean:
 	rm -rf .venv build dist tests/wasm/node_modules

@@ -51,6 +51,11 @@ class Contact:
         self._rest_um = self._rest_mN = 0
         self.force_mN = 0
 
+    @property
+    def touched(self):
+        """Whether a finger is down."""
+        return self._state == _DOWN
+
     def set_layout(self, layout):
         """Go on with these limits; what lies on the strip is no touch until it is lifted."""
         self._layout = layout

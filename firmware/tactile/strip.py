@@ -7,7 +7,16 @@ search.
 
 from array import array
 
-from .decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, MISFIT, SATURATED, TOUCHING, Decode
+from .decode import (
+    DARK_SAMPLES,
+    DARK_SUBTRACTED,
+    LED_OFF,
+    MISFIT,
+    NOT_CALIBRATED,
+    SATURATED,
+    TOUCHING,
+    Decode,
+)
 from .exposure import AGAIN, DONE, Search
 from .kernel import accumulate, follow
 from .smux import CHANNELS
@@ -191,6 +200,8 @@ class Strip:
             self._dark_wanted = True
 
     def _is_odd(self, flags):
+        if flags & NOT_CALIBRATED:
+            return False  # nobody knows what a press looks like
         if flags & (TOUCHING | LED_OFF):
             return flags & MISFIT
         light = 0

@@ -57,11 +57,11 @@ class Uses:
         self._keys_on = bool(self._values["keys"]) and known
         self._gamepad_on = bool(self._values["gamepad"]) and known and self._axes is not None
         if self._keys_on:
-            if self._keypad is None:
-                from .keypad import Keypad
-
-                self._keypad = Keypad(self)
-            self._keypad.set_layout(self._get_layout(), calibration.length_um)
+            try:
+                self._prepare_keypad(calibration.length_um)
+            except MemoryError:
+                self._keys_on = False
+                self.fault = "no memory is left for keys: save and reboot"
         if self._gamepad_on:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
 
@@ -72,12 +72,13 @@ class Uses:
         if wanted and calibration is None:
             notes.append("without a calibration no touch is a key or moves an axis")
         missing = [name for name in wanted if self._interface(name) is None]
-        if missing and self._usb is None:
+        if self.fault:
+            notes.append(self.fault)
+        elif missing and self._usb is None:
             notes.append("this board has no USB %s" % " and ".join(missing))
         elif missing:
-            due = "save and reboot, and the board is a USB %s too" % " and ".join(missing)
-            notes.append(self.fault or due)
-        if "keyboard" in missing:
+            notes.append("save and reboot, and the board is a USB %s too" % " and ".join(missing))
+        if "keyboard" in missing and self._keys_on:
             notes.append("keys go out as frames")
         return "; ".join(notes) or None
 
@@ -139,6 +140,13 @@ class Uses:
         """Return how many reports the host never got."""
         there = [self._interface(name) for name, _ in INTERFACES]
         return sum(one.outbox.dropped for one in there if one is not None)
+
+    def _prepare_keypad(self, length_um):
+        if self._keypad is None:
+            from .keypad import Keypad
+
+            self._keypad = Keypad(self)
+        self._keypad.set_layout(self._get_layout(), length_um)
 
     def _get_layout(self):
         if self._layout is None:

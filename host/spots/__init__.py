@@ -10,17 +10,28 @@
 from .board import Board
 from .connect import open
 from .errors import SpotsError
-from .frames import Decoder, Key, LinkStats, Spectrum, Text, Touch
+from .frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+from .recording.reader import Recording
+from .recording.replay import open_recording
+from .uses.encoder import Encoder
+from .uses.fivebar import Linkage
+from .uses.twin import Twin
 
 __version__ = "0.1.0"
 __all__ = [
     "Board",
     "Decoder",
+    "Encoder",
     "Key",
     "LinkStats",
+    "Linkage",
+    "Note",
+    "Recording",
     "Spectrum",
     "SpotsError",
     "Text",
     "Touch",
+    "Twin",
     "open",
+    "open_recording",
 ]

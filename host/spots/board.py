@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from tactile import PROTOCOL
 from tactile.command import LINE_MAX, NAME_MAX
 
 from .clockmap import ClockMap
 from .errors import PortLostError, SpotsError
-from .frames import Decoder, Frame, LinkStats, Text, Touch
+from .frames import Decoder, Frame, LinkStats, Note, Text, Touch
 from .link import Link
+from .recording.recorder import Recorder
 
 # Commands whose reply comes when the work is done; the others answer at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0}
@@ -52,6 +54,9 @@ class Board:
         The board's answer to ``hello``.
     log : collections.deque of dict
         Its last log lines.
+    calibration : list of str or None
+        The lines of its calibration, where it got them from this object: a board tells only
+        their checksum.
 
     Raises
     ------
@@ -66,13 +71,14 @@ class Board:
         self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
         self._replies: deque[Text] = deque(maxlen=64)
         self._streams: list[str] = []  # what the board was told to stream
+        self._gone_s: float | None = None  # since when its port is gone
         self._resuming = False
         self._heard_s = link.now_s()
         self._on_close: Callable[[], None] | None = None
+        self.calibration: list[str] | None = None
         self.log: deque[dict] = deque(maxlen=100)
         try:
-            self.info = self._hello()
-            self._map_clocks()
+            self._connect()
         except BaseException:
             link.close()
             raise
@@ -178,9 +184,47 @@ class Board:
         if self._on_close:
             self._on_close()
 
+    def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
+        """Write all that comes from now on into a file, before anyone sees it.
+
+        Frames that came earlier and wait to be read are not in it.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that is not there yet.
+        rotate_bytes : int, optional
+            Begin another file where one would become longer.
+
+        Returns
+        -------
+        Recorder
+            Ends the recording when stopped, at the end of its ``with`` block, or with the board.
+
+        Raises
+        ------
+        SpotsError
+            If there is such a file, or it cannot be written.
+        """
+        info = self.command("hello")
+
+        def describe() -> dict:
+            clock = self._clock.state()
+            return {"info": info, "clock": clock, "calibration": self.calibration}
+
+        recorder = Recorder(
+            self._link, path, describe, begun=self._decoder.pending, rotate_bytes=rotate_bytes
+        )
+        self._link = recorder
+        return recorder
+
     def when_closed(self, action: Callable[[], None]) -> None:
         """Do something after the port was let go."""
         self._on_close = action
+
+    def _connect(self) -> None:
+        self.info = self._hello()
+        self._map_clocks()
 
     def _hello(self) -> dict:
         self._link.write(b"\n")  # ends whatever half a line an earlier program left
@@ -215,24 +259,26 @@ class Board:
         self._clock.round_trip(sent_s, reply["t_us"], self.now_s())
 
     def _pump_or_resume(self, timeout_s: float) -> None:
+        if self._gone_s is not None:
+            self._reopen(timeout_s)
+            return
         try:
             self._pump(timeout_s)
             self._resume()
         except PortLostError:
             if not self._streams:
                 raise
-            self._reopen()
+            self._gone_s = time.monotonic()
 
-    def _reopen(self) -> None:
-        end_s = time.monotonic() + _GONE_S
-        while True:
-            try:
-                self._link.reopen()
-                return
-            except SpotsError:
-                if time.monotonic() >= end_s:
-                    raise
-                time.sleep(_REOPEN_EVERY_S)
+    def _reopen(self, timeout_s: float) -> None:
+        # A try, no more: who holds keys down has to be back in time to let go of them.
+        try:
+            self._link.reopen()
+            self._gone_s = None
+        except SpotsError:
+            if time.monotonic() - self._gone_s >= _GONE_S:
+                raise
+            time.sleep(min(timeout_s, _REOPEN_EVERY_S))
 
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
@@ -278,10 +324,14 @@ class Board:
         if frames:
             self._heard_s = self.now_s()
         for frame in frames:
-            if not isinstance(frame, Text):
-                self._resuming = False
-                self._frames.append(frame._replace(time_s=self._clock.host_s(frame.t_us)))
-            elif "log" in frame.content:
-                self.log.append(frame.content)
-            else:
-                self._replies.append(frame)
+            if not isinstance(frame, Note):
+                self._take(self._clock.timed(frame))
+
+    def _take(self, frame: Frame) -> None:
+        if not isinstance(frame, Text):
+            self._resuming = False
+            self._frames.append(frame)
+        elif "log" in frame.content:
+            self.log.append(frame.content)
+        else:
+            self._replies.append(frame)

@@ -76,7 +76,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_characterize(commands)
     _add_design(commands)
 
+    _add_recordings(commands)
+
     _add_boards(commands)
+    _add_twin(commands)
 
     command = commands.add_parser("command", help="send a command line, print the reply")
     _add_port(command)
@@ -181,6 +184,46 @@ def _add_design(commands) -> None:
     parser.set_defaults(run=_design)
 
 
+def _add_twin(commands) -> None:
+    parser = commands.add_parser("twin", help="a five-bar linkage's twin, simulated, on a path")
+    parser.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
+    parser.add_argument("--path", default="sust", metavar="FILE", help="path file or name")
+    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
+    parser.add_argument("--exposure-us", type=_exposure_us, default=30_000, help="of both strips")
+    parser.add_argument("--json", action="store_true", help="only the errors, as one JSON object")
+    parser.add_argument("--picture", metavar="FILE.png", help="draw path and truth")
+    parser.set_defaults(run=_twin)
+
+
+def _add_recordings(commands) -> None:
+    record = commands.add_parser("record", help="write what a board sends into a file")
+    record.add_argument("file", metavar="FILE.spots", help="a new file")
+    _add_port(record)
+    record.add_argument("--seconds", type=_seconds, help="end after so long; Ctrl-C ends it, too")
+    record.add_argument(
+        "--rotate-mb", type=_megabytes, help="go on in FILE-001.spots after so much"
+    )
+    record.add_argument("--calibration", metavar="FILE.toml", help="the board's, to have it there")
+    record.set_defaults(run=_record)
+
+    replay = commands.add_parser("replay", help="show a recording as 'monitor' shows a board")
+    replay.add_argument("file", metavar="FILE.spots")
+    replay.add_argument("--speed", type=_speed, default=1.0, help="2 is twice as fast, inf no pace")
+    replay.set_defaults(run=_replay)
+
+    info = commands.add_parser("info", help="what is in a recording")
+    info.add_argument("file", metavar="FILE.spots")
+    info.add_argument("--json", action="store_true", help="one JSON object")
+    info.set_defaults(run=_info)
+
+    export = commands.add_parser("export", help="a recording as MCAP, CSV or NumPy arrays")
+    export.add_argument("file", metavar="FILE.spots")
+    export.add_argument("--to", required=True, choices=["mcap", "csv", "npz"])
+    export.add_argument("--out", metavar="NAME", help="if not beside the recording")
+    export.set_defaults(run=_export)
+
+
 def _add_port(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", help="serial port, or 'virtual'; found if not given")
     _add_simulation(parser)
@@ -212,8 +255,11 @@ _seconds = _number("a time in seconds", 0.001, 1e9)
 _hours = _number("a time in hours", 0.001, 10_000)
 _length_mm = _number("the length of a strip in mm", 1, 1000)
 _strain_percent = _number("a strain in percent", 0.01, 50)
+_megabytes = _number("a size in MB", 0.1, 1e6)
+_speed = _number("a speed", 0.001, math.inf)
 _seed = _number("a seed", 0, 2**63, int)
 _http_port = _number("a port for web browsers", 0, 65535, int)
+_exposure_us = _number("an exposure in us", 2000, 200_000, int)
 
 
 def _open(options: argparse.Namespace):
@@ -341,6 +387,36 @@ def _design(options: argparse.Namespace) -> None:
     run(options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out)
 
 
+def _record(options: argparse.Namespace) -> None:
+    from .recording.command import record
+
+    rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
+    with _open(options) as board:
+        record(board, options.file, options.seconds, rotate_bytes, options.calibration)
+
+
+def _replay(options: argparse.Namespace) -> None:
+    from .recording.replay import open_recording
+    from .watch import watch
+
+    with open_recording(options.file, options.speed) as board:
+        watch(board, None, quiet=False)
+
+
+def _info(options: argparse.Namespace) -> None:
+    from .recording.summary import report, summary
+
+    found = summary(options.file)
+    print(json.dumps(found) if options.json else report(found))
+
+
+def _export(options: argparse.Namespace) -> None:
+    from .recording.export import export
+
+    for path in export(options.file, options.to, options.out):
+        print(path)
+
+
 def _boards(options: argparse.Namespace) -> None:
     from .stage import board_names, device_of
 
@@ -386,6 +462,20 @@ def _doctor(options: argparse.Namespace) -> None:
     from .doctor import doctor
 
     doctor(options.port)
+
+
+def _twin(options: argparse.Namespace) -> None:
+    from .uses.twin_command import run
+
+    run(
+        options.sensor,
+        options.linkage,
+        options.path,
+        options.seed,
+        options.exposure_us,
+        options.json,
+        options.picture,
+    )
 
 
 def _command(options: argparse.Namespace) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .frames import Frame, Text
+
 _WRAP = 1 << 32
 
 
@@ -28,6 +30,23 @@ class ClockMap:
         step = (t_us - self._last_us + _WRAP // 2) % _WRAP - _WRAP // 2
         self._last_us += step
         return self._last_us
+
+    def state(self) -> dict:
+        """Return all that it knows, so that `resume` maps later times to the same floats."""
+        return {"last_us": self._last_us, "low_s": self._low_s, "high_s": self._high_s}
+
+    @classmethod
+    def resume(cls, last_us: int, low_s: float, high_s: float) -> ClockMap:
+        """Return a map with the `state` of another one."""
+        clock = cls()
+        clock._last_us, clock._low_s, clock._high_s = last_us, low_s, high_s
+        return clock
+
+    def timed(self, frame: Frame) -> Frame:
+        """Return a board's frame with its host time; a text has none."""
+        if isinstance(frame, Text):
+            return frame
+        return frame._replace(time_s=self.host_s(frame.t_us))
 
     def round_trip(self, sent_s: float, t_us: int, received_s: float) -> None:
         """Learn from a round trip."""

@@ -13,8 +13,10 @@ from tactile.settings import checksum
 from .board import Board
 from .errors import SpotsError
 from .link import SerialLink, usb_boards, usb_ports
+from .recording.replay import open_recording
 
 VIRTUAL = "virtual"
+RECORDING = "recording:"
 
 
 def open(
@@ -25,8 +27,9 @@ def open(
     Parameters
     ----------
     port : str, optional
-        A serial port; ``"virtual"`` starts a simulated board in real time; if not given, every
-        USB serial port is asked ``hello``, and exactly one has to answer.
+        A serial port; ``"virtual"`` starts a simulated board in real time; ``"recording:FILE"``
+        plays one back, see `recording.replay.open_recording`; if not given, every USB serial port
+        is asked ``hello``, and exactly one has to answer.
     sensor, scenario : str
         Files of the virtual board, by path or name.
     seed : int
@@ -39,6 +42,8 @@ def open(
     """
     if port == VIRTUAL:
         return open_virtual(sensor, scenario, seed)[0]
+    if port is not None and port.startswith(RECORDING):
+        return open_recording(port[len(RECORDING) :])
     if port is not None:
         return Board(SerialLink(port))
     found, reasons = find()
@@ -200,6 +205,7 @@ def upload(board: Board, calibration) -> None:
     for line in calibration:
         board.command("cal " + line)
     board.command("cal end " + checksum(calibration))
+    board.calibration = list(calibration)
 
 
 def _checked(calibration) -> Calibration:

@@ -21,8 +21,9 @@ _SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
 _KEY = struct.Struct("<" + frame.KEY_BODY)
 _CRC_SIZE = 2
 # COBS adds one byte, and one more for each 254.
-_ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + _CRC_SIZE + 4
+ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + _CRC_SIZE + 4
 _SEQUENCES = 1 << 16
+NOTE = 15
 
 _DOUBTFUL = (
     decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
@@ -136,7 +137,22 @@ class Text(NamedTuple):
     content: dict
 
 
-Frame = Union[Touch, Spectrum, Key, Text]
+class Note(NamedTuple):
+    """An entry of a recorder between a board's frames, see docs/recording.md. No board sends it.
+
+    Attributes
+    ----------
+    since_us : int
+        Host time since the recording began; 48 bits.
+    content : dict
+        What the recorder tells; empty where it only tells the time.
+    """
+
+    since_us: int
+    content: dict
+
+
+Frame = Union[Touch, Spectrum, Key, Text, Note]
 
 
 @dataclass
@@ -146,7 +162,7 @@ class LinkStats:
     Attributes
     ----------
     frames : int
-        Good frames, those of unknown kinds included.
+        Good frames, those of unknown kinds included; notes are none.
     lost : int
         Frames that are missing, by their sequence numbers.
     bad_crc : int
@@ -177,6 +193,11 @@ class Decoder:
         self._overlong = False
         self._expected = None
 
+    @property
+    def pending(self) -> bytes:
+        """The beginning of a frame whose end has not come."""
+        return self._rest
+
     def feed(self, data: bytes) -> list[Frame]:
         """Take bytes in pieces of any size and return the frames that they complete."""
         self.stats.bytes += len(data)
@@ -187,7 +208,7 @@ class Decoder:
                 self._overlong = False
             elif piece:
                 self._take(piece, frames)
-        if len(rest) > _ENCODED_MAX:
+        if len(rest) > ENCODED_MAX:
             if not self._overlong:
                 self.stats.bad_crc += 1
             self._overlong, rest = True, b""
@@ -195,12 +216,14 @@ class Decoder:
         return frames
 
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
-        payload = _checked(piece)
+        # However it was cut into pieces, what is longer than any frame is none.
+        payload = _checked(piece) if len(piece) <= ENCODED_MAX else None
         if payload is None:
             self.stats.bad_crc += 1
             return
         kind, sequence, low, high = _HEADER.unpack_from(payload)
-        self._count(sequence)
+        if kind & 0x0F != NOTE:
+            self._count(sequence)
         parse = _PARSERS.get(kind & 0x0F)
         if parse is not None:
             try:
@@ -244,10 +267,18 @@ def _key(sensor, sequence, t_us, body):
 
 
 def _text(sensor, sequence, t_us, body):
+    return Text(sensor, sequence, t_us, _object(body))
+
+
+def _note(sensor, sequence, t_us, body):
+    return Note(sequence << 32 | t_us, _object(body) if body else {})
+
+
+def _object(body):
     content = json.loads(body)
     if not isinstance(content, dict):
-        raise ValueError("a text frame holds one JSON object")
-    return Text(sensor, sequence, t_us, content)
+        raise ValueError("a frame of text holds one JSON object")
+    return content
 
 
 _PARSERS = {
@@ -255,4 +286,5 @@ _PARSERS = {
     frame.SPECTRUM: _spectrum,
     frame.KEY: _key,
     frame.TEXT: _text,
+    NOTE: _note,
 }

@@ -29,7 +29,7 @@ def numbers(results, path=()):
 
 
 def test_every_figure_is_a_number_with_its_unit_in_its_name(results):
-    assert set(results) == {"driver", "firmware", "boards", "host"}
+    assert set(results) == {"driver", "firmware", "boards", "host", "linkage"}
     for path, value in numbers(results):
         assert isinstance(value, (int, float)), path
         assert path[-1] in COUNTS or re.search(UNITS, path[-1]), path

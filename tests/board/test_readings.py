@@ -87,16 +87,35 @@ def test_steady_light_from_outside_is_subtracted(rig, calibration):
     assert np.mean([r.position_um for r in readings]) == pytest.approx(42_500, abs=150)
 
 
-def test_a_lamp_switched_on_is_learned_while_idle_and_not_while_touched(rig, calibration):
+def lamp(level_uW_cm2):
+    steps = [(0.0, level_uW_cm2)]
+    return Scenario(ScenarioFile(seconds=1e6, ambient=Ambient(steps=steps))).ambient_uW_cm2
+
+
+def test_a_faint_lamp_switched_on_is_learned_while_idle_and_not_while_touched(rig, calibration):
     made = rig(calibration=calibration)
-    lamp = Scenario(ScenarioFile(seconds=1e6, ambient=Ambient(steps=[(0.0, 1.0)])))
-    made.held.ambient_uW_cm2 = lamp.ambient_uW_cm2
     made.press(42.5, 4000.0)
+    made.settle()
+    made.board.command("dark")
+    made.held.ambient_uW_cm2 = lamp(0.2)
     made.board.command("stream touch")
     made.settle(15.0)
-    assert max(made.board.command("get")["dark"]) <= 8
+    assert max(made.board.command("get")["dark"]) == 0
     made.release()
     made.settle(15.0)
+    assert min(made.board.command("get")["dark"]) > 0
+
+
+def test_a_lamp_that_spoils_what_is_touched_is_learned_at_once(rig, calibration):
+    made = rig(calibration=calibration)
+    made.press(42.5, 4000.0)
+    made.settle()
+    made.board.command("dark")
+    made.settle(2.5)
+    made.held.ambient_uW_cm2 = lamp(3.0)
+    spoiled = [reading.flags & decode.MISFIT for reading in made.readings(150)]
+    assert spoiled[0]
+    assert not any(spoiled[-60:])
     assert min(made.board.command("get")["dark"]) > 8
 
 

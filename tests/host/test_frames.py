@@ -10,7 +10,7 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots.frames import Decoder, Key, Spectrum, Text, Touch
+from spots.frames import Decoder, Key, Note, Spectrum, Text, Touch
 
 
 def encoded(payload):
@@ -162,3 +162,22 @@ def test_the_longest_text_passes():
     content = {"re": "x" * 480}
     (text,) = Decoder().feed(encoded(struct.pack("<BHI", 3, 0, 0) + json.dumps(content).encode()))
     assert text.content == content
+
+
+@pytest.mark.parametrize("size", [1, 300, 4096])
+def test_what_is_longer_than_any_frame_is_none_in_whatever_pieces_it_comes(size):
+    long = struct.pack("<BHI", 3, 0, 0) + json.dumps({"re": "x" * 600}).encode()
+    data = encoded(long) + touch(1)
+    decoder, frames = Decoder(), []
+    for i in range(0, len(data), size):
+        frames += decoder.feed(data[i : i + size])
+    assert [frame.sequence for frame in frames] == [1]
+    assert decoder.stats.bad_crc == 1
+
+
+def test_a_note_is_no_frame_of_the_link():
+    decoder = Decoder()
+    note = encoded(struct.pack("<BHI", 15, 2, 3) + b'{"a": 1}')
+    frames = decoder.feed(touch(0) + note + encoded(struct.pack("<BHI", 15, 0, 9)) + touch(1))
+    assert frames[1:3] == [Note((2 << 32) + 3, {"a": 1}), Note(9, {})]
+    assert (decoder.stats.frames, decoder.stats.lost, decoder.stats.bad_crc) == (2, 0, 0)

@@ -15,8 +15,8 @@ def run() -> dict:
     Returns
     -------
     dict
-        ``driver``, ``firmware`` and ``host``, each as the module of that name describes it, and
-        ``boards`` as `space` does.
+        ``driver``, ``firmware``, ``host`` and ``linkage``, each as the module of that name
+        describes it, and ``boards`` as `space` does.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def run() -> dict:
     from ..calibrate.stage import calibrate
     from ..sim.files import SensorFile, load
     from ..sim.vm import micropython_command
-    from . import driver, firmware, host, space
+    from . import driver, firmware, host, linkage, space
     from .adafruit import published
 
     published()
@@ -40,11 +40,14 @@ def run() -> dict:
     _say("firmware: integers and floats in MicroPython")
     on_the_board, stream = firmware.run(sensor, calibration)
     _say("host: frames and lines of JSON")
+    on_the_host = host.run(stream)
+    _say("linkage: arrays and loops")
     return {
         "driver": on_the_bus,
         "firmware": on_the_board,
         "boards": boards,
-        "host": host.run(stream),
+        "host": on_the_host,
+        "linkage": linkage.run(),
     }
 
 

@@ -24,6 +24,7 @@ def report(results: dict) -> str:
         _firmware(results["firmware"]),
         _boards(results["boards"]),
         _host(results["host"]),
+        _linkage(results["linkage"]),
     )
     return "\n\n".join(_text(table) for table in tables)
 
@@ -131,4 +132,22 @@ def _host(results: dict) -> Table:
     for name, label in {"spots": "spots, checked frames", "json": "lines of JSON"}.items():
         cost = results[name]
         table.add_row(label, f"{cost['bytes_per_reading']:.1f}", f"{cost['readings_per_s']:,}")
+    return table
+
+
+def _linkage(results: dict) -> Table:
+    over = {name: results[f"rate_ratio_over_{name}"] for name in ("calls", "math")}
+    table = _table(
+        "Linkage: terminals from angles on this machine",
+        f"An array at once has {over['calls']:.0f} times the rate of a call a sample, and "
+        f"{over['math']:.0f} times that of the bare formula.",
+        "way",
+        "terminals/s",
+    )
+    for name, label in {
+        "array": "a million at once",
+        "calls": "a call a sample",
+        "math": "the bare formula by math, a sample at a time",
+    }.items():
+        table.add_row(label, f"{results[name]['terminals_per_s']:,}")
     return table

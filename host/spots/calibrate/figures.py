@@ -67,9 +67,18 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
 
 def save(figure, path: Path) -> Path:
-    """Write a figure and forget it."""
-    # Without the versions and dates that would change the file though the picture stays.
-    figure.savefig(path, dpi=_DPI, metadata={"Software": None})
+    """Write a figure and forget it.
+
+    Raises
+    ------
+    SpotsError
+        If it cannot be written.
+    """
+    try:
+        # Without the versions and dates that would change the file though the picture stays.
+        figure.savefig(path, dpi=_DPI, metadata={"Software": None})
+    except OSError as error:
+        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
     return path
 
 

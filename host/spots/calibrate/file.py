@@ -64,6 +64,9 @@ class Joint(_Struct, kw_only=True):
         Mean absolute error at angles that the line was not made with.
     backlash_deg : float
         Between the two directions.
+    low, high : tuple of (float, float) or None
+        The lowest and the highest position (um) that it was turned through, and the standard
+        deviation (degrees) of a reading there; between the two its logarithm is a straight line.
     """
 
     zero_deg: float
@@ -72,6 +75,8 @@ class Joint(_Struct, kw_only=True):
     resolution_deg: float
     accuracy_deg: float
     backlash_deg: float
+    low: tuple[float, float] | None = None
+    high: tuple[float, float] | None = None
 
 
 class CalibrationFile(_Struct, kw_only=True):
@@ -96,7 +101,7 @@ class CalibrationFile(_Struct, kw_only=True):
     gain: int
     exposure_us: int
     led_mA: int
-    residuals: list[Residual]
+    residuals: list[Residual] = []
     joint: Joint | None = None
     lines: tuple[str, ...]
 
@@ -243,4 +248,5 @@ def _strings(values) -> str:
 
 def _numbers(struct: msgspec.Struct) -> list[str]:
     fields = msgspec.structs.asdict(struct)
-    return [f"{name} = {value!r}" for name, value in fields.items() if value is not None]
+    values = {name: list(v) if isinstance(v, tuple) else v for name, v in fields.items()}
+    return [f"{name} = {value!r}" for name, value in values.items() if value is not None]

@@ -9,6 +9,7 @@ from .file import Joint
 from .session import Point
 
 ANGLES_MIN = 4  # in each direction
+_LEAST_UM = 0.1  # scatter of a reading, which is in whole um
 
 
 def fit_joint(points: list[Point]) -> Joint:
@@ -51,6 +52,13 @@ def fit_joint(points: list[Point]) -> Joint:
     error = np.polyval(np.polyfit(position[learn], angle[learn], 1), position) - angle
     slope, zero = np.polyfit(position, angle, 1)
     residual = slope * position + zero - angle
+    ends_um = position.min(), position.max()
+    # The light dies away exponentially along the strip, and the noise grows as it does.
+    growth = np.polyfit(position, np.log(np.maximum(sigma, _LEAST_UM)), 1)
+    low, high = (
+        (round(float(end), 1), round(abs(float(slope)) * float(np.exp(np.polyval(growth, end))), 5))
+        for end in ends_um
+    )
     r2 = 1 - (residual**2).sum() / ((angle - angle.mean()) ** 2).sum()
     return Joint(
         zero_deg=round(float(zero), 5),
@@ -59,4 +67,6 @@ def fit_joint(points: list[Point]) -> Joint:
         resolution_deg=round(abs(float(slope)) * float(sigma.mean()), 5),
         accuracy_deg=round(float(np.abs(error[~learn]).mean()), 5),
         backlash_deg=round(abs(float(residual[up].mean() - residual[~up].mean())), 5),
+        low=low,
+        high=high,
     )

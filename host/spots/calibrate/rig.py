@@ -32,6 +32,8 @@ class Rig:
     along : dict of int to Presses
         What was calibrated with, by strain in ppm.
     noise : Noise
+    lines : tuple of str
+        The calibration that the board has.
     """
 
     def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
@@ -81,7 +83,8 @@ class Rig:
         self.average = average
 
     def _use(self) -> None:
-        upload(self.board, fit(self.along, self._pressed, self.noise, self.conditions))
+        self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
+        upload(self.board, self.lines)
         self.board.command(f"set average={self.average}")
         dark = self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
         self._dark = np.array(dark) / DARK_SAMPLES

@@ -23,6 +23,9 @@ Place = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
 Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Strain = Annotated[float, msgspec.Meta(ge=0, le=50)]
 Bend = Annotated[float, msgspec.Meta(ge=0, le=360)]
+PercentOff = Annotated[float, msgspec.Meta(ge=-10, le=10)]
+Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
+Coordinate = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
 
 
@@ -256,16 +259,53 @@ class ScenarioFile(_Struct):
                 )
 
 
-_File = TypeVar("_File", SensorFile, ScenarioFile)
+class LinkageFile(_Struct):
+    """A five-bar linkage with a strip in either base joint: as drawn, and what came out wrong.
+
+    Bars are inner 1, outer 1, outer 2, inner 2. `lowest_deg` is the angle of each joint, counted
+    as in Eqs. 3 and 4, with its indenter at the low end of its travel.
+    """
+
+    bar_mm: tuple[Positive, Positive, Positive, Positive]
+    base_mm: Positive
+    lowest_deg: tuple[Degrees, Degrees]
+    bar_error_percent: tuple[PercentOff, PercentOff, PercentOff, PercentOff] = (0.0, 0.0, 0.0, 0.0)
+    base_error_percent: PercentOff = 0.0
+    mount_error_deg: tuple[Degrees, Degrees] = (0.0, 0.0)
+
+
+class Stroke(_Struct):
+    """A line of the terminal through points (x mm, y mm); curved, if smooth."""
+
+    points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
+    smooth: bool = False
+
+
+class PathFile(_Struct):
+    """Where a hand guides the terminal of a linkage: strokes, and straight lines between them."""
+
+    speed_mm_s: Positive
+    stroke: Annotated[list[Stroke], msgspec.Meta(min_length=1)]
+    tremor_mm: NotNegative = 0.0
+    tremor_hz: Positive = 8.0
+
+
+_File = TypeVar("_File", SensorFile, ScenarioFile, LinkageFile, PathFile)
+_KINDS = {
+    SensorFile: "sensor",
+    ScenarioFile: "scenario",
+    LinkageFile: "linkage",
+    PathFile: "path",
+}
 
 
 def load(kind: type[_File], name: str | Path) -> _File:
-    """Read a sensor or scenario file.
+    """Read a file of the simulation.
 
     Parameters
     ----------
     kind : type
-        `SensorFile` or `ScenarioFile`.
+        `SensorFile`, `ScenarioFile`, `LinkageFile` or `PathFile`.
     name : str or Path
         A path, or the name of a file that comes with the package, such as ``default``.
 
@@ -274,8 +314,8 @@ def load(kind: type[_File], name: str | Path) -> _File:
     SpotsError
         If there is no such file, or a key in it is unknown, missing or out of range.
     """
-    folder = DATA / ("sensors" if kind is SensorFile else "scenarios")
-    what = "sensor" if kind is SensorFile else "scenario"
+    what = _KINDS[kind]
+    folder = DATA / f"{what}s"
     path = Path(name)
     if not path.suffix:
         path = folder / f"{name}.toml"

@@ -15,6 +15,8 @@ from ..stage import BOARDS, stage
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 _HEAP = "heapsize=384k"
+# What boot.py leaves lies in the same heap here; a real board gives code.py one of its own.
+_HEAP_OF_BOTH = "heapsize=576k"
 # What the virtual boards share.
 _COMMON = BOARDS / "_virtual"
 # Does after a reset what CircuitPython does, in the place of a board's built-in part.
@@ -110,7 +112,8 @@ class Machine:
         self.shut_down()
         self.requests, request_end = os.pipe()
         answer_end, self.answers = os.pipe()
-        command = [*self._command, "-X", _HEAP]
+        heap = _HEAP_OF_BOTH if self._entry.name == _CIRCUITPYTHON else _HEAP
+        command = [*self._command, "-X", heap]
         if self._terminal:
             command.append("-i")
         if run_entry and self._entry.exists():

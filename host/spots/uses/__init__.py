@@ -1,1 +1,1 @@
-"""What a host program makes of readings: a controller, and the devices that it plays."""
+"""What a program on the host makes of readings: controllers, keyboards, encoders, a twin."""

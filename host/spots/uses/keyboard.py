@@ -64,7 +64,8 @@ class KeyEngine:
         """Let go of all if no reading has come for `LOST_S`."""
         if self._heard_s is not None and now_s - self._heard_s > LOST_S:
             self._heard_s = None
-            self.release()
+            if self._pad.contact.touched:
+                self.release()  # a finger that comes meanwhile is a new one
 
     def release(self) -> None:
         """Let go of all; a finger that is still there presses nothing until it was lifted."""

@@ -1,0 +1,24 @@
+"""Print a joint's angle: track_joint.py CALIBRATION.toml [PORT]
+
+Make the file first: spots calibrate position, then force, then joint.
+"""
+
+import math
+import sys
+from pathlib import Path
+
+import spots
+from spots.calibrate import file
+from spots.connect import prepare
+
+calibration = file.load(Path(sys.argv[1]))
+encoder = spots.Encoder(calibration.joint)
+with spots.open(sys.argv[2] if len(sys.argv) > 2 else None) as board:
+    prepare(board, calibration.lines)
+    for touch in board.touches():
+        angle = encoder.take(touch)
+        if angle is not None and angle.velocity_rad_s is not None:
+            print(
+                f"{math.degrees(angle.angle_rad):8.3f} deg +- {math.degrees(angle.sigma_rad):.3f}  "
+                f"{math.degrees(angle.velocity_rad_s):8.2f} deg/s"
+            )

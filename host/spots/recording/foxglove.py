@@ -1,0 +1,51 @@
+"""JSON schemas that Foxglove and PlotJuggler show without set-up."""
+
+from __future__ import annotations
+
+import json
+
+from .table import Table
+
+_TYPES = {"?": "boolean", "f": "number", "i": "integer", "u": "integer", "U": "string"}
+_TIME = {"type": "object", "title": "time"}
+_TIME["properties"] = {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}
+# Foxglove's Log schema; its Log panel shows every topic that has it.
+LOG_SCHEMA = {
+    "title": "foxglove.Log",
+    "type": "object",
+    "properties": {
+        "timestamp": _TIME,
+        "level": {"type": "integer"},
+        "message": {"type": "string"},
+        "name": {"type": "string"},
+        "file": {"type": "string"},
+        "line": {"type": "integer"},
+    },
+}
+_REPLY_LEVEL = 1
+_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
+
+
+def schema(table: Table) -> dict:
+    """Return the JSON schema of a table's rows as objects."""
+    properties = {}
+    for name, dtype in table.columns.items():
+        scalar = dtype[0] if isinstance(dtype, tuple) else dtype
+        properties[name] = kind = {"type": _TYPES[scalar[0]]}
+        if isinstance(dtype, tuple):
+            properties[name] = {"type": "array", "items": kind}
+    return {"title": f"spots.{table.name.capitalize()}", "type": "object", "properties": properties}
+
+
+def log_message(time_ns: int, content: str, name: str) -> dict:
+    """Return a board's text as a log message; the reply to a command is one for debugging."""
+    text = json.loads(content)
+    is_log = isinstance(text.get("log"), str)
+    return {
+        "timestamp": {"sec": time_ns // 10**9, "nsec": time_ns % 10**9},
+        "level": _LEVELS.get(text["log"], 0) if is_log else _REPLY_LEVEL,
+        "message": str(text.get("text", content)) if is_log else content,
+        "name": name,
+        "file": "",
+        "line": 0,
+    }

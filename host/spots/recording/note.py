@@ -1,0 +1,33 @@
+"""Notes: the entries of a recorder, framed as a board's frames are."""
+
+from __future__ import annotations
+
+import binascii
+import json
+import struct
+
+from cobs import cobs
+
+from tactile.frame import HEADER
+
+from ..frames import NOTE
+
+_HEADER = struct.Struct(HEADER)
+_CRC = struct.Struct("<H")
+
+
+def note(since_us: int, content: dict | None = None) -> bytes:
+    """Return the bytes of a note.
+
+    Parameters
+    ----------
+    since_us : int
+        Host time since the recording began, 0 to 2**48 - 1.
+    content : dict, optional
+        At most `tactile.frame.TEXT_MAX` bytes as JSON.
+    """
+    low, high, sequence = (since_us >> shift & 0xFFFF for shift in (0, 16, 32))
+    payload = _HEADER.pack(NOTE, sequence, low, high)
+    if content is not None:
+        payload += json.dumps(content, separators=(",", ":")).encode()
+    return cobs.encode(payload + _CRC.pack(binascii.crc_hqx(payload, 0xFFFF))) + b"\0"

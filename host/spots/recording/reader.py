@@ -1,0 +1,151 @@
+"""From a recording, or the files of a set, to frames and when they arrived."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+import msgspec
+
+from ..clockmap import ClockMap
+from ..errors import SpotsError
+from ..frames import Decoder, Frame, LinkStats, Note
+from .header import Clock, Header, read
+from .recorder import part_path
+
+# Statistics are ahead of the frames by at most so much: small, and yet little work a frame.
+_BLOCK_BYTES = 512
+
+
+class Recording:
+    """A recording; iterate over it to read it, as often as one likes.
+
+    Iteration gives pairs of when a frame arrived on the host's monotonic clock (it was read then or
+    up to `recorder.ARRIVAL_STEP_S` later) and the frame, with the ``time_s`` that it had when it
+    was received.
+
+    Parameters
+    ----------
+    path : str or Path
+        With the first file of a set come the others. A later one stands for itself.
+
+    Attributes
+    ----------
+    path : Path
+    paths : list of Path
+        The files.
+    header : Header
+        Of the first one.
+    size : int
+        Bytes of all files when they were opened.
+    stats : LinkStats
+        Of the latest iteration, so far: what the recorded link lost.
+    notes : int
+        How many notes it met.
+    cut_bytes : int
+        Bytes of frames that the files end in the middle of.
+    read_bytes : int
+        How far it is.
+    end_s : float
+        When the last frame or note was written, on the clock of the times of arrival.
+    complete : bool
+        Whether it came to the note that a recorder ends with.
+
+    Raises
+    ------
+    SpotsError
+        If it is no recording, or a file of the set is missing.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        self.header = _header(self.path)
+        self._headers = {self.path: self.header, **_others(self.path, self.header)}
+        self.paths = list(self._headers)
+        self.size = sum(path.stat().st_size for path in self.paths)
+        self._decoder = Decoder()
+        self._restart()
+
+    def __iter__(self) -> Iterator[tuple[float, Frame]]:
+        self._restart()
+        start = b""
+        for path, header in self._headers.items():
+            clock = _resumed(header.clock)
+            arrived_s = self.end_s = header.host_s
+            for block in chain([start], _blocks(path)):
+                self.read_bytes += len(block)
+                for frame in self._decoder.feed(block):
+                    if not isinstance(frame, Note):
+                        yield arrived_s, clock.timed(frame)
+                        continue
+                    self.notes += 1
+                    arrived_s = self.end_s = header.host_s + 1e-6 * frame.since_us
+                    if "clock" in frame.content:
+                        clock = _noted(path, frame.content["clock"])
+                    self.complete |= frame.content.get("end") is True
+            self.cut_bytes += len(self._decoder.pending)
+            start = b"\0"  # what a file breaks off in the middle of does not go on in the next
+
+    @property
+    def stats(self) -> LinkStats:
+        return self._decoder.stats
+
+    def _restart(self) -> None:
+        self._decoder = Decoder()
+        self.notes = self.cut_bytes = self.read_bytes = 0
+        self.end_s = self.header.host_s
+        self.complete = False
+
+
+def _resumed(known: Clock | None) -> ClockMap:
+    return ClockMap.resume(**msgspec.structs.asdict(known)) if known else ClockMap()
+
+
+def _noted(path: Path, content: object) -> ClockMap:
+    try:
+        return _resumed(msgspec.convert(content, Clock))
+    except msgspec.ValidationError as error:
+        raise SpotsError(f"{path}: a note is none of ours: {error}") from None
+
+
+def _header(path: Path) -> Header:
+    return read(path, _blocks(path))
+
+
+def _others(path: Path, first: Header) -> dict[Path, Header]:
+    """Return the later files of a set with their headers, if `path` is its first."""
+    if first.part != 0:
+        return {}
+    name = re.compile(re.escape(path.stem) + r"-(\d{3,})" + re.escape(path.suffix))
+    beside = map(name.fullmatch, os.listdir(path.parent))
+    parts = sorted(int(match[1]) for match in beside if match)
+    found = {}
+    for part in parts:
+        file = part_path(path, part)
+        try:
+            header = _header(file)
+        except SpotsError:
+            continue  # whatever it is, it says of itself that it does not belong here
+        if header.set == first.set:
+            found[part] = (file, header)
+    for part in range(1, max(found, default=0)):
+        if part not in found:
+            raise SpotsError(
+                f"{part_path(path, part)} is missing or damaged: name the files of the set one by "
+                "one, or put it back"
+            )
+    return dict(found.values())
+
+
+def _blocks(path: Path) -> Iterator[bytes]:
+    try:
+        with open(path, "rb") as file:
+            while block := file.read(_BLOCK_BYTES):
+                yield block
+    except FileNotFoundError:
+        raise SpotsError(f"there is no file {path}") from None
+    except OSError as error:
+        raise SpotsError(f"{path} cannot be read: {error.strerror}") from None

@@ -1,0 +1,186 @@
+"""Records a link while someone else reads from it."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from ..frames import ENCODED_MAX
+from ..link import Link
+from .disk import Disk
+from .header import VERSION, Header, encoded
+from .note import note
+
+# What comes within this time shares a note of when. Shorter tells more and takes more bytes.
+ARRIVAL_STEP_S = 0.005
+
+
+class Recorder:
+    """A link that writes down what is read through it, before it hands it on.
+
+    It knows of frames only where they end: it writes whole ones, and its own notes between them.
+
+    Parameters
+    ----------
+    link : link.Link
+        The link that is recorded.
+    path : str or Path
+        A file that is not there yet.
+    describe : callable
+        Returns the keys ``info``, ``clock`` and ``calibration`` of a `header.Header` as they are
+        now.
+    begun : bytes
+        The beginning of a frame that has already been read.
+    rotate_bytes : int, optional
+        Begin another file where one would become longer: FILE-001.spots after FILE.spots.
+    utc_s : callable
+        The time since 1970.
+
+    Attributes
+    ----------
+    paths : list of Path
+        The files.
+    bytes : int
+        Written to all of them.
+
+    Raises
+    ------
+    SpotsError
+        If there is such a file, or it cannot be written.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        path: str | Path,
+        describe: Callable[[], dict],
+        *,
+        begun: bytes = b"",
+        rotate_bytes: int | None = None,
+        utc_s: Callable[[], float] = time.time,
+    ):
+        self.name, self.now_s, self.write = link.name, link.now_s, link.write
+        self._link = link
+        self._path = Path(path)
+        self._describe = describe
+        self._rotate_bytes = rotate_bytes
+        self._utc_s = utc_s
+        self._set = secrets.token_hex(8)
+        self._tail = begun
+        self._between_frames = True
+        self._disk: Disk | None = None
+        self.paths: list[Path] = []
+        self.bytes = 0
+        self._begin()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.stop()
+
+    def read(self, timeout_s: float) -> bytes:
+        """Raises SpotsError also if nothing more can be written."""
+        data = self._link.read(timeout_s)
+        if data and self._disk is not None:
+            try:
+                self._keep(data)
+            except BaseException:
+                self._release()
+                raise
+        return data
+
+    def reopen(self) -> None:
+        """Raises SpotsError if the port is still away."""
+        self._link.reopen()
+
+    def stop(self) -> None:
+        """End the recording; the link goes on. Twice is once."""
+        if self._disk is None:
+            return
+        try:
+            # A note in the middle of noise would be lost in it.
+            self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
+        finally:
+            self._release()
+
+    def close(self) -> None:
+        """End the recording and let the port go."""
+        try:
+            self.stop()
+        finally:
+            self._link.close()
+
+    def _keep(self, data: bytes) -> None:
+        self._tail += data
+        size = self._tail.rfind(b"\0") + 1
+        if not size and len(self._tail) > ENCODED_MAX:
+            size = len(self._tail)  # no frame is that long: noise, kept as it is
+        if not size:
+            return
+        piece, self._tail = self._tail[:size], self._tail[size:]
+        if self._rotate_bytes is not None and self._between_frames:
+            full = self._disk.bytes + len(piece) > self._rotate_bytes
+            if full and self._disk.bytes > self._header_bytes:
+                self._release()
+                self._begin()
+        now_s = self.now_s()
+        if self._between_frames and now_s >= self._next_note_s:
+            self._next_note_s = now_s + ARRIVAL_STEP_S
+            piece = self._note() + piece
+        clock = self._describe()["clock"]
+        if self._between_frames and _bounds(clock) != self._bounds:
+            # The board restarted: from here on its times mean something else.
+            self._bounds = _bounds(clock)
+            piece = self._note({"clock": clock}) + piece
+        self._append(piece)
+        self._between_frames = piece.endswith(b"\0")
+
+    def _begin(self) -> None:
+        part = len(self.paths)
+        self._begun_s = self._next_note_s = self.now_s()
+        header = {
+            "recording": VERSION,
+            "program": "spots " + _version(),
+            "set": self._set,
+            "part": part,
+            "host_s": self._begun_s,
+            "utc_s": self._utc_s(),
+            **self._describe(),
+        }
+        self._bounds = _bounds(header["clock"])
+        self._disk = Disk(part_path(self._path, part))
+        self.paths.append(self._disk.path)
+        self._append(encoded(msgspec.convert(header, Header)))
+        self._header_bytes = self._disk.bytes
+
+    def _note(self, content: dict | None = None) -> bytes:
+        return note(int(1e6 * (self.now_s() - self._begun_s)), content)
+
+    def _append(self, data: bytes) -> None:
+        self.bytes += len(data)
+        self._disk.append(data)
+
+    def _release(self) -> None:
+        disk, self._disk = self._disk, None
+        if disk is not None:
+            disk.close()
+
+
+def _bounds(clock: dict) -> tuple:
+    return clock["low_s"], clock["high_s"]
+
+
+def part_path(path: Path, part: int) -> Path:
+    """Return the name of a file of a set: FILE.spots, FILE-001.spots, ..."""
+    return path if part == 0 else path.with_name(f"{path.stem}-{part:03d}{path.suffix}")
+
+
+def _version() -> str:
+    from .. import __version__  # not there yet when this module is read
+
+    return __version__

@@ -1,0 +1,129 @@
+"""A recording as a board that one can listen to."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..board import Board
+from ..errors import SpotsError
+from ..frames import Frame, LinkStats
+from .reader import Recording
+
+# So many at once: a board's queue holds them, however far behind its reader is.
+_PUMPED_FRAMES = 1000
+
+
+class _EndError(SpotsError):
+    pass
+
+
+class _Player:
+    """Stands in for the link: its clock shows the time of the recording, at a speed."""
+
+    def __init__(self, recording: Recording, speed: float):
+        self.name = str(recording.path)
+        self._speed = speed
+        self._recorded_s = recording.header.host_s
+        self._begun_s = time.monotonic()
+
+    def now_s(self) -> float:
+        if math.isinf(self._speed):
+            return self._recorded_s
+        return self._recorded_s + (time.monotonic() - self._begun_s) * self._speed
+
+    def wait_until(self, recorded_s: float) -> None:
+        if math.isinf(self._speed):
+            self._recorded_s = max(self._recorded_s, recorded_s)
+        else:
+            time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
+
+    def write(self, data: bytes) -> None:
+        raise SpotsError(f"{self.name} is a recording: there is no board behind it")
+
+    def close(self) -> None:
+        pass
+
+
+class Replay(Board):
+    """A board whose frames come out of a recording, at the times at which they came in.
+
+    It is read as any other board, except that `frames` and `touches` end with the recording, and
+    commands other than ``hello`` and ``stream`` are refused. All that was streamed comes again.
+    `now_s` is the time of the recording.
+
+    Parameters
+    ----------
+    recording : Recording
+    speed : float
+        1 for the original pace, infinity for as fast as it can be read.
+    """
+
+    def __init__(self, recording: Recording, speed: float = 1.0):
+        self._recording = recording
+        super().__init__(_Player(recording, speed))
+
+    @property
+    def stats(self) -> LinkStats:
+        """What the recorded link lost, up to here."""
+        return self._recording.stats
+
+    def command(self, line: str, timeout_s: float | None = None) -> dict:
+        """Raises SpotsError for all but ``hello`` and ``stream``, which change nothing."""
+        name = line.split()[:1]
+        if name == ["hello"]:
+            return self.info
+        if name == ["stream"]:
+            return {"re": "stream"}
+        raise SpotsError(f"{self.port} is a recording: '{line}' is for a board")
+
+    def frames(self, seconds: float | None = None) -> Iterator[Frame]:
+        """Yield what was recorded, until its end or so much of its time is over."""
+        try:
+            yield from super().frames(seconds)
+        except _EndError:
+            return
+
+    def close(self) -> None:
+        """Let the file go."""
+        super().close()
+        self._entries.close()
+
+    def _connect(self) -> None:
+        self.info = self._recording.header.info
+        self.calibration = self._recording.header.calibration
+        self._entries = iter(self._recording)
+        self._next = next(self._entries, None)
+
+    def _pump(self, timeout_s: float) -> None:
+        if self._next is None:
+            raise _EndError(f"the recording {self.port} has ended")
+        self._link.wait_until(min(self._next[0], self.now_s() + timeout_s))
+        now_s = self.now_s()
+        for _ in range(_PUMPED_FRAMES):
+            if self._next is None or self._next[0] > now_s:
+                return
+            self._take(self._next[1])
+            self._next = next(self._entries, None)
+
+
+def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
+    """Open a recording as a board.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that `Board.record` or ``spots record`` made; with the first of a set come all.
+    speed : float
+        1 for the original pace, 2 for twice as fast, ``math.inf`` for as fast as it can be read.
+
+    Raises
+    ------
+    SpotsError
+        If it is no recording, or of a later version, or a file of its set is missing.
+    """
+    if not speed > 0:
+        raise SpotsError(f"a speed is more than 0, not {speed:g}")
+    return Replay(Recording(path), speed)

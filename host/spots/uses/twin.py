@@ -1,0 +1,237 @@
+"""The digital twin of a five-bar linkage: two encoders in, one terminal out (paper, Fig. 7D)."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from itertools import pairwise, repeat
+from typing import NamedTuple
+
+import numpy as np
+
+from ..board import Board
+from ..errors import SpotsError
+from ..frames import Touch
+from .encoder import Angle, Encoder
+from .fivebar import Limit, LimitError, Linkage
+
+_GAP_S = 1.0  # between two readings of a joint, that nothing is told about
+_TRAIL = 4096
+_SIGMAS = 3.0  # that a turn's beginning or end has to stand out of the noise
+_NEAR_IN_LINE_RAD = math.radians(10)
+_POLL_S = 0.005
+
+
+class Terminal(NamedTuple):
+    """The terminal at one moment.
+
+    Attributes
+    ----------
+    time_s : float
+        By the clock of `Touch.time_s`.
+    x_mm, y_mm : float or None
+        None where `limit` says that the linkage cannot be there.
+    velocity_mm_s : tuple of float or None
+        Of x and y; None too as long as the encoders know none.
+    covariance_mm2 : tuple of float or None
+        Of x and x, x and y, y and y.
+    theta_rad : tuple of float
+        The joints at that moment.
+    limit : Limit
+    singular : bool
+        Whether the outer bars are nearly in line: small errors of the angles become large ones.
+    within : bool
+        Whether both joints are where they were calibrated.
+    """
+
+    time_s: float
+    x_mm: float | None
+    y_mm: float | None
+    velocity_mm_s: tuple[float, float] | None
+    covariance_mm2: tuple[float, float, float] | None
+    theta_rad: tuple[float, float]
+    limit: Limit
+    singular: bool
+    within: bool
+
+    @property
+    def sigma_mm(self) -> float | None:
+        """Root mean square error of the distance that is to be expected."""
+        return None if self.covariance_mm2 is None else math.sqrt(sum(self.covariance_mm2[::2]))
+
+    @property
+    def ellipse(self) -> tuple[float, float, float] | None:
+        """Half axes (mm) of the ellipse of one standard error, and the longer one's angle from +x.
+
+        39 % of a normal scatter lie in it, 86 % in the one twice as large.
+        """
+        if self.covariance_mm2 is None:
+            return None
+        xx, xy, yy = self.covariance_mm2
+        middle, half = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+        angle_rad = math.atan2(2 * xy, xx - yy) / 2
+        return math.sqrt(middle + half), math.sqrt(max(middle - half, 0.0)), angle_rad
+
+
+class Twin:
+    """Follows the terminal of a linkage.
+
+    Parameters
+    ----------
+    linkage : Linkage
+    encoders : pair of Encoder
+        Of joint 1 and joint 2, telling the angles of Eqs. 3 and 4.
+
+    Attributes
+    ----------
+    trail : collections.deque of Terminal
+        The last ones.
+
+    Notes
+    -----
+    The joints are not read at the same moments. A terminal is that of the moment of one reading
+    and of the other joint between two of its readings, so it comes as soon as the other joint's
+    next reading is there, and nothing is extrapolated.
+    """
+
+    def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
+        if len(encoders) != 2:
+            raise SpotsError("a five-bar linkage has two encoders")
+        self.linkage = linkage
+        self.encoders = tuple(encoders)
+        self.trail: deque[Terminal] = deque(maxlen=_TRAIL)
+        self._last: list[deque[Angle]] = [deque(maxlen=3), deque(maxlen=3)]
+        self._told_s = -math.inf
+
+    def take(self, joint: int, touch: Touch) -> Terminal | None:
+        """Take a reading of a joint, 0 or 1, and return the terminal if it can be told anew.
+
+        Readings of one joint come in the order of their time.
+        """
+        angle = self.encoders[joint].take(touch)
+        if angle is None:
+            return None
+        self._last[joint].append(angle)
+        if not all(self._last):
+            return None
+        time_s = min(last[-1].time_s for last in self._last)
+        angles = [_between(last, time_s) for last in self._last]
+        if time_s <= self._told_s or None in angles:
+            return None
+        self._told_s = time_s
+        self.trail.append(self._terminal(time_s, angles))
+        return self.trail[-1]
+
+    def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
+        """Take pairs of joint and reading, live or from a recording, and yield the terminals."""
+        for joint, touch in readings:
+            terminal = self.take(joint, touch)
+            if terminal is not None:
+                yield terminal
+
+    def _terminal(self, time_s: float, angles: list[_Moment]) -> Terminal:
+        theta = tuple(angle.angle_rad for angle in angles)
+        within = all(angle.within for angle in angles)
+        try:
+            x_mm, y_mm = self.linkage.forward(*theta)
+            jacobian = self.linkage.jacobian(*theta)
+        except LimitError as error:
+            return Terminal(time_s, None, None, None, None, theta, error.limit, True, within)
+        cov = (jacobian * [angle.variance_rad2 for angle in angles]) @ jacobian.T
+        speeds = [angle.velocity_rad_s for angle in angles]
+        velocity = None if None in speeds else tuple((jacobian @ speeds).tolist())
+        return Terminal(
+            time_s,
+            x_mm,
+            y_mm,
+            velocity,
+            (float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])),
+            theta,
+            Limit.NONE,
+            bool(abs(self.linkage.outer_angle(*theta)) < _NEAR_IN_LINE_RAD),
+            within,
+        )
+
+
+class _Moment(NamedTuple):
+    angle_rad: float
+    variance_rad2: float
+    velocity_rad_s: float | None
+    within: bool
+
+
+def _between(last: deque[Angle], time_s: float) -> _Moment | None:
+    """Return a joint between its last two readings; None if these do not enclose the moment."""
+    new = last[-1]
+    if new.time_s == time_s:
+        return _Moment(new.angle_rad, new.sigma_rad**2, new.velocity_rad_s, new.within)
+    if len(last) < 2:
+        return None
+    old = last[-2]
+    if not old.time_s <= time_s < new.time_s <= old.time_s + _GAP_S:
+        return None
+    share = (time_s - old.time_s) / (new.time_s - old.time_s)
+    return _Moment(
+        old.angle_rad + share * (new.angle_rad - old.angle_rad) + _bow(last, time_s),
+        (1 - share) ** 2 * (old.sigma_rad**2 - old.systematic_rad**2)
+        + share**2 * (new.sigma_rad**2 - new.systematic_rad**2)
+        + max(old.systematic_rad, new.systematic_rad) ** 2,
+        new.velocity_rad_s,
+        old.within and new.within,
+    )
+
+
+def _bow(last: deque[Angle], time_s: float) -> float:
+    """Return how far a parabola through three readings is off the line through the last two.
+
+    0 unless it stands out of the noise, which a parabola would only let in.
+    """
+    if len(last) < 3:
+        return 0.0
+    first, old, new = last
+    before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s
+    if before_s > _GAP_S:
+        return 0.0
+    slopes = [(b.angle_rad - a.angle_rad) / (b.time_s - a.time_s) for a, b in pairwise(last)]
+    bend = (slopes[1] - slopes[0]) / (before_s + since_s)
+    noise_rad = math.sqrt(max(new.sigma_rad**2 - new.systematic_rad**2, 0.0))
+    if abs(bend) * before_s * since_s < _SIGMAS * math.sqrt(1.5) * noise_rad:
+        return 0.0
+    return bend * (time_s - old.time_s) * (time_s - new.time_s)
+
+
+def merged(first: Iterable[Touch], second: Iterable[Touch]) -> Iterator[tuple[int, Touch]]:
+    """Yield (joint, reading) of two recordings whose times are of one clock, in order of time."""
+    pairs = zip(repeat(0), first), zip(repeat(1), second)
+    return heapq.merge(*pairs, key=lambda pair: pair[1].time_s)
+
+
+def readings(boards: list[Board], seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
+    """Yield (joint, reading) of one board with two sensors, or of two boards with one each.
+
+    Parameters
+    ----------
+    boards : list of Board
+        Streaming is switched on.
+    seconds : float, optional
+        End after so long by the links' clocks; never, if not given.
+    """
+    if len(boards) == 1:
+        yield from ((touch.sensor, touch) for touch in boards[0].touches(seconds))
+        return
+    for board in boards:
+        board.command("stream touch")
+    ends_s = [math.inf if seconds is None else board.now_s() + seconds for board in boards]
+    # The board that is behind is read next: in real time they take turns, and in simulated time,
+    # where each board has a clock of its own, these go on together.
+    read_s = [board.now_s() for board in boards]
+    while True:
+        joint = int(np.argmin(read_s))
+        if read_s[joint] >= ends_s[joint]:
+            return
+        for frame in boards[joint].frames(_POLL_S):
+            if isinstance(frame, Touch):
+                yield joint, frame
+        read_s[joint] = boards[joint].now_s()

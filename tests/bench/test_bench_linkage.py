@@ -1,0 +1,37 @@
+"""The linkage's part of the benchmark: fast, and the same terminals on every way."""
+
+from __future__ import annotations
+
+import pytest
+
+from spots.bench import linkage
+from spots.bench.report import _linkage, _text
+
+
+@pytest.fixture
+def small(monkeypatch):
+    monkeypatch.setattr(linkage, "_CALLS", 200)
+    monkeypatch.setattr(linkage, "_LOOPS", 2000)
+    monkeypatch.setattr(linkage, "_ROUNDS", 3)
+
+
+def test_a_million_at_once_are_fifty_times_faster_than_one_by_one(small):
+    figures = linkage.run()
+    assert linkage._SAMPLES == 10**6
+    assert figures["rate_ratio_over_calls"] > 50
+
+
+def test_another_formula_gets_no_rate(small, monkeypatch):
+    monkeypatch.setattr(linkage, "_SAMPLES", 4000)
+    monkeypatch.setattr(linkage, "_by_math", lambda theta1, theta2: (theta1, theta2))
+    with pytest.raises(AssertionError, match="'math' are others"):
+        linkage.run()
+
+
+def test_its_table_shows_every_way(small):
+    figures = linkage.run()
+    text = _text(_linkage(figures))
+    for name in ("array", "calls", "math"):
+        assert f"{figures[name]['terminals_per_s']:,}" in text
+    assert f"{figures['rate_ratio_over_math']:.0f} times that of the bare formula" in text
+    assert max(map(len, text.splitlines())) <= 100

@@ -1,0 +1,172 @@
+"""Keys and controller while everything goes wrong: nothing that no finger did, nothing stuck.
+
+Two keyboards at once: the board's own engine, whose reports go out over USB, and the one on the
+host, which sees only what came through the damaged link.
+"""
+
+import numpy as np
+import pytest
+
+from spots.board import Board
+from spots.connect import prepare
+from spots.frames import Touch
+from spots.sim.faults import FaultyLink, of_scenario
+from spots.sim.files import ScenarioFile, load
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Scenario
+from spots.uses.controller import Controller
+from spots.uses.controller_settings import load as load_settings
+from spots.uses.keyboard import LOST_S, KeyEngine
+from spots.uses.keys import push
+from spots.uses.layout import load as load_layout
+
+SECONDS = 60.0
+DIGITS = list(range(30, 40))
+LENGTH_UM = 85_000
+SEEN_S = 0.1  # a press that could be seen for longer than this has to be
+LATE_S = 0.06
+GAP_S = 0.025  # between two readings; longer, and the host was blind
+
+
+class Timed:
+    """Key events with the time at which they came."""
+
+    def __init__(self, now_s):
+        self._now_s = now_s
+        self.events = []
+
+    def key(self, page, usage, modifiers, pressed):
+        self.events.append((self._now_s(), usage, pressed))
+
+
+class Run:
+    """A minute of the scenario `fire`."""
+
+    def __init__(self, sensor, calibration, seed, folder):
+        file = load(ScenarioFile, "fire")
+        self.touches = file.touch
+        self.truth = Scenario(file)
+        faults = of_scenario(file, seed)
+        link = LockstepLink(sensor, self.truth, seed, folder, faults=faults)
+        self.reports = []
+        self._watch_usb(link)
+        with Board(FaultyLink(link, faults)) as board:
+            prepare(board, calibration)
+            push(board, load_layout("digits"))
+            self.host = Timed(board.now_s)
+            engine = KeyEngine(load_layout("digits"), LENGTH_UM, self.host)
+            settings = load_settings()
+            controller = Controller(settings, LENGTH_UM)
+            self.states, self.readings_s = [], []
+            board.command("stream touch")
+            while board.now_s() < SECONDS:
+                for frame in board.frames(0.01):
+                    if isinstance(frame, Touch):
+                        self.readings_s.append(frame.time_s)
+                        engine.take(frame, board.now_s())
+                        self._keep(board, controller.take(frame, board.now_s()))
+                engine.tick(board.now_s())
+                self._keep(board, controller.tick(board.now_s()))
+            self.stats = board.stats
+            engine.release()
+        self.ledger = faults.ledger
+
+    def _keep(self, board, state):
+        if state is not None:
+            self.states.append((board.now_s(), state))
+
+    def _watch_usb(self, link):
+        offer = link.usb.offer
+
+        def watched(interface, report):
+            offer(interface, report)
+            if report and interface == 0:
+                self.reports.append((link.now_s(), report[2]))
+
+        link.usb.offer = watched
+
+
+@pytest.fixture(scope="module", params=[1, 2, 3])
+def run(request, sensor, calibration, tmp_path_factory):
+    return Run(sensor, calibration, request.param, tmp_path_factory.mktemp("fire"))
+
+
+def under(run, now_s):
+    """Return the keys under a finger at about this time."""
+    moments = np.arange(now_s - LATE_S, now_s + 0.005, 0.005)
+    found = set()
+    for moment in moments:
+        for press in run.truth.presses(moment):
+            for off_mm in (-0.6, 0.6):
+                share = (press.position_mm + off_mm) * 1000 / LENGTH_UM
+                found.add(DIGITS[min(max(int(10 * share), 0), 9)])
+    return found
+
+
+def test_the_minute_was_one_of_fire(run):
+    assert run.stats.bad_crc > 20
+    assert run.stats.restarts >= 1
+    print(run.ledger)
+
+
+def test_no_key_that_no_finger_pressed_and_none_stays(run):
+    down = {}
+    for now_s, usage, pressed in run.host.events:
+        if pressed:
+            assert usage in under(run, now_s), (now_s, usage)
+            down[usage] = now_s
+        else:
+            began_s = down.pop(usage)
+            ends_s = [touch.points[-1][0] for touch in run.touches if touch.points[0][0] <= began_s]
+            assert now_s - ends_s[-1] < LOST_S + LATE_S, (began_s, now_s)
+    assert not down
+
+
+def test_nor_has_the_boards_own_keyboard(run):
+    held = 0
+    for now_s, usage in run.reports:
+        if usage and not held:
+            assert usage in under(run, now_s), (now_s, usage)
+        held = usage
+    assert held == 0
+
+
+def seen(events_s, touch):
+    began_s, ended_s = touch.points[0][0], touch.points[-1][0]
+    return any(began_s - 0.005 <= now_s <= ended_s + LATE_S for now_s in events_s)
+
+
+def test_every_press_that_could_be_seen_for_long_enough_is_seen(run):
+    readings_s = np.array(run.readings_s)
+    presses_s = [now_s for now_s, _, pressed in run.host.events if pressed]
+    looked = missed = 0
+    for touch in run.touches:
+        began_s, ended_s = touch.points[0][0], touch.points[-1][0]
+        if ended_s > SECONDS - 0.5:
+            continue
+        inside = readings_s[(readings_s >= began_s) & (readings_s <= ended_s)]
+        steps = np.diff(inside)
+        # The longest stretch without a gap.
+        pieces = np.split(inside, np.nonzero(steps >= GAP_S)[0] + 1)
+        visible_s = max((piece[-1] - piece[0] for piece in pieces if len(piece)), default=0.0)
+        if visible_s > SEEN_S:
+            looked += 1
+            missed += not seen(presses_s, touch)
+    print(
+        f"{looked} presses visible for more than {SEEN_S} s, {missed} not seen; "
+        f"{len(run.touches)} in all"
+    )
+    assert looked > 20
+    assert missed == 0
+
+
+def test_the_controller_goes_only_where_a_finger_was_or_to_rest(run):
+    settings = load_settings()
+    hold_s = settings.hold_ms / 1000
+    for now_s, state in run.states:
+        if state.x == 0 and state.z == 0:
+            continue
+        places = []
+        for moment in np.arange(now_s - hold_s - 0.1, now_s + 0.005, 0.005):
+            places += [press.position_mm for press in run.truth.presses(moment)]
+        assert places, (now_s, state)

@@ -1,0 +1,51 @@
+"""A recording of real firmware in simulated time, and what was seen while it was made."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+
+from spots.board import Board
+from spots.connect import prepare
+from spots.frames import Frame
+from spots.sim.files import ScenarioFile, load
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Scenario
+
+
+class Seen(NamedTuple):
+    path: object
+    frames: list[Frame]
+    handed_s: list[float]
+    board: Board
+
+
+@pytest.fixture(scope="session")
+def opened(sensor, calibration):
+    """Return a function that opens a calibrated board which plays the demo's scenario."""
+    boards = []
+
+    def open_board():
+        link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")))
+        boards.append(Board(link))
+        prepare(boards[-1], calibration)
+        return boards[-1]
+
+    yield open_board
+    for board in boards:
+        board.close()
+
+
+@pytest.fixture(scope="session")
+def seen(opened, tmp_path_factory):
+    """Two seconds of readings, spectra and keys."""
+    path = tmp_path_factory.mktemp("seen") / "run.spots"
+    board, frames, handed_s = opened(), [], []
+    with board.record(path):
+        board.command("keys on")
+        board.command("stream touch spectrum")
+        for frame in board.frames(2.0):
+            frames.append(frame)
+            handed_s.append(board.now_s())
+    return Seen(path, frames, handed_s, board)

@@ -1,0 +1,26 @@
+"""A recording process that says what it has handed on, to be killed."""
+
+from __future__ import annotations
+
+from reels import recorder
+from test_frames import touch
+
+FRAMES = 1 << 16
+
+
+def pieces():
+    """Yield the frames of the recording, forever new, as reads of a busy link: 1 to 4 at once."""
+    i = 0
+    while i < FRAMES:
+        size = 1 + i % 4
+        yield b"".join(touch(j, 1000 + j) for j in range(i, i + size))
+        i += size
+
+
+def run(path, told):
+    """Record for ever; tell how many frames were handed on after each read."""
+    tap = recorder(path, pieces(), step_s=0.003, rotate_bytes=3000)
+    handed = 0
+    while True:
+        handed += tap.read(1.0).count(b"\0")
+        told.send(handed)

@@ -1,0 +1,93 @@
+"""Links that deliver what they are told, and recordings made of them."""
+
+from __future__ import annotations
+
+import math
+
+from spots.clockmap import ClockMap
+from spots.errors import SpotsError
+from spots.frames import Decoder
+from spots.recording.reader import Recording
+from spots.recording.recorder import Recorder
+from tactile import PROTOCOL
+
+INFO = {
+    "re": "hello",
+    "protocol": PROTOCOL,
+    "board": "b",
+    "runtime": "r",
+    "firmware": "f",
+    "id": "1",
+    "plan": [],
+}
+
+
+class ScriptedLink:
+    """Delivers pieces, each of them `step_s` after the one before."""
+
+    name = "script"
+
+    def __init__(self, pieces, step_s=0.01):
+        self._pieces = iter(pieces)
+        self._step_s = step_s
+        self._now_s = 1000.0
+        self.closed = False
+
+    def now_s(self):
+        return self._now_s
+
+    def read(self, timeout_s):
+        piece = next(self._pieces, None)
+        if piece is None:
+            raise SpotsError("the board on script was disconnected")
+        self._now_s += self._step_s
+        return piece
+
+    def write(self, data):
+        pass
+
+    def close(self):
+        self.closed = True
+
+
+def clock():
+    known = ClockMap()
+    known.round_trip(999.0, 500_000, 999.01)
+    return known
+
+
+def recorder(path, pieces, step_s=0.01, known=None, **options):
+    """Return a recorder over a link that delivers pieces, and tells what `known` maps then."""
+    known = known or clock()
+
+    def describe():
+        return {"info": INFO, "clock": known.state(), "calibration": ["a line"]}
+
+    return Recorder(ScriptedLink(pieces, step_s), path, describe, utc_s=lambda: 1.7e9, **options)
+
+
+def record(path, pieces, step_s=0.01, **options):
+    """Record pieces, and return what a decoder makes of them and its statistics."""
+    pieces = list(pieces)
+    decoder, known, frames = Decoder(), clock(), []
+    with recorder(path, pieces, step_s, known, **options) as tap:
+        for _ in pieces:
+            frames += [known.timed(frame) for frame in decoder.feed(tap.read(1.0))]
+    return frames, decoder.stats
+
+
+def replayed(path):
+    recording = Recording(path)
+    return [frame for _, frame in recording], recording
+
+
+def cut(data, sizes):
+    """Cut bytes into pieces of these sizes and a last one."""
+    at = 0
+    for size in sizes:
+        yield data[at : at + size]
+        at += size
+    yield data[at:]
+
+
+AS_FAST_AS_POSSIBLE = math.inf

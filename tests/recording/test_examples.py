@@ -1,0 +1,60 @@
+"""The examples do what they say, on a board in simulated time."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+import spots
+from reels import replayed
+from spots.frames import Touch
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+matplotlib.use("Agg")
+
+
+@pytest.fixture
+def run(opened, monkeypatch):
+    """Return a function that runs an example for two seconds of simulated time."""
+
+    def run(name, *arguments):
+        board = opened()
+        touches = board.touches
+        board.touches = lambda: touches(2.0)
+        asked = []
+        monkeypatch.setattr(spots, "open", lambda port: asked.append(port) or board)
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        found = runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        assert asked == ["virtual"]
+        return found
+
+    return run
+
+
+def test_read_touches_prints_readings(run, capsys):
+    run("read_touches.py", "virtual")
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 50
+    words = [line.split() for line in lines]
+    assert all(unit == ["s", "mm", "N"] for unit in ([w[1], w[3], w[5]] for w in words))
+    assert 0 < float(words[0][2]) < 85
+
+
+def test_record_and_plot_records_and_plots(run, tmp_path):
+    path = tmp_path / "run.spots"
+    found = run("record_and_plot.py", path, "virtual")
+    frames, recording = replayed(path)
+    assert recording.complete
+    trusted = [frame for frame in frames if isinstance(frame, Touch) and frame.trusted]
+    drawn_mm = found["place_dots"].get_ydata()
+    assert len(drawn_mm) > 50
+    assert list(drawn_mm) == [frame.position_um / 1e3 for frame in trusted[: len(drawn_mm)]]
+    found["plt"].close("all")
+
+
+def test_an_example_refuses_a_port_that_is_none(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["read_touches.py", "/dev/ttyNOPE"])
+    with pytest.raises(spots.SpotsError, match="no port /dev/ttyNOPE"):
+        runpy.run_path(str(EXAMPLES / "read_touches.py"))

@@ -1,0 +1,232 @@
+"""``spots record``, ``replay`` and ``info``, and what they say of what they cannot do."""
+
+import json
+import os
+import pty
+import resource
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import spots
+from reels import record, recorder, replayed
+from spots import cli
+from spots.calibrate import file
+from spots.calibrate.presses import Conditions
+from spots.frames import Spectrum, Touch
+from spots.recording.header import Header, encoded
+from spots.recording.note import note
+from test_frames import stream
+
+
+@pytest.fixture
+def fast(opened, monkeypatch):
+    """A board in simulated time is what the command line opens."""
+    board = opened()
+    board.close = lambda: None
+    monkeypatch.setattr(cli, "_open", lambda options: board)
+    return board
+
+
+def refused(capsys, *arguments):
+    assert cli.main([str(argument) for argument in arguments]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    return output.err
+
+
+def test_record_then_replay_shows_what_monitor_shows(fast, tmp_path, capsys):
+    path = tmp_path / "run.spots"
+    assert cli.main(["record", str(path), "--seconds", "1.5"]) == 0
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith(f"{path}: 1.5 s, ")
+    assert output.err.count("\n") == 1
+    frames, recording = replayed(path)
+    assert {Touch, Spectrum} < {type(frame) for frame in frames}
+    assert recording.complete
+    assert cli.main(["replay", str(path), "--speed", "inf"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 4 <= len(lines) <= 7
+    assert "mm" in lines[-1]
+    assert cli.main(["monitor", "--port", f"recording:{path}", "--seconds", "0.1"]) == 0
+
+
+def test_ctrl_c_ends_a_recording_of_the_virtual_board_cleanly(tmp_path):
+    path = tmp_path / "run.spots"
+    command = [sys.executable, "-m", "spots", "record", str(path), "--port", "virtual"]
+    behind, front = pty.openpty()
+    process = subprocess.Popen(command, stderr=front, stdin=subprocess.DEVNULL)
+    os.close(front)
+    shown = b""
+    while shown.count(b" frames") < 4:
+        shown += os.read(behind, 1000)
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
+    shown += os.read(behind, 1000)
+    os.close(behind)
+    assert b"Traceback" not in shown
+    last = shown.decode().strip().split("\r")[-1]
+    frames, recording = replayed(path)
+    assert recording.complete
+    told = int(last.split(" frames")[0].split()[-1])
+    readings = [frame for frame in frames if isinstance(frame, (Touch, Spectrum))]
+    assert 0 < told <= len(readings)
+    assert recording.header.calibration
+
+
+def test_rotation_by_the_command(fast, tmp_path, capsys):
+    path = tmp_path / "run.spots"
+    assert cli.main(["record", str(path), "--seconds", "20", "--rotate-mb", "0.1"]) == 0
+    assert "run.spots … run-00" in capsys.readouterr().err
+    assert len(replayed(path)[1].paths) > 1
+
+
+def test_a_board_that_goes_away_leaves_its_recording(fast, tmp_path, capsys):
+    path = tmp_path / "run.spots"
+    read = fast._link.read
+    left = [400]
+
+    def breaking(timeout_s):
+        left[0] -= 1
+        if not left[0]:
+            raise spots.SpotsError("the board was disconnected")
+        return read(timeout_s)
+
+    fast._link.read = breaking
+    error = refused(capsys, "record", path)
+    kept, complaint = error.splitlines()
+    assert kept.startswith(f"{path}: ")
+    assert complaint == "spots: the board was disconnected"
+    assert len(replayed(path)[0]) > 100
+
+
+def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path):
+    tap = recorder(tmp_path / "run.spots", stream(200))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
+    try:
+        with pytest.raises(spots.SpotsError, match=r"run.spots: the recording ended, nothing more"):
+            all(tap.read(1) for _ in range(200))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    frames, recording = replayed(tmp_path / "run.spots")
+    assert len(frames) > 10
+    assert not recording.complete
+    assert tap.read(1)  # the link goes on, the recording does not
+    tap.stop()
+    assert recording.size == (tmp_path / "run.spots").stat().st_size
+
+
+def test_a_calibration_file_has_to_be_that_of_the_board(fast, tmp_path, capsys):
+    path = tmp_path / "other.toml"
+    path.write_text("colour = 3\n")
+    error = refused(capsys, "record", tmp_path / "a.spots", "--calibration", path)
+    assert "other.toml" in error
+    assert not (tmp_path / "a.spots").exists()
+
+
+def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_path, capsys):
+    fast.calibration = None
+    made = Conditions(fast.info["id"], tuple(fast.info["plan"]), 9, 10_000, 20)
+    residuals = [file.Residual(strain_ppm=0, position_rms_um=1.0, presses=1)]
+    file.save(file.CalibrationFile.now(made, calibration, residuals), tmp_path / "mine.toml")
+    arguments = ["--seconds", "0.1", "--calibration", tmp_path / "mine.toml"]
+    assert cli.main(["record", *map(str, [tmp_path / "a.spots", *arguments])]) == 0
+    assert replayed(tmp_path / "a.spots")[1].header.calibration == calibration
+    capsys.readouterr()
+    fast.command("cal clear")
+    error = refused(capsys, "record", tmp_path / "b.spots", *arguments)
+    assert "mine.toml is calibration" in error
+    assert "the board uses None" in error
+
+
+def bad(tmp_path, content):
+    path = tmp_path / "bad.spots"
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("command", [["info"], ["replay"], ["export", "--to", "csv"]])
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", "is no recording"),
+        (b"time,force\n1,2\n" * 500, "is no recording"),
+        (bytes(5000), "is no recording"),
+        (b"".join(stream(100)), "is no recording"),
+    ],
+)
+def test_a_file_that_is_no_recording(tmp_path, capsys, command, content, sentence):
+    path = bad(tmp_path, content)
+    error = refused(capsys, command[0], path, *command[1:])
+    assert error.startswith(f"spots: {path} {sentence}")
+    assert error.count("\n") == 1
+
+
+def test_files_that_cannot_be_opened(tmp_path, capsys):
+    assert f"there is no file {tmp_path}/no" in refused(capsys, "info", tmp_path / "no")
+    assert "cannot be read: Is a directory" in refused(capsys, "info", tmp_path)
+
+
+def test_a_header_cut_short_and_one_of_a_later_version(tmp_path, capsys):
+    path = tmp_path / "a.spots"
+    record(path, stream(3))
+    data = path.read_bytes()
+    cut = bad(tmp_path, data[:400])
+    assert "its header is cut short or damaged" in refused(capsys, "info", cut)
+    header = Header(recording=2, program="", set="", part=0, host_s=0.0, utc_s=0.0, info={})
+    later = bad(tmp_path, encoded(header))
+    assert "of version 2, this program reads 1: update" in refused(capsys, "info", later)
+
+
+def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
+    info = {"protocol": 7}
+    header = Header(recording=1, program="spots 9", set="", part=0, host_s=0, utc_s=0, info=info)
+    path = bad(tmp_path, encoded(header) + stream(1)[0])
+    assert "speaks protocol 7, this program 1: use the program that wrote it, spots 9" in refused(
+        capsys, "replay", path
+    )
+
+
+def test_a_header_that_is_none_of_ours(tmp_path, capsys):
+    header = Header(recording=1, program="", set="", part=0, host_s="x", utc_s=0.0, info={})
+    assert "the header is none of ours" in refused(capsys, "info", bad(tmp_path, encoded(header)))
+    for content in ({"header": 5, "i": 0, "of": 1}, {"header": "[]", "i": 0, "of": 1}):
+        path = bad(tmp_path, note(0, content))
+        assert "the header is none of ours" in refused(capsys, "info", path)
+    path = bad(tmp_path, note(0, {"header": "", "i": []}))
+    assert "is no recording" in refused(capsys, "info", path)
+
+
+def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):
+    path = bad(tmp_path, b"mine")
+    assert f"{path} exists: choose another name" in refused(
+        capsys, "record", path, "--seconds", "0.1"
+    )
+    assert path.read_bytes() == b"mine"
+    assert "cannot be written" in refused(capsys, "record", tmp_path / "no" / "a.spots")
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "nan", "x"])
+def test_a_speed_that_is_none(capsys, speed, tmp_path):
+    with pytest.raises(SystemExit):
+        cli.main(["replay", "a", "--speed", speed])
+    assert "a speed is a number from" in capsys.readouterr().err
+    record(tmp_path / "a.spots", stream(1))
+    with pytest.raises(spots.SpotsError, match="a speed is more than 0"):
+        spots.open_recording(tmp_path / "a.spots", -1.0)
+
+
+def test_info_of_a_recording_that_broke_off(tmp_path, capsys):
+    path = tmp_path / "a.spots"
+    record(path, stream(20))
+    os.truncate(path, path.stat().st_size - 60)
+    assert cli.main(["info", "--json", str(path)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert not found["complete"]
+    assert 0 < found["frames"]["touch"] < 20
+    assert cli.main(["info", str(path)]) == 0
+    assert "cut off, or still being written" in capsys.readouterr().out

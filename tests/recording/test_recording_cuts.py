@@ -1,0 +1,160 @@
+"""However a recording ends or is damaged: the whole frames are there, and no wrong one."""
+
+import contextlib
+import multiprocessing
+import os
+import random
+import signal
+import struct
+import sys
+import time
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+import kills
+import spots
+from reels import record, replayed
+from spots.frames import Decoder
+from spots.recording.note import note
+from spots.recording.reader import Recording
+from test_frames import encoded, touch
+
+_FRAMES = 200
+_KILLS = 200
+
+
+def key(sequence):
+    fields = (4, sequence, 1000 * sequence, 7, 30, 0, 1)
+    return encoded(struct.pack("<BHIBHBB", *fields))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A recording of a few hundred frames: its bytes, its frames, and where each of them ends."""
+    path = tmp_path_factory.mktemp("whole") / "whole.spots"
+    pieces = [key(i) if i % 3 else touch(i) for i in range(_FRAMES)]
+    frames, _ = record(path, pieces, step_s=0.002)
+    data = path.read_bytes()
+    ends = [data.index(piece) + len(piece) for piece in pieces]
+    return data, frames, ends
+
+
+def test_cut_at_every_byte_the_whole_frames_are_there(whole, tmp_path):
+    data, frames, ends = whole
+    path = tmp_path / "cut.spots"
+    path.write_bytes(data)
+    header_ends = 0
+    for size in range(len(data), -1, -1):
+        os.truncate(path, size)
+        try:
+            got, recording = replayed(path)
+        except spots.SpotsError:
+            header_ends = header_ends or size
+            continue
+        assert not header_ends, "a header that is whole does not get less so"
+        count = sum(end <= size for end in ends)
+        assert got == frames[:count]
+        assert recording.stats.bad_crc == 0
+        assert recording.cut_bytes == size - 1 - data.rfind(b"\0", 0, size)
+        assert recording.complete == (size == len(data))
+    assert 0 < header_ends < ends[0] / 2  # one of two copies is enough
+
+
+def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path, monkeypatch):
+    # A fork server has everything imported, so that a process to kill costs milliseconds. It finds
+    # modules by its environment alone.
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["kills"])
+    rng = random.Random(0)
+    inside = 0
+    for i in range(_KILLS):
+        path = tmp_path / f"{i}.spots"
+        told, telling = context.Pipe(duplex=False)
+        process = context.Process(target=kills.run, args=(path, telling))
+        process.start()
+        telling.close()
+        for _ in range(rng.choice([1, 3, 10, 30, 100])):
+            handed = told.recv()
+        time.sleep(rng.uniform(0, 0.002))
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        with contextlib.suppress(EOFError):
+            while True:
+                handed = told.recv()
+        told.close()
+        got, recording = replayed(path)
+        assert [frame.position_um for frame in got] == list(range(1000, 1000 + len(got)))
+        assert len(got) >= handed > 0
+        assert not recording.complete
+        inside += len(recording.paths) > 1
+    assert inside > _KILLS / 10  # kills around a change of files, too
+
+
+damages = st.lists(
+    st.tuples(st.sampled_from(["flip", "cut", "double", "noise"]), st.integers(0, 1 << 30)),
+    min_size=1,
+    max_size=12,
+)
+
+
+def damaged(data, damage):
+    for how, at in damage:
+        at %= len(data) or 1
+        size = 1 + at % 40
+        if how == "flip":
+            data = data[:at] + bytes(b ^ 1 << at % 8 for b in data[at : at + 1]) + data[at + 1 :]
+        elif how == "cut":
+            data = data[:at] + data[at + size :]
+        elif how == "double":
+            data = data[: at + size] + data[at:]
+        else:
+            data = data[:at] + random.Random(at).randbytes(size) + data[at + size :]
+    return data
+
+
+# Derandomized, since one in 2**16 pieces of noise has a good checksum by chance.
+@settings(derandomize=True, max_examples=200)
+@given(damages)
+@example([("cut", 0)])
+@example([("flip", 0), ("flip", 1)])
+def test_damage_gives_a_sentence_or_true_frames(whole, tmp_path_factory, damage):
+    data, frames, _ = whole
+    path = tmp_path_factory.mktemp("damaged") / "a.spots"
+    path.write_bytes(damaged(data, damage))
+    try:
+        got, _ = replayed(path)
+        list(spots.open_recording(path, float("inf")).frames())
+    except spots.SpotsError:
+        return
+    assert set(got) <= set(frames)
+
+
+@settings(derandomize=True, max_examples=300)
+@given(st.binary(max_size=3000), st.booleans())
+def test_any_bytes_give_a_sentence_or_nothing(whole, tmp_path_factory, content, headed):
+    path = tmp_path_factory.mktemp("bytes") / "a.spots"
+    path.write_bytes((whole[0][: whole[2][0] - 40] if headed else b"") + content)
+    try:
+        assert replayed(path)[0] == []
+    except spots.SpotsError:
+        assert not headed
+
+
+def test_every_flipped_byte_of_the_header_is_made_good_by_its_copy(tmp_path):
+    path = tmp_path / "a.spots"
+    frames, _ = record(path, [touch(0)])
+    data = path.read_bytes()
+    for at in range(data.index(touch(0)) - len(note(0))):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 0x55]) + data[at + 1 :])
+        assert replayed(path)[0] == frames
+
+
+def test_what_a_live_board_says_is_never_a_note(tmp_path):
+    # A byte of damage in a frame costs that frame; the times of the others stay.
+    frames, _ = record(tmp_path / "a.spots", [touch(0), b"\x0f" + touch(1), touch(2)])
+    assert [frame.sequence for frame in frames] == [0, 2]
+    assert Recording(tmp_path / "a.spots").header.part == 0
+    assert Decoder().feed(b"") == []

@@ -1,0 +1,45 @@
+"""docs/recording.md says what is in the files."""
+
+import re
+from pathlib import Path
+
+import msgspec
+
+from spots.bench import recording as bench
+from spots.frames import Decoder, Note
+from spots.recording.header import Header
+from spots.recording.note import note
+
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "recording.md").read_text(encoding="utf-8")
+
+
+def test_the_note_that_is_taken_apart_is_one():
+    told = bytes.fromhex(re.search(r"\n`((?:[0-9a-f]{2} )+[0-9a-f]{2})`\n", DOCUMENT)[1])
+    assert told == note(12_345_678)
+    assert Decoder().feed(told) == [Note(12_345_678, {})]
+    rows = DOCUMENT.partition("| bytes | |")[2].partition("\n\n")[0]
+    pieces = re.findall(r"`([0-9a-f ]+)`", rows)
+    assert bytes.fromhex("".join(pieces)) == told
+
+
+def test_every_key_of_the_header_is_in_the_table():
+    table = DOCUMENT.partition("| key | |")[2].partition("\n\n")[0]
+    keys = [key for row in re.findall(r"^\| (`.*?) \|", table, re.M) for key in row.split(", ")]
+    assert sorted(key.strip("`") for key in keys) == sorted(
+        field.name for field in msgspec.structs.fields(Header)
+    )
+
+
+def test_the_bytes_a_frame_are_those_that_are_measured(tmp_path):
+    measured = bench._overhead(tmp_path)
+    for what in ("touch", "touch spectrum"):
+        row = re.search(rf"^\| `stream {what}` \| (.*) \|$", DOCUMENT, re.M)[1]
+        told = [float(cell) for cell in row.split("|")]
+        assert told == [measured[f"{what} at {rate} Hz"] for rate in (100, 360, 1000)]
+
+
+def test_the_times_are_ratios_to_plain_decoding(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "_READINGS", 50)
+    ratios = bench._times(tmp_path)
+    assert set(ratios) > {"record", "read", "replay", "export mcap"}
+    assert all(ratio > 0 for ratio in ratios.values())

@@ -1,0 +1,169 @@
+"""MCAP, CSV and NumPy files hold the numbers of the recording."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+import spots
+from reels import record
+from spots.cli import main
+from spots.frames import Key, Spectrum, Text, Touch
+from spots.recording import export as exports
+from test_frames import stream
+
+KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "text": Text}
+
+
+@pytest.fixture(scope="module")
+def truth(seen):
+    """Rows by kind: attribute names and values, straight from the frames."""
+    recording = spots.Recording(seen.path)
+    begun_s = recording.header.host_s
+    tables = {name: [] for name in KINDS}
+    for arrived_s, frame in recording:
+        row = {"arrived_s": arrived_s - begun_s, **frame._asdict()}
+        row["time_s"] = row.get("time_s", arrived_s) - begun_s
+        for name in ("touching", "trusted", "contrast", "brightness"):
+            if hasattr(frame, name):
+                row[name] = getattr(frame, name)
+        tables[type(frame).__name__.lower()].append(row)
+    assert all(tables.values())
+    return tables
+
+
+RENAMED = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
+TIMES = {"time_s", "arrived_s"}
+
+
+def check(row, wanted):
+    for name, value in row.items():
+        other = wanted[RENAMED.get(name, name)]
+        if name in TIMES:
+            assert value == pytest.approx(other, abs=1e-9)
+        else:
+            assert value == other, name
+
+
+def exported(seen, tmp_path, kind):
+    out = tmp_path / f"out.{kind}"
+    return exports.export(seen.path, kind, out)
+
+
+def test_mcap(seen, truth, tmp_path):
+    (path,) = exported(seen, tmp_path, "mcap")
+    found = {name: [] for name in KINDS}
+    topics = set()
+    with open(path, "rb") as file:
+        reader = make_reader(file)
+        begun_ns = None
+        for metadata in reader.iter_metadata():
+            assert json.loads(metadata.metadata["info"]) == spots.Recording(seen.path).header.info
+            begun_ns = round(1e9 * float(metadata.metadata["utc_s"]))
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            topics.add((channel.topic, schema.name))
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            row = json.loads(message.data)
+            properties = json.loads(schema.data)["properties"]
+            assert set(row) == set(properties)
+            kind = "text" if schema.name == "foxglove.Log" else channel.topic.split("/")[-1]
+            wanted = truth[kind][len(found[kind])]
+            found[kind].append(row)
+            assert message.log_time - begun_ns == pytest.approx(1e9 * wanted["time_s"], abs=1)
+            assert message.sequence == wanted["sequence"]
+            if kind == "text":
+                assert json.loads(row["message"]) == wanted["content"]
+            else:
+                check(row, {**wanted, "counts": list(wanted.get("counts", ()))})
+    assert {kind: len(rows) for kind, rows in found.items()} == {
+        kind: len(rows) for kind, rows in truth.items()
+    }
+    assert topics == {
+        ("/spots/0/touch", "spots.Touch"),
+        ("/spots/0/spectrum", "spots.Spectrum"),
+        ("/spots/0/key", "spots.Key"),
+        ("/spots/log", "foxglove.Log"),
+    }
+
+
+def test_csv(seen, truth, tmp_path):
+    paths = exported(seen, tmp_path, "csv")
+    assert {path.name for path in paths} == {f"out-{kind}.csv" for kind in KINDS}
+    for kind, rows in truth.items():
+        with open(tmp_path / f"out-{kind}.csv", newline="", encoding="utf-8") as file:
+            read = list(csv.DictReader(file))
+        assert len(read) == len(rows)
+        for cells, wanted in zip(read, rows):
+            content = cells.pop("content", None)
+            assert content is None or json.loads(content) == wanted["content"]
+            row = {name: float(cell) for name, cell in cells.items()}
+            counts = tuple(row.pop(f"counts_adc{i}") for i in range(6) if "gain_code" in cells)
+            assert counts == wanted.get("counts", ())
+            check(row, wanted)
+
+
+def test_npz(seen, truth, tmp_path, monkeypatch):
+    monkeypatch.setattr(exports, "_ROWS_AT_ONCE", 64)
+    (path,) = exported(seen, tmp_path, "npz")
+    arrays = np.load(path)
+    header = json.loads(str(arrays["header"]))
+    assert header["info"] == spots.Recording(seen.path).header.info
+    for kind, rows in truth.items():
+        assert len(arrays[kind]) == len(rows)
+        for cells, wanted in zip(arrays[kind], rows):
+            row = dict(zip(cells.dtype.names, cells.tolist()))
+            if "counts" in row:
+                row["counts"] = tuple(row["counts"].tolist())
+            if "content" in row:
+                row["content"] = json.loads(row["content"])
+            check(row, wanted)
+
+
+def test_a_log_line_is_one_in_foxglove():
+    from spots.recording.foxglove import log_message
+
+    message = log_message(1_500_000_000, '{"log": "error", "text": "sensor lost"}', "b")
+    assert message["timestamp"] == {"sec": 1, "nsec": 500_000_000}
+    assert (message["level"], message["message"], message["name"]) == (4, "sensor lost", "b")
+
+
+@pytest.mark.parametrize("kind", exports.EXPORTS)
+def test_the_command_names_the_new_files(tmp_path, capsys, kind):
+    path = tmp_path / "run.spots"
+    record(path, stream(5))
+    assert main(["export", str(path), "--to", kind]) == 0
+    name = "run-touch.csv" if kind == "csv" else f"run.{kind}"
+    assert capsys.readouterr().out == f"{tmp_path / name}\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["run.spots", name])
+
+
+@pytest.mark.parametrize("kind", exports.EXPORTS)
+def test_nothing_is_written_over_and_nothing_half(tmp_path, capsys, kind):
+    path = tmp_path / "run.spots"
+    record(path, stream(5))
+    mine = tmp_path / ("run-touch.csv" if kind == "csv" else f"run.{kind}")
+    mine.write_text("mine")
+    assert main(["export", str(path), "--to", kind]) == 2
+    assert f"{mine} exists: choose another name" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
+    assert main(["export", str(path), "--to", kind, "--out", str(tmp_path / "no" / "x")]) == 2
+    assert "cannot be written: No such file or directory" in capsys.readouterr().err
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_if_one_of_the_tables_cannot_be_written_none_is(seen, tmp_path):
+    (tmp_path / "out-spectrum.csv").write_text("mine")
+    with pytest.raises(spots.SpotsError, match=r"out-spectrum.csv exists"):
+        exported(seen, tmp_path, "csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["out-spectrum.csv"]
+
+
+def test_without_the_package_mcap_a_sentence(tmp_path, capsys, monkeypatch):
+    record(tmp_path / "run.spots", stream(5))
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    assert main(["export", str(tmp_path / "run.spots"), "--to", "mcap"]) == 2
+    assert "pip install 'spots[export]'" in capsys.readouterr().err
+    assert len(list(tmp_path.iterdir())) == 1

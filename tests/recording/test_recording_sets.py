@@ -1,0 +1,97 @@
+"""Rotation: files that follow each other, each a recording of its own, together one."""
+
+import struct
+
+import pytest
+
+import spots
+from reels import record, recorder, replayed
+from spots.recording.reader import Recording
+from test_frames import encoded, stream
+
+
+def at(seconds, sequence):
+    t_us = 1_000_000 * seconds & 0xFFFFFFFF
+    return encoded(struct.pack("<BHIBHBB", 4, sequence, t_us, 7, 30, 0, 1))
+
+
+@pytest.fixture
+def rotated(tmp_path):
+    """A set of files whose board's time wraps, and what was seen while it was made."""
+    path = tmp_path / "run.spots"
+    seen, _ = spread(path, [at(1000 * i, i) for i in range(200)])
+    return path, seen
+
+
+def spread(path, pieces):
+    return record(path, pieces, rotate_bytes=2500, step_s=1000.0)
+
+
+def test_a_set_gives_every_frame_once_and_in_order(rotated):
+    path, seen = rotated
+    got, recording = replayed(path)
+    names = [file.name for file in recording.paths]
+    assert names[:3] == ["run.spots", "run-001.spots", "run-002.spots"]
+    assert len(names) >= 3
+    assert got == seen
+    assert (recording.stats.lost, recording.stats.bad_crc) == (0, 0)
+    assert recording.complete
+    assert all(file.stat().st_size <= 2500 + 100 for file in recording.paths)  # and the last note
+    arrived_s = [arrived_s for arrived_s, _ in recording]
+    assert arrived_s == [pytest.approx(1000 + 1000 * i, abs=1e-5) for i in range(1, 201)]
+
+
+def test_every_file_of_a_set_has_the_right_times_by_itself(rotated):
+    path, seen = rotated
+    files = Recording(path).paths
+    one_by_one = []
+    for file in files[1:]:
+        frames, recording = replayed(file)
+        assert recording.paths == [file]
+        one_by_one += frames
+    assert one_by_one == seen[-len(one_by_one) :]
+    assert len(one_by_one) > 100
+
+
+def test_a_missing_file_of_a_set_is_told(rotated):
+    path, _ = rotated
+    path.with_name("run-001.spots").unlink()
+    with pytest.raises(spots.SpotsError, match=r"run-001.spots is missing or damaged"):
+        Recording(path)
+    assert replayed(path.with_name("run-002.spots"))[0]
+
+
+def test_files_of_another_recording_are_left_alone(rotated, tmp_path):
+    path, _ = rotated
+    path.unlink()
+    seen, _ = record(path, stream(3))
+    path.with_name("run-007.spots").write_bytes(b"no recording")
+    assert replayed(path)[0] == seen
+
+
+def test_a_file_that_breaks_off_within_a_set_costs_its_rest_alone(rotated):
+    path, seen = rotated
+    second = Recording(path).paths[1]
+    inside = len(replayed(second)[0])
+    second.write_bytes(second.read_bytes()[:-1])
+    assert replayed(path)[0] == seen  # but for the delimiter it is whole
+    second.write_bytes(second.read_bytes()[:-1])
+    got, recording = replayed(path)
+    assert len(got) == len(seen) - 1
+    assert set(got) < set(seen)
+    assert recording.stats.lost == 1
+    assert recording.cut_bytes == len(at(0, 0)) - 2
+    assert len(replayed(second)[0]) == inside - 1
+
+
+def test_a_set_never_writes_over_a_file(tmp_path):
+    path = tmp_path / "run.spots"
+    other = tmp_path / "run-001.spots"
+    other.write_text("mine")
+    tap = recorder(path, stream(200), rotate_bytes=1600)
+    refusal = r"run-001.spots exists: choose another name"
+    with pytest.raises(spots.SpotsError, match=refusal):
+        all(tap.read(1) for _ in range(200))
+    assert other.read_text() == "mine"
+    assert tap.read(1)  # the link is as good as before
+    assert 10 < len(replayed(path)[0]) < 100

@@ -1,0 +1,164 @@
+"""Kinematic calibration: it finds what is there, and says what it cannot tell."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from spots import Linkage, SpotsError
+from spots.uses import kinematics
+from spots.uses.fivebar import Limit
+
+TRUE = Linkage((101.0, 99.3, 100.8, 99.0), 80.7)
+DRAWN = Linkage(100, 80)
+OFFSET = np.array([[-1.88], [-1.90]])
+GAIN = np.array([[1.002], [0.997]])
+FRAME = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
+SIGMAS = {"angle_sigma_rad": 2e-4, "place_sigma_mm": 0.02}
+MEANT = {"offset_rad": (-1.885, -1.885)}
+FOUND = dict(zip(kinematics.LENGTHS, (*TRUE.bar_mm, TRUE.base_mm))) | {
+    "offset1_rad": -1.88,
+    "offset2_rad": -1.90,
+    "gain1": 1.002,
+    "gain2": 0.997,
+    **FRAME,
+}
+
+
+def places(count, seed=0, noise=0.0, frame=FRAME):
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-80, 160, 20 * count), rng.uniform(60, 195, 20 * count)
+    theta = TRUE.inverse(x, y)
+    fit = np.ma.filled(TRUE.outer_angle(*theta), 0) > np.radians(30)
+    theta = np.array([np.ma.getdata(one)[fit][:count] for one in theta])
+    angles = (theta - OFFSET) / GAIN + noise * 2e-4 * rng.standard_normal(theta.shape)
+    seen = np.array(kinematics.framed(frame, x[fit][:count], y[fit][:count]))
+    return angles, seen + noise * 0.02 * rng.standard_normal(seen.shape)
+
+
+def test_without_noise_it_finds_the_linkage():
+    angles, seen = places(40)
+    found = kinematics.calibrate(
+        angles, *seen, DRAWN, angle_sigma_rad=1e-7, place_sigma_mm=1e-5, **MEANT
+    )
+    for name, value in FOUND.items():
+        assert found.values[name] == pytest.approx(value, abs=1e-4), name
+    assert found.unidentified == found.outliers == ()
+    assert found.rank == len(found.names) == 12
+    assert found.residual_max_mm < 1e-4
+    told = found.terminal(angles)
+    assert np.hypot(*(np.array(told) - seen)).max() < 1e-4
+    assert repr(found.linkage).startswith("Linkage((101, 99.3")
+
+
+def test_the_standard_errors_are_those_of_the_scatter():
+    off = []
+    for seed in range(40):
+        angles, seen = places(40, seed, noise=1.0)
+        found = kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS, **MEANT)
+        errors = found.standard_errors
+        off.append([(found.values[n] - FOUND[n]) / errors[n] for n in found.names])
+        assert found.misfit == pytest.approx(1, abs=0.45)
+    ratios = np.sqrt(np.mean(np.square(off), axis=0))
+    assert ratios.min() > 0.6
+    assert ratios.max() < 1.5
+    assert errors["frame_scale"] == 0  # it was not free
+
+
+def test_places_that_are_wrong_are_named_and_do_not_pull():
+    angles, seen = places(40, noise=1.0)
+    clean = kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS, **MEANT)
+    wrong = [3, 17, 20, 39]
+    seen[:, wrong] += [[4.0, -3.0, 2.0, 5.0], [1.0, 3.0, -5.0, 2.0]]
+    found = kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS, **MEANT)
+    assert found.outliers == tuple(wrong)
+    for name in found.names:
+        moved = abs(found.values[name] - clean.values[name])
+        assert moved < 2.5 * clean.standard_errors[name], name
+    assert "places that do not fit: 3, 17, 20, 39" in found.report()
+
+
+def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
+    angles, seen = places(60, noise=1.0, frame=FRAME | {"frame_scale": 1.03})
+    found = kinematics.calibrate(angles, *seen, DRAWN, free=kinematics.NAMES, **SIGMAS, **MEANT)
+    (group,) = found.unidentified
+    assert set(group) == {*kinematics.LENGTHS, "frame_scale"}
+    assert found.rank == len(found.names) - 1
+    assert found.condition > 1e6
+    # Their ratios are told, and so is the mounting.
+    ratios = np.array(found.linkage.bar_mm) / found.linkage.base_mm
+    assert ratios == pytest.approx(np.array(TRUE.bar_mm) / TRUE.base_mm, rel=3e-3)
+    assert found.standard_errors["gain1"] < 2e-3
+    assert found.standard_errors["bar1_mm"] > 1
+    assert "do not tell apart bar1_mm, bar2_mm" in found.report()
+    # With one of them given all others follow.
+    free = [name for name in kinematics.NAMES if name != "base_mm"]
+    start = Linkage(100, TRUE.base_mm)
+    given = kinematics.calibrate(angles, *seen, start, free=free, **SIGMAS, **MEANT)
+    assert given.unidentified == ()
+    assert given.values["frame_scale"] == pytest.approx(1.03, abs=3e-3)
+
+
+def test_a_joint_that_never_turned_tells_no_gain():
+    # Terminals on the circle about an elbow that stands.
+    theta2 = np.linspace(-1.4, 0.2, 40)
+    theta1 = np.full(40, -0.5)
+    keep = TRUE.forward_limits(theta1, theta2) == Limit.NONE
+    theta = np.array([theta1, theta2])[:, keep]
+    seen = np.array(kinematics.framed(FRAME, *TRUE.forward(*theta)))
+    angles = (theta - OFFSET) / GAIN
+    found = kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS, **MEANT)
+    named = {name for group in found.unidentified for name in group}
+    assert {"offset1_rad", "gain1"} <= named
+    assert found.rank < len(found.names)
+
+
+def test_without_a_grid_of_its_own_fewer_are_free():
+    angles, seen = places(30, noise=1.0, frame=dict.fromkeys(FRAME, 0.0) | {"frame_scale": 1.0})
+    free = kinematics.LENGTHS + kinematics.MOUNTING
+    found = kinematics.calibrate(angles, *seen, DRAWN, free=free, **SIGMAS, **MEANT)
+    assert found.names == free
+    assert found.values["frame_x_mm"] == 0
+    assert found.values["base_mm"] == pytest.approx(TRUE.base_mm, abs=0.2)
+    assert found.report().count("given") == 4
+
+
+def test_angles_that_belong_to_other_places_are_refused():
+    angles, seen = places(40)
+    with pytest.raises(SpotsError, match="do not go together"):
+        kinematics.calibrate(angles, *seen[:, ::-1], DRAWN, **SIGMAS, **MEANT)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"free": ("bar9_mm",)}, "free parameters are some of"),
+        ({"free": ()}, "free parameters are some of"),
+        ({"place_sigma_mm": 0.0}, "more than 0"),
+        ({"angle_sigma_rad": -1.0}, "more than 0"),
+        ({"x_mm": [1.0, 2.0]}, "two angles, an x and a y"),
+        ({"y_mm": np.full(40, np.nan)}, "finite"),
+    ],
+)
+def test_arguments_that_do_not_go_together(change, words):
+    angles, (x, y) = places(40)
+    arguments = {"angles_rad": angles, "x_mm": x, "y_mm": y, "start": DRAWN, **SIGMAS} | change
+    with pytest.raises(SpotsError, match=words):
+        kinematics.calibrate(**arguments)
+
+
+def test_too_few_places_are_refused():
+    angles, seen = places(5)
+    with pytest.raises(SpotsError, match="5 places tell 10 numbers, fewer than the 12"):
+        kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS)
+
+
+def test_without_scipy_it_says_what_to_install(monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        kinematics, "find_spec", lambda name: None if name == "scipy" else find(name)
+    )
+    with pytest.raises(SpotsError, match=r"pip install 'spots\[kinematics\]'"):
+        kinematics.calibrate(*places(40), [], DRAWN, **SIGMAS)

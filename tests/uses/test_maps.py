@@ -1,0 +1,86 @@
+"""The linkage's pictures and its page."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+
+import msgspec
+import numpy as np
+import pytest
+
+from spots import Linkage, SpotsError
+from spots.calibrate import figures
+from spots.sim.files import LinkageFile, PathFile, SensorFile, load
+from spots.sim.linkage import Mechanism
+from spots.uses import maps, page
+from spots.uses.survey import follow, survey
+
+
+@pytest.fixture(scope="module")
+def files():
+    return load(SensorFile, "default"), load(LinkageFile, "default"), load(PathFile, "sust")
+
+
+@pytest.fixture(scope="module")
+def found(files):
+    return survey(*files[:2], exposure_us=30_000, pitch_mm=22.0)
+
+
+@pytest.fixture(scope="module")
+def run(files):
+    sensor, linkage, path = files
+    return follow(sensor, linkage, msgspec.structs.replace(path, stroke=path.stroke[-1:]))
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_along_a_line_one_joint_stands(joint):
+    linkage = Linkage((90, 120, 105, 80), 70)
+    x, y = maps.iso_angles(linkage, joint, -0.4)
+    assert x.count() > 50
+    keep = ~x.mask
+    theta = linkage.inverse(x.data[keep], y.data[keep])
+    assert abs(theta[joint] + 0.4).max() < 1e-6
+    assert np.ptp(theta[1 - joint]) > 0.5
+    _, half = maps.iso_angles(linkage, joint, -0.4, lambda x, y: y > 110)
+    assert 0 < half.count() < x.count()
+    assert half.min() > 110
+
+
+def test_every_picture_is_drawn(files, found, run, tmp_path):
+    sensor, linkage, _ = files
+    mechanism = Mechanism(linkage, sensor)
+    drawn = Linkage(linkage.bar_mm, linkage.base_mm)
+    for path in (
+        maps.angles(drawn, tmp_path / "angles.png", mechanism=mechanism),
+        maps.deviation(found, tmp_path / "deviation.png"),
+        maps.trajectory(run, tmp_path / "sust.png"),
+    ):
+        assert path.stat().st_size > 10_000
+
+
+def test_the_page_tells_what_was_measured(files, found, run):
+    sensor, linkage, _ = files
+    text = page.document([found], {30_000: [run]}, linkage, Mechanism(linkage, sensor))
+    for name in ("angles", "deviation", "sust"):
+        assert f"(fivebar/{name}.png)" in text
+    for part in (found.given, found.calibrated):
+        assert f"{part.max_mm:.3f} to {part.max_mm:.3f}" in text
+    mean = run.summary()["error_mm"]["mean"]
+    assert f"| 30 ms | 67 | {mean:.3f} to {mean:.3f} |" in text
+    assert f"| base (mm) | 80 | 80.72 | {found.kinematics.values['base_mm']:.2f} |" in text
+    assert not re.search(r"\{|nan", text)
+
+
+def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, found):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        figures, "find_spec", lambda name: None if name == "matplotlib" else find(name)
+    )
+    with pytest.raises(SpotsError, match=r"pip install 'spots\[plots\]'"):
+        maps.deviation(found, tmp_path / "a.png")
+
+
+def test_a_picture_that_cannot_be_written_is_one_sentence(tmp_path, run):
+    with pytest.raises(SpotsError, match="cannot write"):
+        maps.trajectory(run, tmp_path / "no" / "a.png")

@@ -1,0 +1,300 @@
+"""The twin: two encoders to one terminal, and how near it comes through the real firmware."""
+
+from __future__ import annotations
+
+import json
+import math
+import runpy
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+
+import spots
+from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots.board import Board
+from spots.calibrate import file
+from spots.sim.files import LinkageFile, PathFile, SensorFile, load
+from spots.sim.linkage import Mechanism, dwelling, guided
+from spots.sim.lockstep import LockstepLink
+from spots.uses import survey, twin_command
+from spots.uses.fivebar import Limit
+from spots.uses.simulated import START_S, Simulation
+from spots.uses.twin import merged, readings
+from test_encoder import JOINT
+from test_encoder import touch as reading
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+LINKAGE = Linkage(100, 80)
+
+
+@pytest.fixture(scope="module")
+def files():
+    return load(SensorFile, "default"), load(LinkageFile, "default"), load(PathFile, "sust")
+
+
+@pytest.fixture(scope="module")
+def short(files):
+    """The first letter only."""
+    sensor, linkage, path = files
+    return sensor, linkage, msgspec.structs.replace(path, stroke=path.stroke[:1])
+
+
+@pytest.fixture(scope="module")
+def run(files):
+    return survey.follow(*files)
+
+
+def twin(joint=JOINT, linkage=LINKAGE):
+    return Twin(linkage, (Encoder(joint), Encoder(joint)))
+
+
+def at(theta_rad, time_s):
+    """Return a reading of a joint at an angle."""
+    position_um = (math.degrees(theta_rad) + 20) / 0.002
+    return reading(position_um, time_s / 0.03, time_s=time_s)
+
+
+def test_a_terminal_is_that_of_one_moment():
+    found = []
+    one = twin()
+    # Joints that turn evenly, read at other moments.
+    for i in range(20):
+        for joint, time_s in ((0, 0.03 * i), (1, 0.03 * i + 0.011)):
+            theta = -0.3 + 0.5 * time_s if joint == 0 else -0.6 - 0.2 * time_s
+            terminal = one.take(joint, at(theta, time_s))
+            found += [terminal] if terminal else []
+    assert len(found) == 38  # of every reading but the very first and last
+    assert list(one.trail) == found
+    for terminal in found:
+        t = terminal.time_s
+        x, y = LINKAGE.forward(-0.3 + 0.5 * t, -0.6 - 0.2 * t)
+        assert (terminal.x_mm, terminal.y_mm) == pytest.approx((x, y), abs=0.005)
+    speed = LINKAGE.jacobian(*found[-1].theta_rad) @ [0.5, -0.2]
+    assert found[-1].velocity_mm_s == pytest.approx(speed, rel=0.01)
+    assert found[0].velocity_mm_s is None
+    times = [terminal.time_s for terminal in found]
+    assert times == sorted(set(times))
+
+
+def test_the_ellipse_is_that_of_the_covariance():
+    one = twin()
+    one.take(0, at(-0.3, 0.0))
+    terminal = one.take(1, at(-0.9, 0.0))
+    sigma = math.radians(JOINT.resolution_deg)
+    covariance = LINKAGE.covariance(*terminal.theta_rad, sigma**2 * np.eye(2))
+    xx, xy, yy = terminal.covariance_mm2
+    assert np.allclose([[xx, xy], [xy, yy]], covariance, rtol=1e-9)
+    variances, ways = np.linalg.eigh(covariance)
+    major, minor, angle = terminal.ellipse
+    assert (minor, major) == pytest.approx(np.sqrt(variances))
+    assert abs(ways[:, 1] @ [math.cos(angle), math.sin(angle)]) == pytest.approx(1)
+    assert terminal.sigma_mm == pytest.approx(math.sqrt(variances.sum()))
+
+
+def test_limits_are_told_and_not_drawn():
+    apart = Linkage((100, 45, 45, 100), 80)
+    one = twin(linkage=apart)
+    one.take(0, at(-1.0, 0.0))
+    terminal = one.take(1, at(-1.0, 0.0))
+    assert terminal.limit == Limit.ELBOWS_APART
+    assert terminal.x_mm is terminal.y_mm is terminal.ellipse is terminal.sigma_mm is None
+    assert Limit.ELBOWS_APART.sentence in twin_command.line(terminal, 0.0)
+    near = twin()
+    angle = -math.asin(0.6) + 0.003
+    near.take(0, at(angle, 0.0))
+    terminal = near.take(1, at(angle, 0.0))
+    assert terminal.singular
+    assert "near singular" in twin_command.line(terminal, 0.0)
+
+
+def test_over_a_gap_nothing_is_told():
+    one = twin()
+    one.take(0, at(-0.3, 0.0))
+    assert one.take(1, at(-0.6, 0.0)) is not None
+    assert one.take(1, at(-0.6, 0.03)) is None
+    assert one.take(0, at(-0.3, 1.5)) is None  # where joint 1 was at 0.03 nobody knows
+    assert one.take(1, at(-0.6, 1.5)) is not None
+    dark = at(-0.3, 1.6)._replace(flags=0)
+    assert one.take(0, dark) is None
+
+
+def test_two_encoders_it_is():
+    with pytest.raises(SpotsError, match="two encoders"):
+        Twin(LINKAGE, (Encoder(JOINT),))
+
+
+def test_one_board_with_two_sensors_is_read_by_sensor():
+    board = SimpleNamespace(
+        touches=lambda seconds: iter([at(-0.3, 0.0), at(-0.6, 0.0)._replace(sensor=1)])
+    )
+    assert [joint for joint, _ in readings([board])] == [0, 1]
+
+
+def test_sust_is_followed(run, files):
+    figures = run.summary()
+    assert figures["lost"] == figures["beyond_limits"] == 0
+    assert figures["seconds"] == pytest.approx(guided(files[2]).seconds, abs=0.1)
+    assert 60 < figures["rate_hz"] < 70  # two boards at 30 ms
+    assert figures["error_mm"]["mean"] < 0.1
+    assert figures["error_mm"]["max"] < 0.4
+    # What the twin says of its own error is about what it is.
+    assert figures["error_mm"]["rms"] == pytest.approx(figures["expected_rms_mm"], rel=0.3)
+
+
+def test_the_subtle_vibrations_are_in_the_twin(files):
+    # The same path without a tremor differs from the twin by more than the tremor's own error.
+    sensor, linkage, path = files
+    path = msgspec.structs.replace(path, stroke=path.stroke[5:6], tremor_mm=0.3, tremor_hz=3.0)
+    run = survey.follow(sensor, linkage, path)
+    told = np.array([(t.time_s, t.x_mm) for t in run.terminals])
+    calm = guided(msgspec.structs.replace(path, tremor_mm=0.0), START_S)
+    tremor = np.sin(2 * np.pi * 3.0 * told[:, 0])
+    off = told[:, 1] - calm.at(told[:, 0])[0]
+    seen_mm = (off * tremor).sum() / (tremor**2).sum()
+    assert seen_mm == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_run_repeats_and_a_recording_tells_the_same(short):
+    sensor, linkage, path = short
+    first = survey.follow(*short, seed=5)
+    motion = guided(path, START_S)
+    with Simulation(sensor, linkage, motion, 5, 30_000) as simulation:
+        kept = [[], []]
+        for joint, touch in simulation.readings():
+            kept[joint].append(touch)
+        encoders = simulation.encoders()
+        true = Linkage(simulation.mechanism.bar_mm, simulation.mechanism.base_mm)
+    again = [
+        terminal
+        for terminal in Twin(true, encoders).follow(merged(*kept))
+        if START_S <= terminal.time_s <= motion.seconds
+    ]
+    assert again == first.terminals
+    assert len(again) > 60
+
+
+def test_the_workspace_is_within_the_papers_deviation_and_a_calibration_finds_the_lengths(files):
+    sensor, linkage, _ = files
+    found = survey.survey(sensor, linkage, pitch_mm=16.0)
+    assert len(found.x_mm) > 60
+    assert found.drawn.max_mm > 1.5  # what it is all about
+    assert found.given.max_mm <= 0.64
+    assert found.calibrated.max_mm <= 0.25
+    # Little worse than the encoders allow.
+    assert found.given.max_mm < 1.5 * found.expected_max_mm
+    assert found.calibrated.mean_mm < 1.5 * found.expected_mean_mm
+    assert found.kinematics.unidentified == found.kinematics.outliers == ()
+    mechanism = Mechanism(linkage, sensor)
+    for name, true in zip(("bar1_mm", "bar2_mm", "bar3_mm", "bar4_mm"), mechanism.bar_mm):
+        told, error = found.kinematics.values[name], found.kinematics.standard_errors[name]
+        assert abs(told - true) < 4 * error
+
+
+def test_a_path_beyond_the_linkage_is_refused(capsys, tmp_path):
+    path = tmp_path / "far.toml"
+    path.write_text("speed_mm_s = 10\n[[stroke]]\npoints = [[40, 150], [40, 250]]\n")
+    assert cli.main(["twin", "--path", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert "cannot follow the path" in err
+    assert err.count("\n") == 1
+
+
+@pytest.fixture
+def quick(short, tmp_path):
+    """The options of a short run by the command line."""
+    path = tmp_path / "letter.toml"
+    points = [list(point) for point in short[2].stroke[0].points]
+    path.write_text(f"speed_mm_s = 40\n[[stroke]]\nsmooth = true\npoints = {points}\n")
+    return ["twin", "--path", str(path)]
+
+
+def test_the_command_tells_errors_lines_and_draws(quick, capsys, tmp_path):
+    picture = tmp_path / "s.png"
+    assert cli.main([*quick, "--json", "--picture", str(picture)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["error_mm"]["mean"] < 0.15
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    assert cli.main(quick) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert len(lines) >= 3
+    assert all("terminal" in line and "+-" in line for line in lines)
+    assert f"off by {figures['error_mm']['mean']:.3f} mm" in last
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--path", "nope"], "cannot read the path file nope"),
+        (["--linkage", "nope"], "cannot read the linkage file nope"),
+        (["--picture", "a.jpg"], "PNG file, not 'a.jpg'"),
+        (["--picture", "no/such/a.png"], "no folder no/such"),
+    ],
+)
+def test_mistakes_are_one_sentence(arguments, words, capsys, monkeypatch):
+    monkeypatch.setattr(twin_command, "follow", lambda *_: pytest.fail("simulated before"))
+    assert cli.main(["twin", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+class UntilCtrlC(LockstepLink):
+    """A link that somebody has had enough of after a while."""
+
+    def read(self, timeout_s):
+        if self.now_s() > START_S + 2:
+            raise KeyboardInterrupt
+        return super().read(timeout_s)
+
+
+@pytest.fixture
+def rig(files, tmp_path, monkeypatch):
+    """Two calibration files, and ports named 0 and 1 with a strip each that stands at a place."""
+    sensor, linkage, _ = files
+    exact = msgspec.structs.replace(
+        linkage,
+        bar_error_percent=(0.0,) * 4,
+        base_error_percent=0.0,
+        mount_error_deg=(0.0, 0.0),
+    )
+    motion = dwelling([40.0, 60.0], [150.0, 140.0], START_S, 1.0, 0.5)
+    with Simulation(sensor, exact, motion, 0, 30_000) as simulation:
+        mechanism = simulation.mechanism
+        for i, strip in enumerate(simulation.strips):
+            file.save(strip, tmp_path / f"{i}.toml")
+    scenarios = mechanism.drive(motion)
+    monkeypatch.setattr(
+        spots, "open", lambda port: Board(UntilCtrlC(sensor, scenarios[int(port)], int(port)))
+    )
+    return tmp_path, mechanism
+
+
+def run_example(name, monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+    with pytest.raises(KeyboardInterrupt):
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+
+
+def test_the_example_that_tracks_a_joint(rig, capsys, monkeypatch):
+    folder, mechanism = rig
+    run_example("track_joint.py", monkeypatch, folder / "1.toml", "1")
+    lines = capsys.readouterr().out.splitlines()
+    told = np.array([float(line.split()[0]) for line in lines])
+    true_deg = mechanism.angles_deg([40.0, 60.0], [150.0, 140.0])[1]
+    assert len(told) > 50
+    assert told[5:20] == pytest.approx(true_deg[0], abs=0.25)
+    assert told[-10:] == pytest.approx(true_deg[1], abs=0.25)
+
+
+def test_the_example_of_a_twin(rig, capsys, monkeypatch):
+    folder, _ = rig
+    run_example("twin.py", monkeypatch, folder / "0.toml", "0", folder / "1.toml", "1")
+    lines = capsys.readouterr().out.splitlines()
+    told = np.array([[float(word) for word in line.split()[:2]] for line in lines])
+    assert len(told) > 100
+    assert np.hypot(*(told[10:40] - [40, 150]).T).max() < 0.5
+    assert np.hypot(*(told[-10:] - [60, 140]).T).max() < 0.5
