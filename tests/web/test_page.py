@@ -5,10 +5,16 @@ from __future__ import annotations
 from playwright.sync_api import expect
 
 from serving import Bench, until
+from spots.demo import open_fast
+from spots.recording.replay import open_recording
 from spots.sim.files import ScenarioFile, load
 from spots.sim.scenario import Held, Press, Scenario
+from spots.uses.layout import load as load_layout
+from spots.web.reader import Reader
+from spots.web.state import State
 
 LONG_MS = 60_000
+KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"
 FLASH_MS = 500  # more than a key is lit that is only struck
 LENGTH_MM = 85.0
 
@@ -44,21 +50,21 @@ def test_a_key_is_lit_as_long_as_it_is_pressed(bench, serve, open_page):
         held.press = None
         expect(lit).to_have_count(0, timeout=LONG_MS)
     expect(tape).to_have_text(["4", "0"])
-    expect(page.locator(".tape .gesture").first).to_be_visible(timeout=LONG_MS)
+    held.press = Press(50.0, 8000, 4.0)
+    expect(page.locator(".tape .gesture")).to_have_text(["squeeze"], timeout=LONG_MS)
 
 
 def test_the_stick_goes_where_the_finger_is_and_springs_back(bench, serve, open_page):
     held = Held()
     page = open_page(serve(bench(held).state).url)
-    knob = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"
     expect(page.locator("#stick")).to_be_visible(timeout=LONG_MS)
     held.press = Press(80.0, 6000, 4.0)
-    until(page, f"{knob} > 50")
+    until(page, f"{KNOB} > 50")
     expect(page.locator(".button.on")).to_have_text(["1"], timeout=LONG_MS)
     held.press = Press(5.0, 3000, 4.0)
-    until(page, f"{knob} < -50")
+    until(page, f"{KNOB} < -50")
     held.press = None
-    until(page, f"{knob} === 0")
+    until(page, f"{KNOB} === 0")
 
 
 def test_spectrum_link_and_board_are_told(bench, serve, open_page):
@@ -188,6 +194,7 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
     expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
     expect(press).to_have_count(1, timeout=LONG_MS)
     assert len(one.asked_for) == 1
+    until(page, f"{KNOB} < -20")  # a stick follows a finger that never left
     held.press = None
     expect(press).to_have_count(0, timeout=LONG_MS)
     held.press = Press(80.0, 3000, 4.0)
@@ -203,3 +210,30 @@ def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page
     while len(one.asked_for) < 2:
         page.wait_for_timeout(20)
     assert one.asked_for == [None, one.board.info["id"]]
+
+
+def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
+    truth = Scenario(load(ScenarioFile, "demo"))
+    path = tmp_path / "run.spots"
+    board, _ = open_fast("default", truth, seed=0)
+    with board, board.record(path):
+        board.command("stream touch spectrum")
+        for _ in board.frames(1.5):
+            pass
+    state, opened = State(), []
+
+    def open_board(board_id):
+        opened.append(board_id)
+        return open_recording(path)
+
+    reader = Reader(open_board, load_layout("digits"), state)
+    reader.start()
+    try:
+        page = open_page(serve(state).url)
+        expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+        while len(opened) < 2:
+            page.wait_for_timeout(20)
+        assert opened[:2] == [None, board.info["id"]]
+        expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+    finally:
+        reader.stop()

@@ -44,8 +44,6 @@ class Guard:
             origin = request.headers.get("Origin")
             if origin is not None and origin != f"http://{request.headers['Host']}":
                 raise web.HTTPForbidden(text="pages of other sites get nothing here")
-            if request.method not in ("GET", "HEAD"):
-                raise web.HTTPMethodNotAllowed(request.method, ["GET", "HEAD"])
             if self._token is not None:
                 given = request.query.get("token")
                 if given is not None and self._is_token(given):

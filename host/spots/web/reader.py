@@ -87,16 +87,14 @@ class Reader:
                 self._stopping.wait(self._search_every_s)
 
     def _read(self, board: Board) -> None:
-        streams = board.command("stream touch spectrum")["stream"]
+        board.command("stream touch spectrum")
         info = board.command("hello")
-        full_scale = board.command("get")["full_scale"]
         self._id = info["id"]
         self._known = {
             **{name: info.get(name) for name in _FACTS},
             "port": board.port,
-            "full_scale": full_scale,
+            "full_scale": _full_scale(board),
             "layout": layout_shown(self._layout) if info.get("length_um") else None,
-            "streams": streams,
         }
         self._heard_s = time.monotonic()
         self._say(CONNECTED, "")
@@ -104,10 +102,13 @@ class Reader:
         health = _Health(board, self._state)
         try:
             while not self._stopping.is_set():
+                began_s = time.monotonic()
                 for frame in board.frames(_TICK_S):
                     self._take(frame, feel, health, board)
                     if self._stopping.is_set():
                         return
+                if time.monotonic() - began_s < _TICK_S / 2:
+                    self._stopping.wait(_TICK_S)  # a recording that has ended does not wait
                 feel.tick(board.now_s())
                 health.show()
                 if time.monotonic() - self._heard_s > self._patience_s():
@@ -143,6 +144,13 @@ class Reader:
         if said != self._said:
             self._said = said
             self._state.put("board", {"state": state, "message": message, **self._known})
+
+
+def _full_scale(board: Board) -> int | None:
+    try:
+        return board.command("get")["full_scale"]
+    except SpotsError:
+        return None  # a recording
 
 
 _FACTS = (
