@@ -19,6 +19,11 @@ FLASH_MS = 500  # more than a key is lit that is only struck
 LENGTH_MM = 85.0
 
 
+def ready(page):
+    """Wait until readings come: a finger that was there before presses no key."""
+    until(page, "drawn.length > 5")
+
+
 def test_a_moving_press_is_where_the_finger_is(bench, serve, open_page):
     truth = Scenario(load(ScenarioFile, "demo"))
     page = open_page(serve(bench(truth).state).url)
@@ -41,7 +46,7 @@ def test_a_key_is_lit_as_long_as_it_is_pressed(bench, serve, open_page):
     held = Held()
     page = open_page(serve(bench(held).state).url)
     lit, tape = page.locator(".key.lit"), page.locator(".tape .key-event")
-    expect(page.locator("#board")).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    ready(page)
     for place_mm, key in ((30.0, "4"), (80.0, "0")):
         held.press = Press(place_mm, 3000, 4.0)
         expect(lit).to_have_text([key], timeout=LONG_MS)
@@ -51,13 +56,13 @@ def test_a_key_is_lit_as_long_as_it_is_pressed(bench, serve, open_page):
         expect(lit).to_have_count(0, timeout=LONG_MS)
     expect(tape).to_have_text(["4", "0"])
     held.press = Press(50.0, 8000, 4.0)
-    expect(page.locator(".tape .gesture")).to_have_text(["squeeze"], timeout=LONG_MS)
+    expect(page.locator(".tape .gesture").last).to_have_text("squeeze", timeout=LONG_MS)
 
 
 def test_the_stick_goes_where_the_finger_is_and_springs_back(bench, serve, open_page):
     held = Held()
     page = open_page(serve(bench(held).state).url)
-    expect(page.locator("#stick")).to_be_visible(timeout=LONG_MS)
+    ready(page)
     held.press = Press(80.0, 6000, 4.0)
     until(page, f"{KNOB} > 50")
     expect(page.locator(".button.on")).to_have_text(["1"], timeout=LONG_MS)
@@ -182,7 +187,7 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
     one = bench(held)
     page = open_page(serve(one.state).url)
     board, press = page.locator("#board"), page.locator(".press.on")
-    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    ready(page)
     held.press = Press(20.0, 3000, 4.0)
     expect(page.locator(".key.lit")).to_have_count(1, timeout=LONG_MS)
     with one.loose():
