@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
 
 from spots.board import Board
@@ -144,10 +144,18 @@ def until(page, expression, timeout_s=60.0):
         page.wait_for_timeout(20)
 
 
-def apart(function, *arguments):
+def apart(function, *arguments, timeout_s=120.0):
     """Call a function in a thread: Playwright's loop runs in this one, and no other may."""
-    with ThreadPoolExecutor(1) as pool:
-        return pool.submit(function, *arguments).result()
+    result = Future()
+
+    def call():
+        try:
+            result.set_result(function(*arguments))
+        except BaseException as error:
+            result.set_exception(error)
+
+    threading.Thread(target=call, daemon=True).start()
+    return result.result(timeout_s)
 
 
 def run(coroutine):

@@ -13,6 +13,7 @@ from pathlib import Path
 import aiohttp
 import pytest
 from playwright.sync_api import expect
+from yarl import URL
 
 from serving import Serving, apart, run
 from spots.cli import main
@@ -30,7 +31,9 @@ def status(url, path="", **headers):
     async def ask():
         async with (
             aiohttp.ClientSession() as session,
-            session.get(url + path, headers=headers, allow_redirects=False) as answer,
+            session.get(
+                URL(url + path, encoded=True), headers=headers, allow_redirects=False
+            ) as answer,
         ):
             return answer.status, answer.headers, await answer.text()
 
@@ -173,7 +176,13 @@ def test_the_page_asks_nothing_of_any_other_machine():
 
 def test_files_beside_the_page_are_not_served(serve):
     url = serve(State()).url
-    for path in ("static/../serve.py", "static/%2e%2e/serve.py", "static/", "static/..%2fserve.py"):
+    for path in (
+        "static/serve.py",
+        "static/../serve.py",
+        "static/%2e%2e/serve.py",
+        "static/",
+        "static/..%2fserve.py",
+    ):
         assert status(url, path)[0] in (403, 404)
 
 
@@ -182,7 +191,7 @@ def test_another_address_asks_for_the_token(serve, open_page):
     _, token = server.url.split("?token=")
     home = f"http://127.0.0.1:{server.port}/"
     assert len(token) >= 20
-    for path in ("", "live", "static/main.js", "?token=wrong", "?token=", "?token=ü"):
+    for path in ("", "live", "static/main.js", "?token=wrong", "?token=", "?token=%C3%BC"):
         assert status(home, path)[0] == 401
     assert status(home, Cookie="spots-token=wrong")[0] == 401
     assert status(home, f"?token={token}", Host="evil.example")[0] == 403
