@@ -138,9 +138,14 @@ class Serving:
 
 def until(page, expression, timeout_s=60.0):
     """Wait for something on a page; Playwright's own way needs what the page's policy forbids."""
+    eventually(page, lambda: page.evaluate(expression), timeout_s)
+
+
+def eventually(page, condition, timeout_s=60.0):
+    """Let a page live until a condition holds."""
     end_s = time.monotonic() + timeout_s
-    while not page.evaluate(expression):
-        assert time.monotonic() < end_s, f"never came: {expression}"
+    while not condition():
+        assert time.monotonic() < end_s, "it never came"
         page.wait_for_timeout(20)
 
 

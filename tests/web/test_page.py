@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from playwright.sync_api import expect
 
-from serving import Bench, until
+from serving import Bench, eventually, until
 from spots.demo import open_fast
 from spots.recording.replay import open_recording
 from spots.sim.files import ScenarioFile, load
@@ -190,16 +190,22 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
     ready(page)
     held.press = Press(20.0, 3000, 4.0)
     expect(page.locator(".key.lit")).to_have_count(1, timeout=LONG_MS)
+    cursor = one.state.begin()
     with one.loose():
-        while board.get_attribute("data-state") != "lost":
+
+        def is_lost():
             one.reader.watch()
-            page.wait_for_timeout(50)
+            return board.get_attribute("data-state") == "lost"
+
+        eventually(page, is_lost)
         expect(press).to_have_count(0)
         expect(page.locator(".key.lit")).to_have_count(0)
     expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
     expect(press).to_have_count(1, timeout=LONG_MS)
     assert len(one.asked_for) == 1
     until(page, f"{KNOB} < -20")  # a stick follows a finger that never left
+    events = one.state.since(cursor)[1]["events"]
+    assert [event["pressed"] for event in events if event["kind"] == "key"] == [False]
     held.press = None
     expect(press).to_have_count(0, timeout=LONG_MS)
     held.press = Press(80.0, 3000, 4.0)
@@ -212,8 +218,7 @@ def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page
     board = page.locator("#board")
     expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
     one.board.stats.restarts += 1
-    while len(one.asked_for) < 2:
-        page.wait_for_timeout(20)
+    eventually(page, lambda: len(one.asked_for) > 1)
     assert one.asked_for == [None, one.board.info["id"]]
 
 
@@ -236,8 +241,7 @@ def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
     try:
         page = open_page(serve(state).url)
         expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
-        while len(opened) < 2:
-            page.wait_for_timeout(20)
+        eventually(page, lambda: len(opened) > 1)
         assert opened[:2] == [None, board.info["id"]]
         expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
     finally:

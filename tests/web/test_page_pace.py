@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import threading
 from types import SimpleNamespace
 
@@ -75,7 +76,7 @@ def test_a_message_is_what_changed_since_the_last(state, serve):
     assert second == {"n": 2, "touch": {"i": 1}}
 
 
-def test_pages_that_go_leave_nothing(state):
+def test_pages_that_go_leave_nothing(state, caplog):
     server = Serving(state)
     before = threading.active_count()
 
@@ -85,12 +86,15 @@ def test_pages_that_go_leave_nothing(state):
                 async with session.ws_connect(live(server)) as socket:
                     state.put("touch", {"i": i})
                     await socket.receive_json(timeout=60)
+                    await asyncio.sleep(0.03)  # it waits for news when the page goes
 
     run(come_and_go())
     tasks = asyncio.run_coroutine_threadsafe(_tasks(), server._loop).result(30)
     server.stop()
     assert threading.active_count() <= before
     assert tasks < 20
+    gc.collect()
+    assert "destroyed" not in caplog.text
 
 
 async def _tasks():
