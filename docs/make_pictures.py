@@ -15,8 +15,15 @@ from spots.score import Score
 from spots.sim.files import ScenarioFile, load
 from spots.sim.scenario import Scenario
 from spots.stage import board_names, device_of
-from spots.uses import play
+from spots.uses import play, typing_view, wearable_view
 from spots.uses.controller_settings import load as load_controller
+from spots.uses.gestures import Gestures
+from spots.uses.keyboard import KeyEngine
+from spots.uses.keys import push
+from spots.uses.layout import load as load_layout
+from spots.uses.type_keys import length_of
+from spots.uses.typist import TypedText
+from spots.uses.wearable import Mapping
 from spots.view import View
 
 _HERE = Path(__file__).parent
@@ -26,11 +33,15 @@ _LINE = 15  # letters of a board's name that fit its picture
 MOMENT_S = 4.0
 # And presses hard at this one.
 HARD_S = 6.5
+# So far somebody has typed.
+TYPED = "hello strip, ty"
+# So long the strip was worn; a finger slides on it.
+WORN_S = 24.6
 
 
 def main() -> None:
     """Draw all pictures that no measurement makes."""
-    for path in (demo(), controller(), *wirings()):
+    for path in (demo(), keyboard(), controller(), wearable(), *wirings()):
         print(path)
 
 
@@ -76,6 +87,43 @@ def controller() -> Path:
         play.play(board, made, gamepad, HARD_S - board.now_s(), on_state=view.sent)
         picture = view.picture()
     return _drawn(picture, "controller.svg", 'make demo ARGS="--use controller"')
+
+
+def keyboard() -> Path:
+    """Type up to the moment and draw docs/keyboard.svg."""
+    truth = Scenario(load(ScenarioFile, "typing"))
+    layout = load_layout("mini")
+    typed, touch = TypedText(), None
+    board, _ = open_fast("default", truth, seed=0)
+    with board:
+        push(board, layout)
+        engine = KeyEngine(layout, length_of(board), typed)
+        board.command("stream touch")
+        for frame in board.frames():
+            if isinstance(frame, Touch):
+                touch = frame
+                engine.take(frame, board.now_s())
+            if typed.text == TYPED and touch.touching:
+                break
+        picture = typing_view.picture(layout, engine, touch, typed, board.stats)
+    return _drawn(picture, "keyboard.svg", 'make demo ARGS="--use keyboard"')
+
+
+def wearable() -> Path:
+    """Play the gestures of a strip on an arm and draw docs/wearable.svg."""
+    truth = Scenario(load(ScenarioFile, "worn"))
+    mapping, found, touch = Mapping(), [], None
+    gestures = Gestures()
+    board, _ = open_fast("default", truth, seed=0)
+    with board:
+        board.command("set baseline=1")
+        board.command("stream touch")
+        for frame in board.frames(WORN_S - board.now_s()):
+            if isinstance(frame, Touch):
+                touch = frame
+                found += gestures.take(frame)
+        picture = wearable_view.picture(touch, length_of(board), found, mapping.names, board.stats)
+    return _drawn(picture, "wearable.svg", 'make demo ARGS="--use wearable"')
 
 
 def _drawn(picture, name: str, title: str) -> Path:

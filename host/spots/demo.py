@@ -133,7 +133,7 @@ USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dic
     "strip": (_strip, "demo"),
     "keyboard": (_keyboard, "typing"),
     "controller": (_controller, "demo"),
-    "wearable": (_wearable, "arm"),
+    "wearable": (_wearable, "worn"),
 }
 
 

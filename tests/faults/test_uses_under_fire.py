@@ -23,9 +23,8 @@ from spots.uses.layout import load as load_layout
 SECONDS = 60.0
 DIGITS = list(range(30, 40))
 LENGTH_UM = 85_000
-SEEN_S = 0.1  # a press that could be seen for longer than this has to be
+SEEN_S = 0.1  # what lasts longer has to be seen
 LATE_S = 0.06
-GAP_S = 0.025  # between two readings; longer, and the host was blind
 
 
 class Timed:
@@ -53,16 +52,20 @@ class Run:
         with Board(FaultyLink(link, faults)) as board:
             prepare(board, calibration)
             push(board, load_layout("digits"))
+            board.command("reboot")  # to be a USB keyboard
+            for _ in board.frames(1.0):
+                pass
+            prepare(board, calibration)
+            self.ready_s = board.now_s()
             self.host = Timed(board.now_s)
             engine = KeyEngine(load_layout("digits"), LENGTH_UM, self.host)
             settings = load_settings()
             controller = Controller(settings, LENGTH_UM)
-            self.states, self.readings_s = [], []
+            self.states = []
             board.command("stream touch")
             while board.now_s() < SECONDS:
                 for frame in board.frames(0.01):
                     if isinstance(frame, Touch):
-                        self.readings_s.append(frame.time_s)
                         engine.take(frame, board.now_s())
                         self._keep(board, controller.take(frame, board.now_s()))
                 engine.tick(board.now_s())
@@ -136,28 +139,21 @@ def seen(events_s, touch):
     return any(began_s - 0.005 <= now_s <= ended_s + LATE_S for now_s in events_s)
 
 
-def test_every_press_that_could_be_seen_for_long_enough_is_seen(run):
-    readings_s = np.array(run.readings_s)
+def test_every_press_is_seen_on_the_host_and_on_the_board(run):
+    """All last longer than the longest burst, and none lies in a brown-out as a whole."""
     presses_s = [now_s for now_s, _, pressed in run.host.events if pressed]
-    looked = missed = 0
-    for touch in run.touches:
-        began_s, ended_s = touch.points[0][0], touch.points[-1][0]
-        if ended_s > SECONDS - 0.5:
-            continue
-        inside = readings_s[(readings_s >= began_s) & (readings_s <= ended_s)]
-        steps = np.diff(inside)
-        # The longest stretch without a gap.
-        pieces = np.split(inside, np.nonzero(steps >= GAP_S)[0] + 1)
-        visible_s = max((piece[-1] - piece[0] for piece in pieces if len(piece)), default=0.0)
-        if visible_s > SEEN_S:
-            looked += 1
-            missed += not seen(presses_s, touch)
-    print(
-        f"{looked} presses visible for more than {SEEN_S} s, {missed} not seen; "
-        f"{len(run.touches)} in all"
-    )
-    assert looked > 20
-    assert missed == 0
+    reports_s = [now_s for now_s, usage in run.reports if usage]
+    played = [
+        touch
+        for touch in run.touches
+        if touch.points[0][0] > run.ready_s and touch.points[-1][0] < SECONDS - 0.5
+    ]
+    for touch in played:
+        assert touch.points[-1][0] - touch.points[0][0] > SEEN_S
+        assert seen(presses_s, touch), touch
+        assert seen(reports_s, touch), touch
+    print(f"{len(played)} presses longer than {SEEN_S} s, all of them seen")
+    assert len(played) > 25
 
 
 def test_the_controller_goes_only_where_a_finger_was_or_to_rest(run):

@@ -1,11 +1,12 @@
 """What a finger does on a key is what the layout says; whatever it does, no key stays down."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from smallint import SmallInt
 
 from keys import LENGTH_UM, Desk, clicks, key, letter, limit
+from tactile.decode import MISFIT, TOUCHING
 from tactile.layout import (
     HOLD_PREFERRED,
     MOMENTARY,
@@ -291,3 +292,38 @@ def test_whatever_comes_no_key_is_doubled_or_stays_in_integers_of_31_bits(flavou
         assert (usage in down) != pressed
         down ^= {usage}
     assert not down
+
+
+@st.composite
+def taps(draw):
+    """Return somebody's taps on ten keys: where, how hard, how fast, how unsteadily."""
+    hands = st.tuples(
+        st.integers(0, 9),
+        st.floats(0.12, 0.88),  # where on the key
+        st.integers(600, 9_000),  # how hard
+        st.integers(0, 3),  # readings on the way to full force, and back
+        st.integers(3, 30),  # readings at full force
+        st.integers(5, 60),  # readings until the next one
+        st.integers(-250, 250),  # how the place of a single reading may be off, um
+        st.booleans(),  # whether the first reading, with little light, is doubted
+    )
+    return draw(st.lists(hands, min_size=1, max_size=12))
+
+
+@settings(max_examples=300)
+@given(taps())
+def test_whoever_taps_types_what_was_meant(hands):
+    desk = Desk(*default_lines())
+    for key_at, share, force_mN, ramp, held, gap, off_um, doubted in hands:
+        x_um = round(10_000 * (key_at + share))
+        for i in range(ramp):
+            part = (i + 1) / (ramp + 1)
+            touching = TOUCHING if force_mN * part >= 300 else 0
+            doubt = MISFIT if doubted and i == 0 else 0
+            desk.read(touching | doubt, x_um + off_um, round(force_mN * part))
+        for i in range(held):
+            desk.read(TOUCHING, x_um + off_um * (i % 3 - 1), force_mN)
+        for i in range(ramp):
+            desk.read(TOUCHING, x_um, round(force_mN * (ramp - i) / (ramp + 1)))
+        desk.lift(10 * gap)
+    assert desk.events == clicks(*(30 + hand[0] for hand in hands))

@@ -86,7 +86,7 @@ def micropython(monkeypatch):
 
 def test_micropython_describes_each_interface_as_what_it_is(micropython):
     module, device = micropython
-    sends = module.open_interfaces(["keyboard", "gamepad"])
+    sends = module.open_interfaces(["keyboard", "gamepad"], None)
     assert list(sends) == ["keyboard", "gamepad"]
     keyboard, gamepad = device.interfaces
     assert device.options == {"builtin_driver": True}
@@ -99,7 +99,7 @@ def test_micropython_describes_each_interface_as_what_it_is(micropython):
 
 def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(micropython):
     module, device = micropython
-    send = module.open_interfaces(["keyboard"])["keyboard"]
+    send = module.open_interfaces(["keyboard"], None)["keyboard"]
     (interface,) = device.interfaces
     assert not send(REPORT)  # no host yet
     interface.open = True
@@ -113,7 +113,7 @@ def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(microp
 
 def test_micropython_answers_a_host_that_asks_for_the_report(micropython):
     module, device = micropython
-    send = module.open_interfaces(["keyboard"])["keyboard"]
+    send = module.open_interfaces(["keyboard"], None)["keyboard"]
     (interface,) = device.interfaces
     interface.open = True
     send(REPORT)
@@ -122,10 +122,43 @@ def test_micropython_answers_a_host_that_asks_for_the_report(micropython):
         assert interface.on_interface_control_xfer(stage, request) == "the library's"
 
 
+def test_micropython_shows_the_hosts_leds(micropython):
+    module, device = micropython
+    shown = []
+    module.open_interfaces(["keyboard"], shown.append)
+    (interface,) = device.interfaces
+    for leds in (2, 0):
+        assert interface.on_set_report(bytes((leds,)), 0, 2)
+    assert shown == [2, 0]
+
+
+class Pin:
+    OUT = 1
+
+    def __init__(self, number, mode, value):
+        self.number, self.level = number, value
+        Pin.made = self
+
+    def value(self, level):
+        self.level = level
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
+    constants = {"const": lambda value: value}
+    module = fresh(monkeypatch, "micropython", micropython=constants, machine={"Pin": Pin})
+    usb = module.Usb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
+    assert (Pin.made.number, Pin.made.level) == ("LED", 1 - level)
+    for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
+        usb._show_leds(leds)
+        assert (Pin.made.level == level) == lit
+    module.Usb(SimpleNamespace())._show_leds(2)  # a board without one
+
+
 @pytest.mark.parametrize("error", [OSError, RuntimeError])
 def test_micropython_whose_host_goes_away_in_between_has_not_sent(micropython, error):
     module, device = micropython
-    send = module.open_interfaces(["keyboard"])["keyboard"]
+    send = module.open_interfaces(["keyboard"], None)["keyboard"]
     (interface,) = device.interfaces
     interface.open = True
 

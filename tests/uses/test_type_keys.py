@@ -215,6 +215,30 @@ def test_gestures_through_the_firmware(sensor, calibration):
     assert min(one.confidence for one in found) > 0.6
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_every_gesture_on_an_arm_that_moves_and_sweats(sensor, calibration, seed):
+    file = load_scenario(ScenarioFile, "worn")
+    with Board(LockstepLink(sensor, Scenario(file), seed)) as board:
+        prepare(board, calibration)
+        found = play(board, lambda one: None, file.seconds - board.now_s(), False, Mapping())
+    once = [
+        g.TAP, g.DOUBLE_TAP, g.HOLD, g.SQUEEZE,
+        g.SWIPE_PLUS, g.SWIPE_MINUS, g.SLIDE_PLUS, g.SLIDE_MINUS,
+    ]  # fmt: skip
+    assert [one.name for one in found] == 2 * once
+    assert min(one.confidence for one in found) > 0.9
+
+
+def test_a_held_press_is_never_taken_for_the_untouched_strip(sensor, calibration):
+    """For longer than anything is followed, while light leaks and the arm bends."""
+    held = Finger(points=[(2.0, 40.0, 0), (2.1, 40.0, 2500), (14.0, 42.0, 2900), (14.1, 42.0, 0)])
+    leak = [(0.0, 0.0, 30.0), (15.0, 0.01, 30.0)]
+    found = gestures_of(
+        sensor, calibration, [held], 15.0, leak=leak, bend=[(0.0, 0.0), (15.0, 90.0)]
+    )
+    assert [one.name for one in found] == [g.HOLD]
+
+
 def test_a_gesture_presses_and_releases_its_key_if_it_is_sure():
     mapping, computer = Mapping(), Computer()
     tap = g.Gesture(g.TAP, 0.9, 0, 0, 0, 0.0)

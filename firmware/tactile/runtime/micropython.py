@@ -13,6 +13,7 @@ _I2C_TIMEOUT_US = const(50_000)
 _RECOVERY_CLOCKS = const(9)
 _HALF_CLOCK_US = const(5)
 _CTRL_C = const(3)
+_CAPS_LOCK = const(2)  # HID usage tables, LED page, as a keyboard's output report has it
 # Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
 _SAFE_BOOT_MS = const(500)
 _SAFE_BOOT_STEP_MS = const(20)
@@ -115,7 +116,20 @@ class Serial:
 
 
 class Usb:
-    """The board as a USB keyboard and gamepad, beside its serial port."""
+    """The board as a USB keyboard and gamepad, beside its serial port.
+
+    Parameters
+    ----------
+    board_config : module
+        Where it has ``LED_PIN``, that shows caps lock; ``LED_ON`` is the level that lights it.
+    """
+
+    def __init__(self, board_config):
+        self._led = None
+        pin = getattr(board_config, "LED_PIN", None)
+        if pin is not None:
+            self._on = board_config.LED_ON
+            self._led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
 
     def open(self, names):
         """See `uses.Uses`. The host sees the board leave and come back."""
@@ -125,7 +139,11 @@ class Usb:
             from .usb_micropython import open_interfaces
         except ImportError:
             raise OSError("the library for USB is missing: mpremote mip install usb-device-hid")
-        return open_interfaces(names)
+        return open_interfaces(names, self._show_leds)
+
+    def _show_leds(self, leds):
+        if self._led is not None:
+            self._led.value(self._on if leds & _CAPS_LOCK else 1 - self._on)
 
 
 def main():
@@ -145,7 +163,7 @@ def main():
     bus = Bus(board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ)
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
-    usb = Usb() if board_config.USB_HID else None
+    usb = Usb(board_config) if board_config.USB_HID else None
     app = App(board_config, runtime, uid, AS7341(bus, time), time, Serial(), usb)
     try:
         app.run()

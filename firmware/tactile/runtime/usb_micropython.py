@@ -26,10 +26,11 @@ _INTERFACES = {
 
 
 class _Reports(HIDInterface):
-    def __init__(self, descriptor, size, protocol):
+    def __init__(self, show_leds, descriptor, size, protocol):
         # Hosts tell a keyboard its LEDs; a refusal of that may upset them.
         super().__init__(descriptor, set_report_buf=bytearray(1), protocol=protocol)
         self.binterval = _INTERVAL_MS
+        self._show_leds = show_leds
         self._described_as = protocol
         # The stack reads it until the host has it.
         self._report = bytearray(size)
@@ -45,6 +46,10 @@ class _Reports(HIDInterface):
             return self._report  # the library prints at this, into the frames
         return super().on_interface_control_xfer(stage, request)
 
+    def on_set_report(self, report_data, report_id, report_type):
+        self._show_leds(report_data[0])
+        return True
+
     def send(self, report):
         """Give a report to the stack, if it has nothing of this interface left to send."""
         if not self.is_open() or self.busy():
@@ -57,9 +62,12 @@ class _Reports(HIDInterface):
             return False
 
 
-def open_interfaces(names):
-    """Make the board a USB device with these interfaces; return what sends reports, by name."""
-    interfaces = {name: _Reports(*_INTERFACES[name]) for name in names}
+def open_interfaces(names, show_leds):
+    """Make the board a USB device with these interfaces; return what sends reports, by name.
+
+    ``show_leds(leds)`` is told what the host wants of a keyboard's: bit 1 is caps lock.
+    """
+    interfaces = {name: _Reports(show_leds, *_INTERFACES[name]) for name in names}
     # Without the built-in driver there would be no serial port, and no prompt.
     usb.device.get().init(*[interfaces[name] for name in names], builtin_driver=True)
     return {name: interfaces[name].send for name in names}

@@ -15,6 +15,7 @@ from .layout import SLOTS, KeyLayout, PlacedKey, load
 from .usages import KEYBOARD, MODIFIERS_FROM, name_of
 
 COLUMNS = 74
+_SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
 _VERBS = {lines_of.MOMENTARY: "layer", lines_of.TOGGLE: "toggle", lines_of.ONCE: "once"}
 
 
@@ -67,7 +68,7 @@ def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
         begin, end = round(key.low * COLUMNS), round(key.high * COLUMNS)
         line.append(" " * (begin - len(line)))
         width = max(1, end - begin)
-        style = "black on bright_white" if i == lit else "white on red"
+        style = "black on bright_white" if i == lit else _SHADES[i % 2]
         line.append(key.label[:width].center(width), style=style)
     return line
 
