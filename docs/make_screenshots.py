@@ -26,24 +26,23 @@ _PICTURES = {
 
 
 async def main() -> None:
-    """Take all of them at once."""
+    """Take all of them."""
     state = State()
     reader = Reader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
     path = shutil.which("chromium") or shutil.which("google-chrome")
     async with Server(state) as server, async_playwright() as playwright:
         browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        pages = {}
-        for name, options in _PICTURES.items():
-            context = await browser.new_context(**options, device_scale_factor=1.5)
-            pages[name] = await context.new_page()
-            await pages[name].goto(server.url)
         reader.start()
-        await pages[name].wait_for_selector("#board[data-state=connected]")
-        await asyncio.sleep(_AFTER_S)
-        for name, page in pages.items():
+        for name, options in _PICTURES.items():  # one at a time: drawing takes processors too
+            context = await browser.new_context(**options, device_scale_factor=1.5)
+            page = await context.new_page()
+            await page.goto(server.url)
+            await page.wait_for_selector("#board[data-state=connected]")
+            await asyncio.sleep(_AFTER_S)
             while await page.evaluate(_FORCE_N) < _HARD_N:
                 await asyncio.sleep(0.05)
             await page.screenshot(path=_HERE / name, full_page=True)
+            await context.close()
             print(_HERE / name)
         await browser.close()
     reader.stop()
