@@ -47,8 +47,9 @@ erase: .venv/flash
 doctor: .venv/flash
 	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
-pictures: .venv/demo
+pictures: .venv/test
 	@$(BIN)/python docs/make_pictures.py
+	@$(BIN)/python docs/make_screenshots.py
 
 paper: .venv/test
 	@$(BIN)/python -m spots.calibrate.paper docs
@@ -60,13 +61,13 @@ clean:
 .venv/demo: pyproject.toml
 	@echo 'Setting up .venv (once) ...'
 	@$(PYTHON) -m venv .venv
-	@$(PIP) install --prefer-binary --editable '.[virtual]'
+	@$(PIP) install --prefer-binary --editable '.[virtual,web]'
 	@touch $@
 
 .venv/flash: pyproject.toml
 	@echo 'Setting up .venv for flashing (once) ...'
 	@$(PYTHON) -m venv .venv
-	@$(PIP) install --prefer-binary --editable '.[virtual,flash]'
+	@$(PIP) install --prefer-binary --editable '.[virtual,web,flash]'
 	@touch .venv/demo $@
 
 .venv/test: pyproject.toml

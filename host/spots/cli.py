@@ -46,9 +46,12 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seconds", type=_seconds, help="end after so long (10 off a terminal)")
     demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
     demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
+    demo.add_argument("--page", action="store_true", help="in a web browser, until Ctrl-C")
     demo.add_argument("--use", default="strip", help="strip, keyboard, controller or wearable")
     _add_simulation(demo)
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
+
+    _add_serve(commands)
 
     _add_uses(commands)
 
@@ -83,6 +86,15 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("line", nargs="+", help="such as: set exposure_us=10000")
     command.set_defaults(run=_command)
     return parser
+
+
+def _add_serve(commands) -> None:
+    serve = commands.add_parser("serve", help="a live page of a board for web browsers")
+    _add_port(serve)
+    serve.add_argument("--layout", default="digits", metavar="FILE.toml", help="of keys; or a name")
+    serve.add_argument("--address", default="127.0.0.1", help="show it to others, with a token")
+    serve.add_argument("--http-port", type=_http_port, default=8765, help="0 for any")
+    serve.set_defaults(run=_serve)
 
 
 def _add_uses(commands) -> None:
@@ -246,6 +258,7 @@ _strain_percent = _number("a strain in percent", 0.01, 50)
 _megabytes = _number("a size in MB", 0.1, 1e6)
 _speed = _number("a speed", 0.001, math.inf)
 _seed = _number("a seed", 0, 2**63, int)
+_http_port = _number("a port for web browsers", 0, 65535, int)
 _exposure_us = _number("an exposure in us", 2000, 200_000, int)
 
 
@@ -275,6 +288,11 @@ def _monitor(options: argparse.Namespace) -> None:
 
 
 def _demo(options: argparse.Namespace) -> None:
+    if options.page:
+        from .web.serve import show_demo
+
+        show_demo(options.sensor, options.scenario or "demo", options.seed)
+        return
     from .demo import demo
 
     seconds = options.seconds
@@ -291,6 +309,12 @@ def _demo(options: argparse.Namespace) -> None:
     )
     if options.json:
         print(json.dumps(summary))
+
+
+def _serve(options: argparse.Namespace) -> None:
+    from .web.serve import run
+
+    run(options)
 
 
 def _keys(options: argparse.Namespace) -> None:

@@ -1,0 +1,52 @@
+"""Takes the pictures of the page, of the virtual board in real time, with the system's Chromium."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from pathlib import Path
+
+from playwright.async_api import async_playwright
+
+from spots.uses.layout import load
+from spots.web.reader import Reader, finder
+from spots.web.serve import Server
+from spots.web.state import State
+
+_HERE = Path(__file__).parent
+# The last ten seconds are to be full, and a finger to press hard.
+_AFTER_S = 12.0
+_HARD_N = 5.5
+_FORCE_N = "Number(document.querySelectorAll('.figure b')[1].firstChild.data) || 0"
+_PICTURES = {
+    "page-dark.png": {"color_scheme": "dark", "viewport": {"width": 1180, "height": 800}},
+    "page-light.png": {"color_scheme": "light", "viewport": {"width": 1180, "height": 800}},
+    "page-phone.png": {"color_scheme": "dark", "viewport": {"width": 390, "height": 800}},
+}
+
+
+async def main() -> None:
+    """Take all of them."""
+    state = State()
+    reader = Reader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    async with Server(state) as server, async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        reader.start()
+        for name, options in _PICTURES.items():  # one at a time: drawing takes processors too
+            context = await browser.new_context(**options, device_scale_factor=1.5)
+            page = await context.new_page()
+            await page.goto(server.url)
+            await page.wait_for_selector("#board[data-state=connected]")
+            await asyncio.sleep(_AFTER_S)
+            while await page.evaluate(_FORCE_N) < _HARD_N:
+                await asyncio.sleep(0.05)
+            await page.screenshot(path=_HERE / name, full_page=True)
+            await context.close()
+            print(_HERE / name)
+        await browser.close()
+    reader.stop()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

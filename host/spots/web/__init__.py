@@ -1,0 +1,1 @@
+"""``spots serve``: one live page for every use of the sensor. See docs/page.md."""

@@ -1,0 +1,147 @@
+"""The web server: static files, and one WebSocket that only tells.
+
+Nothing that a page sends does anything to a board. A page acknowledges what it has drawn, and gets
+the newest state when it has; nothing is queued for it, here or in the sockets between.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import msgspec
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from .guard import Guard
+from .state import State
+
+STATIC = Path(__file__).parent / "static"
+_EVERY_S = 1 / 60
+_WINDOW = 2  # messages that a page may not have drawn yet
+_CLIENTS_MAX = 64
+_ACK_MAX = 16  # bytes
+_HEARTBEAT_S = 20.0
+
+
+class App:
+    """Serves a state; used within one event loop.
+
+    Parameters
+    ----------
+    state : State
+    guard : Guard
+    """
+
+    def __init__(self, state: State, guard: Guard):
+        self._state = state
+        self._loop = asyncio.get_running_loop()
+        self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
+        self._waking = False
+        state.on_change = self._changed
+        self.web = web.Application(middlewares=[guard.middleware()])
+        self.web.router.add_get("/", self._index)
+        self.web.router.add_get("/live", self._live)
+        self.web.router.add_static("/static", STATIC)
+        self.web.on_response_prepare.append(_add_headers)
+        self.web.on_shutdown.append(self._close)
+
+    def _changed(self) -> None:
+        # From the reader's thread, thousands of times a second; the loop is told once until it ran.
+        if not self._waking:
+            self._waking = True
+            try:
+                self._loop.call_soon_threadsafe(self._wake)
+            except RuntimeError:
+                pass  # the loop has ended
+
+    def _wake(self) -> None:
+        self._waking = False
+        for news in self._clients.values():
+            news.set()
+
+    async def _index(self, request: web.Request) -> web.FileResponse:
+        return web.FileResponse(STATIC / "index.html")
+
+    async def _live(self, request: web.Request) -> web.WebSocketResponse:
+        if len(self._clients) >= _CLIENTS_MAX:
+            raise web.HTTPServiceUnavailable(text="too many pages are open")
+        socket = web.WebSocketResponse(
+            heartbeat=_HEARTBEAT_S, max_msg_size=_ACK_MAX, compress=False
+        )
+        await socket.prepare(request)
+        news, drawn = asyncio.Event(), _Drawn()
+        news.set()
+        self._clients[socket] = news
+        telling = asyncio.create_task(self._tell(socket, news, drawn))
+        try:
+            async for message in socket:
+                if message.type != WSMsgType.TEXT or not drawn.take(message.data):
+                    await socket.close(
+                        code=WSCloseCode.POLICY_VIOLATION, message=b"this page is to be looked at"
+                    )
+        finally:
+            del self._clients[socket]
+            telling.cancel()
+        return socket
+
+    async def _tell(
+        self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn
+    ) -> None:
+        cursor, sent = self._state.begin(), 0
+        while not socket.closed:
+            await news.wait()
+            await drawn.wait_for(sent + 1 - _WINDOW)
+            news.clear()
+            cursor, parts = self._state.since(cursor)
+            if parts:
+                sent += 1
+                message = msgspec.json.encode({"n": sent, **parts}).decode()
+                try:
+                    await socket.send_str(message)
+                except ConnectionError:
+                    return
+                await asyncio.sleep(_EVERY_S)
+
+    async def _close(self, app: web.Application) -> None:
+        for socket in list(self._clients):
+            await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
+
+
+class _Drawn:
+    """The number of the last message that a page has drawn."""
+
+    def __init__(self):
+        self._number = 0
+        self._changed = asyncio.Event()
+
+    def take(self, text: str) -> bool:
+        """Take an acknowledgement; return whether it is one."""
+        if not (text.isascii() and text.isdigit()):
+            return False
+        self._number = max(self._number, int(text))
+        self._changed.set()
+        return True
+
+    async def wait_for(self, number: int) -> None:
+        while self._number < number:
+            self._changed.clear()
+            await self._changed.wait()
+
+
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    host = request.headers.get("Host", "")
+    live = f" ws://{host}" if host.replace(".", "").replace(":", "").isalnum() else ""
+    response.headers.update(
+        {
+            "Content-Security-Policy": (
+                "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+                f"connect-src 'self'{live}; base-uri 'none'; form-action 'none'; "
+                "frame-ancestors 'none'"
+            ),
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Cache-Control": "no-cache",
+        }
+    )

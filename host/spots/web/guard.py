@@ -1,0 +1,75 @@
+"""Who may see the page: checked before anything else is looked at."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import socket
+from urllib.parse import urlsplit
+
+from aiohttp import web
+
+_COOKIE = "spots-token"
+_ASK = "this page needs the token: open the address that 'spots serve' printed"
+
+
+class Guard:
+    """Refuses foreign hosts, origins and visitors without the token.
+
+    A page of another site can make a browser send requests here, also under a name of its own
+    that it lets point here (DNS rebinding). Such a name is in the ``Host`` header, and such a site
+    in ``Origin``; neither can be forged by a page.
+
+    Parameters
+    ----------
+    address : str
+        The IP address that is listened on.
+    token : str or None
+        Asked of everyone, if given.
+    """
+
+    def __init__(self, address: str, token: str | None):
+        self._loopback = ipaddress.ip_address(address).is_loopback
+        self._token = token
+        name = socket.gethostname().lower()
+        self._names = {"localhost"} if self._loopback else {"localhost", name, name + ".local"}
+
+    def middleware(self):
+        """Return it as aiohttp takes it."""
+
+        @web.middleware
+        async def check(request: web.Request, handler):
+            if not self._knows(request.headers.get("Host", "")):
+                raise web.HTTPForbidden(text="this name is not mine: use the address printed")
+            origin = request.headers.get("Origin")
+            if origin is not None and origin != f"http://{request.headers['Host']}":
+                raise web.HTTPForbidden(text="pages of other sites get nothing here")
+            if self._token is not None:
+                given = request.query.get("token")
+                if given is not None and self._is_token(given):
+                    raise self._let_in()
+                if not self._is_token(request.cookies.get(_COOKIE, "")):
+                    raise web.HTTPUnauthorized(text=_ASK)
+            return await handler(request)
+
+        return check
+
+    def _knows(self, host: str) -> bool:
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+            if name in self._names:
+                return True
+            # A name that is an address cannot be made to point anywhere else.
+            address = ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return address.is_loopback or not self._loopback
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._token.encode())
+
+    def _let_in(self) -> web.HTTPSeeOther:
+        # The token moves from the address, which is seen and shared, into a cookie.
+        answer = web.HTTPSeeOther("/")
+        answer.set_cookie(_COOKIE, self._token, httponly=True, samesite="Lax")
+        return answer

@@ -1,0 +1,182 @@
+"""``spots serve``: a reader and a web server, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import ipaddress
+import os
+import secrets
+import signal
+import socket
+import sys
+import webbrowser
+from collections.abc import Callable
+
+from ..connect import VIRTUAL
+from ..errors import SpotsError
+from ..uses.layout import load
+from .reader import Reader, finder
+from .state import State
+
+try:
+    from aiohttp import web
+
+    from .app import App
+    from .guard import Guard
+except ImportError:
+    raise SpotsError("the page needs aiohttp: pip install 'spots[web]'") from None
+
+LOOPBACK = "127.0.0.1"
+DEMO_LAYOUT = "digits"
+_WATCH_EVERY_S = 0.5
+
+
+class Server:
+    """The page on an address; an async context manager.
+
+    Parameters
+    ----------
+    state : State
+    address : str
+        An IP address of this machine. Any but a loopback one asks everyone for a token.
+    port : int
+        0 for any that is free.
+    token : str, optional
+        A new one, if not given.
+
+    Attributes
+    ----------
+    url : str
+        What to open, with the token if there is one.
+
+    Raises
+    ------
+    SpotsError
+        If the address is none of this machine's, or the port is taken.
+    """
+
+    def __init__(self, state: State, address: str = LOOPBACK, port: int = 0, token=None):
+        self._state, self._address, self._port = state, address, port
+        try:
+            at_home = ipaddress.ip_address(address).is_loopback
+        except ValueError:
+            raise SpotsError(f"'{address}' is no IP address, such as 192.168.1.20") from None
+        self._token = None if at_home else token or secrets.token_urlsafe(16)
+        self.url = ""
+
+    async def __aenter__(self) -> Server:
+        app = App(self._state, Guard(self._address, self._token))
+        self._runner = web.AppRunner(app.web, access_log=None, shutdown_timeout=1.0)
+        await self._runner.setup()
+        try:
+            await web.TCPSite(self._runner, self._address, self._port).start()
+        except OSError as error:
+            await self._runner.cleanup()
+            raise SpotsError(
+                f"cannot serve on {self._address} port {self._port}: {error.strerror}; "
+                "--http-port takes another port, --address an address of this machine"
+            ) from None
+        address, port = self._runner.addresses[0][:2]
+        if ipaddress.ip_address(address).is_unspecified:
+            address = _outward(address)
+        host = f"[{address}]" if ":" in address else address
+        query = f"?token={self._token}" if self._token else ""
+        self.url = f"http://{host}:{port}/{query}"
+        return self
+
+    async def __aexit__(self, *exception) -> None:
+        await self._runner.cleanup()
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run ``spots serve`` with the options that `cli` parsed."""
+    open_board = finder(options.port, options.sensor, options.scenario, options.seed)
+    serve(State(), options.address, options.http_port, open_board, options.layout, print_address)
+
+
+def serve(
+    state: State,
+    address: str,
+    port: int,
+    open_board,
+    layout: str,
+    on_start: Callable[[str], None],
+) -> None:
+    """Serve until Ctrl-C or SIGTERM.
+
+    Parameters
+    ----------
+    state : State
+    address : str
+    port : int
+        As for `Server`.
+    open_board : callable
+        As for `Reader`.
+    layout : str
+        Of keys, by path or name.
+    on_start : callable
+        Told the URL.
+    """
+    reader = Reader(open_board, load(layout), state)
+
+    async def main():
+        async with Server(state, address, port) as server:
+            ended = _ended_by_sigterm()
+            reader.start()
+            on_start(server.url)
+            while not ended.is_set():
+                reader.watch()
+                try:
+                    await asyncio.wait_for(ended.wait(), _WATCH_EVERY_S)
+                except asyncio.TimeoutError:
+                    pass
+
+    try:
+        asyncio.run(main())
+    except KeyboardInterrupt:
+        pass
+    finally:
+        reader.stop()
+
+
+def show_demo(sensor: str, scenario: str, seed: int) -> None:
+    """Serve the virtual board, and open the page where there is a screen and somebody at it."""
+    open_board = finder(VIRTUAL, sensor, scenario, seed)
+    serve(State(), LOOPBACK, 0, open_board, DEMO_LAYOUT, _open_or_print)
+
+
+def _open_or_print(url: str) -> None:
+    print_address(url)
+    screen = sys.platform in ("win32", "darwin") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
+    if screen and sys.stdout.isatty():
+        webbrowser.open(url)
+
+
+def print_address(url: str) -> None:
+    """Tell where the page is."""
+    print(f"the page is at {url} (Ctrl-C ends it)", flush=True)
+
+
+def _ended_by_sigterm() -> asyncio.Event:
+    ended = asyncio.Event()
+    try:
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
+    except (NotImplementedError, RuntimeError):
+        pass  # Windows has none, and threads get none
+    return ended
+
+
+def _outward(address: str) -> str:
+    """Return this machine's address towards others; nothing is sent to find it."""
+    family, far = (
+        (socket.AF_INET6, "2001:db8::1") if ":" in address else (socket.AF_INET, "192.0.2.1")
+    )
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((far, 9))
+            return probe.getsockname()[0]
+        except OSError:
+            return socket.gethostname()

@@ -1,0 +1,51 @@
+// An element with a class, text and children.
+export function make(tag, name = "", ...children) {
+  const element = document.createElement(tag);
+  if (name) element.className = name;
+  element.append(...children);
+  return element;
+}
+
+// Fills a bar to a share of its length.
+export function fill(bar, share) {
+  bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
+}
+
+// Rows of <dt> and <dd> from pairs of words; without a value there is no row.
+export function list(root, pairs) {
+  root.replaceChildren(...pairs
+    .filter(([, value]) => value !== null && value !== undefined && value !== "")
+    .map(([name, value]) => make("div", "", make("dt", "", name), make("dd", "", String(value)))));
+}
+
+// A canvas as sharp as the screen; `draw(context, width, height)` in CSS pixels.
+export function canvas(root, height) {
+  const element = root.appendChild(make("canvas"));
+  element.style.height = `${height}px`;
+  const context = element.getContext("2d");
+  let width = 0;
+  const fit = () => {
+    width = element.clientWidth;
+    element.width = Math.round(width * devicePixelRatio);
+    element.height = Math.round(height * devicePixelRatio);
+  };
+  new ResizeObserver(fit).observe(element);
+  return (draw) => {
+    if (!width) return;
+    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    draw(context, width, height);
+  };
+}
+
+// Colours by name, as the style sheet has them now; asked anew when the scheme changes.
+const names = ["text", "quiet", "edge", "faint", "place", "force"];
+export const colours = {};
+function look() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of names) colours[name] = style.getPropertyValue(`--${name}`).trim();
+}
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", look);
+look();
+
+export const FULL_FORCE_MN = 10000;

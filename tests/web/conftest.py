@@ -1,0 +1,101 @@
+"""A real Chromium, and servers that end with their test."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from serving import Bench, Serving
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# The browser itself says so while there is no server; nothing in a page can keep it from that.
+_REFUSED = "net::ERR_CONNECTION_REFUSED"
+
+# What a page has drawn: where the press stands on the glass, and when its reading was.
+_RECORD = """
+window.drawn = [];
+document.addEventListener("drawn", ({ detail }) => {
+  const middle = (name) => document.querySelector(name).getBoundingClientRect();
+  const press = middle(".press"), track = middle(".track");
+  const record = {
+    ...detail,
+    on: document.querySelector(".press").classList.contains("on"),
+    share: (press.left + press.width / 2 - track.left) / track.width,
+    text: document.querySelector(".figure b").firstChild.data,
+  };
+  // The frame is on the screen when this task is over and the next one begins.
+  const channel = new MessageChannel();
+  channel.port1.onmessage = () => {
+    record.shown_s = (performance.timeOrigin + performance.now()) / 1000;
+    window.drawn.push(record);
+    if (window.drawn.length > 5000) window.drawn.shift();
+  };
+  channel.port2.postMessage(null);
+});
+"""
+
+
+@pytest.fixture(scope="session")
+def browser():
+    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if path is None:
+        pytest.fail("the page is tested in a real Chromium, and there is none: install chromium")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def open_page(browser):
+    """Return a function that opens a URL; at the end no page may have had an error."""
+    contexts, errors = [], []
+
+    def note(kind, text):
+        if _REFUSED not in text:
+            errors.append(f"{kind}: {text}")
+
+    def open_page(url, **options):
+        contexts.append(browser.new_context(**options))
+        contexts[-1].add_init_script(_RECORD)
+        page = contexts[-1].new_page()
+        page.on("console", lambda m: m.type == "error" and note(m.type, m.text))
+        page.on("pageerror", lambda error: note("exception", str(error)))
+        page.on("requestfailed", lambda r: note("request", f"{r.url} {r.failure}"))
+        page.goto(url)
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert not errors
+
+
+@pytest.fixture
+def bench(sensor, calibration):
+    """Return a function that makes benches, see `serving.Bench`."""
+    made = []
+
+    def make(scenario, **options):
+        made.append(Bench(sensor, calibration, scenario, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def serve():
+    """Return a function that serves a state."""
+    made = []
+
+    def make(state, **options):
+        made.append(Serving(state, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.stop()

@@ -1,0 +1,168 @@
+"""A board in simulated time that keeps to the clock, and a page server in a thread."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from concurrent.futures import Future
+from contextlib import contextmanager
+
+from spots.board import Board
+from spots.connect import prepare
+from spots.errors import PortLostError, SpotsError
+from spots.sim.lockstep import LockstepLink
+from spots.uses.layout import load
+from spots.web.reader import Reader
+from spots.web.serve import Server
+from spots.web.state import State
+
+
+class PacedLink:
+    """A link in simulated time that never runs ahead of the real one, with a cable to pull."""
+
+    def __init__(self, link):
+        self._link = link
+        self.name = link.name
+        self._ahead_s = link.now_s() - time.monotonic()
+        self.plugged = True
+        self.loss = SpotsError  # PortLostError, if the port is worth opening again
+        self.written = []
+
+    def now_s(self):
+        return self._link.now_s()
+
+    def pace(self):
+        """Keep to the clock from here on."""
+        self._ahead_s = self.now_s() - time.monotonic()
+
+    def read(self, timeout_s):
+        self._check()
+        early_s = self.now_s() - time.monotonic() - self._ahead_s
+        if early_s > 0:
+            time.sleep(early_s)
+        return self._link.read(timeout_s)
+
+    def write(self, data):
+        self._check()
+        self.written.append(bytes(data))
+        self._link.write(data)
+
+    def reopen(self):
+        self._check()
+        self.pace()
+
+    def close(self):
+        self._link.close()
+
+    def _check(self):
+        if not self.plugged:
+            raise self.loss("the board on virtual was disconnected")
+
+
+class Bench:
+    """A board on a scenario, as often as it is plugged in, and a reader of it.
+
+    Attributes
+    ----------
+    link : PacedLink or None
+        Of the board that is plugged in.
+    """
+
+    def __init__(self, sensor, calibration, scenario, layout="digits"):
+        self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
+        self.state = State()
+        self.link = None
+        self.there = True
+        self.asked_for = []
+        self.reader = Reader(self._open, load(layout), self.state, search_every_s=0.05)
+        self.reader.start()
+
+    def _open(self, board_id):
+        self.asked_for.append(board_id)
+        if not self.there:
+            raise SpotsError("no board found, plug one in")
+        link = PacedLink(LockstepLink(self._sensor, self._scenario))
+        board = Board(link)
+        if self._calibration:
+            prepare(board, self._calibration)
+        link.pace()
+        self.link, self.board = link, board
+        return board
+
+    def unplug(self):
+        """Pull the cable; the board forgets all."""
+        self.there = self.link.plugged = False
+
+    def replug(self):
+        self.there = True
+
+    @contextmanager
+    def loose(self):
+        """A plug that has contact again at the end; the board has noticed nothing."""
+        self.link.loss = PortLostError
+        self.link.plugged = False
+        yield
+        self.link.plugged = True
+
+    def close(self):
+        self.reader.stop(timeout_s=30)
+
+
+class Serving:
+    """A server in a thread with an event loop of its own."""
+
+    def __init__(self, state, address="127.0.0.1", port=0):
+        self._server = Server(state, address, port)
+        self._up = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._main()), daemon=True)
+        self._thread.start()
+        assert self._up.wait(30)
+
+    async def _main(self):
+        self._loop, self._down = asyncio.get_running_loop(), asyncio.Event()
+        async with self._server as server:
+            self.url = server.url
+            self._up.set()
+            await self._down.wait()
+
+    @property
+    def port(self):
+        return int(self.url.split("/")[2].rpartition(":")[2])
+
+    def stop(self):
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._down.set)
+            self._thread.join(30)
+
+
+def until(page, expression, timeout_s=60.0):
+    """Wait for something on a page; Playwright's own way needs what the page's policy forbids."""
+    eventually(page, lambda: page.evaluate(expression), timeout_s)
+
+
+def eventually(page, condition, timeout_s=60.0):
+    """Let a page live until a condition holds."""
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "it never came"
+        page.wait_for_timeout(20)
+
+
+def apart(function, *arguments, timeout_s=120.0):
+    """Call a function in a thread: Playwright's loop runs in this one, and no other may."""
+    result = Future()
+
+    def call():
+        try:
+            result.set_result(function(*arguments))
+        except BaseException as error:
+            result.set_exception(error)
+
+    threading.Thread(target=call, daemon=True).start()
+    return result.result(timeout_s)
+
+
+def run(coroutine):
+    """Run a coroutine to its end."""
+    return apart(asyncio.run, coroutine)

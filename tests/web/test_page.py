@@ -1,0 +1,248 @@
+"""What a person sees, in a real browser, of a real firmware on a simulated strip."""
+
+from __future__ import annotations
+
+from playwright.sync_api import expect
+
+from serving import Bench, eventually, until
+from spots.demo import open_fast
+from spots.recording.replay import open_recording
+from spots.sim.files import ScenarioFile, load
+from spots.sim.scenario import Held, Press, Scenario
+from spots.uses.layout import load as load_layout
+from spots.web.reader import Reader
+from spots.web.state import State
+
+LONG_MS = 60_000
+KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"
+FLASH_MS = 500  # more than a key is lit that is only struck
+LENGTH_MM = 85.0
+
+
+def ready(page):
+    """Wait until readings come: a finger that was there before presses no key."""
+    until(page, "drawn.length > 5")
+
+
+def test_a_moving_press_is_where_the_finger_is(bench, serve, open_page):
+    truth = Scenario(load(ScenarioFile, "demo"))
+    page = open_page(serve(bench(truth).state).url)
+    until(page, "drawn.filter((one) => one.trusted).length > 150")
+    shown = [one for one in page.evaluate("drawn") if one["trusted"]]
+    places = []
+    for one in shown:
+        presses = truth.presses(one["time_s"])
+        if len(presses) == 1:
+            at_mm = presses[0].position_mm
+            assert one["on"]
+            assert abs(LENGTH_MM * one["share"] - at_mm) < 0.5
+            assert abs(float(one["text"]) - at_mm) < 0.5
+            places.append(at_mm)
+    assert len(places) > 100
+    assert max(places) - min(places) > 30
+
+
+def test_a_key_is_lit_as_long_as_it_is_pressed(bench, serve, open_page):
+    held = Held()
+    page = open_page(serve(bench(held).state).url)
+    lit, tape = page.locator(".key.lit"), page.locator(".tape .key-event")
+    ready(page)
+    for place_mm, key in ((30.0, "4"), (80.0, "0")):
+        held.press = Press(place_mm, 3000, 4.0)
+        expect(lit).to_have_text([key], timeout=LONG_MS)
+        page.wait_for_timeout(FLASH_MS)
+        assert lit.all_text_contents() == [key]
+        held.press = None
+        expect(lit).to_have_count(0, timeout=LONG_MS)
+    expect(tape).to_have_text(["4", "0"])
+    held.press = Press(50.0, 8000, 4.0)
+    expect(page.locator(".tape .gesture").last).to_have_text("squeeze", timeout=LONG_MS)
+
+
+def test_the_stick_goes_where_the_finger_is_and_springs_back(bench, serve, open_page):
+    held = Held()
+    page = open_page(serve(bench(held).state).url)
+    ready(page)
+    held.press = Press(80.0, 6000, 4.0)
+    until(page, f"{KNOB} > 50")
+    expect(page.locator(".button.on")).to_have_text(["1"], timeout=LONG_MS)
+    held.press = Press(5.0, 3000, 4.0)
+    until(page, f"{KNOB} < -50")
+    held.press = None
+    until(page, f"{KNOB} === 0")
+
+
+def test_spectrum_link_and_board_are_told(bench, serve, open_page):
+    held = Held()
+    held.press = Press(40.0, 4000, 4.0)
+    page = open_page(serve(bench(held).state).url)
+    expect(page.locator(".bar span")).to_have_text(
+        ["F3", "F4", "F5", "F6", "F7", "F8"], timeout=LONG_MS
+    )
+    until(
+        page,
+        "[...document.querySelectorAll('.bar b')].every((one) => Number(one.textContent) > 100)",
+    )
+    expect(page.locator("#spectrum .note")).to_have_text("fits one press", timeout=LONG_MS)
+    expect(page.locator("#link")).to_contain_text("Hz", timeout=LONG_MS)
+    expect(page.locator("#facts")).to_contain_text("10 ms")
+
+
+def test_the_history_is_drawn(bench, serve, open_page):
+    held = Held()
+    held.press = Press(40.0, 4000, 4.0)
+    page = open_page(serve(bench(held).state).url)
+    # Pixels in the colour of the force's line.
+    until(
+        page,
+        """() => {
+          const c = document.querySelector('#history canvas');
+          const [r, g, b] = [0x1f, 0x7a, 0x8c];
+          const data = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+          let found = 0;
+          for (let i = 0; i < data.length; i += 4)
+            found += data[i] === r && data[i + 1] === g && data[i + 2] === b;
+          return found > 20;
+        }""",
+    )
+
+
+def test_without_a_calibration_the_page_shows_what_there_is(sensor, serve, open_page):
+    held = Held()
+    held.press = Press(40.0, 4000, 4.0)
+    one = Bench(sensor, None, held)
+    try:
+        page = open_page(serve(one.state).url)
+        expect(page.locator(".words")).to_contain_text("not calibrated", timeout=LONG_MS)
+        expect(page.locator(".bar")).to_have_count(6)
+        expect(page.locator("#keyboard")).to_be_hidden()
+        expect(page.locator("#stick")).to_be_hidden()
+    finally:
+        one.close()
+
+
+def test_a_linkage_is_shown_as_long_as_somebody_tells_of_one(bench, serve, open_page):
+    one = bench(Held())
+    page = open_page(serve(one.state).url)
+    twin = page.locator("#twin")
+    expect(page.locator("#board")).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    expect(twin).to_be_hidden()
+    message = {
+        "x_mm": 40.0, "y_mm": 150.0, "theta1_rad": 0.2, "theta2_rad": 0.2,
+        "cov": [1.0, 0.2, 1.0], "trail": [[30.0, 150.0], [40.0, 150.0]],
+        "base_mm": 80.0, "bar_mm": [100.0, 100.0, 100.0, 100.0],
+    }  # fmt: skip
+    one.state.put("twin", message)
+    expect(twin).to_be_visible()
+    one.state.put("twin", message)
+    painted = """() => {
+      const c = document.querySelector('#twin canvas');
+      return c && c.width && new Uint32Array(
+        c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer
+      ).some((pixel) => pixel);
+    }"""
+    until(page, painted)
+    one.state.put("twin", None)
+    expect(twin).to_be_hidden()
+
+
+def test_a_server_that_restarts_is_found_again(bench, serve, open_page):
+    held = Held()
+    held.press = Press(20.0, 3000, 4.0)
+    one = bench(held)
+    server = serve(one.state)
+    page = open_page(server.url)
+    board, press = page.locator("#board"), page.locator(".press.on")
+    expect(press).to_have_count(1, timeout=LONG_MS)
+    server.stop()
+    expect(board).to_have_text("looking for the server", timeout=LONG_MS)
+    expect(press).to_have_count(0)
+    serve(one.state, port=server.port)
+    expect(press).to_have_count(1, timeout=LONG_MS)
+    expect(board).to_have_attribute("data-state", "connected")
+
+
+def test_a_board_that_is_unplugged_is_found_again(bench, serve, open_page):
+    held = Held()
+    held.press = Press(20.0, 3000, 4.0)
+    one = bench(held)
+    page = open_page(serve(one.state).url)
+    board, press = page.locator("#board"), page.locator(".press.on")
+    expect(press).to_have_count(1, timeout=LONG_MS)
+    one.unplug()
+    expect(board).to_have_attribute("data-state", "lost", timeout=LONG_MS)
+    expect(press).to_have_count(0)
+    expect(page.locator(".key.lit")).to_have_count(0)
+    one.replug()
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    expect(press).to_have_count(1, timeout=LONG_MS)
+    first, *later = one.asked_for
+    assert first is None
+    assert len(set(later)) == 1
+    assert None not in later
+
+
+def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_page):
+    held = Held()
+    one = bench(held)
+    page = open_page(serve(one.state).url)
+    board, press = page.locator("#board"), page.locator(".press.on")
+    ready(page)
+    held.press = Press(20.0, 3000, 4.0)
+    expect(page.locator(".key.lit")).to_have_count(1, timeout=LONG_MS)
+    cursor = one.state.begin()
+    with one.loose():
+
+        def is_lost():
+            one.reader.watch()
+            return board.get_attribute("data-state") == "lost"
+
+        eventually(page, is_lost)
+        expect(press).to_have_count(0)
+        expect(page.locator(".key.lit")).to_have_count(0)
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    expect(press).to_have_count(1, timeout=LONG_MS)
+    assert len(one.asked_for) == 1
+    until(page, f"{KNOB} < -20")  # a stick follows a finger that never left
+    events = one.state.since(cursor)[1]["events"]
+    assert [event["pressed"] for event in events if event["kind"] == "key"] == [False]
+    held.press = None
+    expect(press).to_have_count(0, timeout=LONG_MS)
+    held.press = Press(80.0, 3000, 4.0)
+    expect(page.locator(".key.lit")).to_have_text(["0"], timeout=LONG_MS)
+
+
+def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page):
+    one = bench(Held())
+    page = open_page(serve(one.state).url)
+    board = page.locator("#board")
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    one.board.stats.restarts += 1
+    eventually(page, lambda: len(one.asked_for) > 1)
+    assert one.asked_for == [None, one.board.info["id"]]
+
+
+def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
+    truth = Scenario(load(ScenarioFile, "demo"))
+    path = tmp_path / "run.spots"
+    board, _ = open_fast("default", truth, seed=0)
+    with board, board.record(path):
+        board.command("stream touch spectrum")
+        for _ in board.frames(1.5):
+            pass
+    state, opened = State(), []
+
+    def open_board(board_id):
+        opened.append(board_id)
+        return open_recording(path)
+
+    reader = Reader(open_board, load_layout("digits"), state)
+    reader.start()
+    try:
+        page = open_page(serve(state).url)
+        expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+        eventually(page, lambda: len(opened) > 1)
+        assert opened[:2] == [None, board.info["id"]]
+        expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+    finally:
+        reader.stop()

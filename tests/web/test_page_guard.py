@@ -1,0 +1,257 @@
+"""Who gets the page, and that nobody gets more than to look."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import aiohttp
+import pytest
+from playwright.sync_api import expect
+from yarl import URL
+
+from serving import Serving, apart, run
+from spots.cli import main
+from spots.sim.scenario import Held
+from spots.web import app
+from spots.web.state import State
+
+LONG_MS = 60_000
+STATIC = Path(app.__file__).parent / "static"
+
+
+def status(url, path="", **headers):
+    """Return the status of a request, and the headers and text of the answer."""
+
+    async def ask():
+        async with (
+            aiohttp.ClientSession() as session,
+            session.get(
+                URL(url + path, encoded=True), headers=headers, allow_redirects=False
+            ) as answer,
+        ):
+            return answer.status, answer.headers, await answer.text()
+
+    return run(ask())
+
+
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
+}
+
+
+@pytest.mark.parametrize("path", ["", "live", "static/main.js", "nowhere"])
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "evil.example:8765",
+        "127.0.0.1.evil.example",
+        "192.168.1.9",
+        "[",
+        "localhost.x",
+    ],
+)
+def test_a_foreign_host_is_refused(serve, host, path):
+    url = serve(State()).url
+    assert status(url, path, Host=host)[0] == 403
+
+
+def test_the_names_of_home_are_taken(serve):
+    server = serve(State())
+    for host in ("localhost", "127.0.0.1", "[::1]"):
+        assert status(server.url, Host=f"{host}:{server.port}")[0] == 200
+        assert status(server.url, Host=f"{host}:9")[0] == 200  # through a tunnel
+
+
+@pytest.mark.parametrize("path", ["", "live", "static/main.js"])
+def test_a_foreign_origin_is_refused(serve, path):
+    server = serve(State())
+    for origin in (
+        "http://evil.example",
+        "null",
+        "http://127.0.0.1:1",
+        f"https://127.0.0.1:{server.port}",
+        f"http://127.0.0.1:{server.port}.evil.example",
+    ):
+        assert status(server.url, path, Origin=origin, **UPGRADE)[0] == 403
+
+
+def test_a_page_of_another_site_gets_nothing_in_a_real_browser(serve, browser):
+    server = serve(State())
+
+    class Other(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>other</title>")
+
+        def log_message(self, *arguments):
+            pass
+
+    other = ThreadingHTTPServer(("127.0.0.1", 0), Other)
+    threading.Thread(target=other.serve_forever, daemon=True).start()
+    page = browser.new_page()
+    try:
+        connect = """(url) => new Promise((done) => {
+          const socket = new WebSocket(url);
+          socket.onopen = () => done("open");
+          socket.onerror = () => done("refused");
+        })"""
+        live = f"ws://127.0.0.1:{server.port}/live"
+        page.goto(f"http://127.0.0.1:{other.server_port}/")
+        assert page.evaluate(connect, live) == "refused"
+        read = "(url) => fetch(url).then((answer) => answer.text(), () => 'refused')"
+        assert page.evaluate(read, server.url) == "refused"
+        page.goto(server.url)
+        assert page.evaluate(connect, live) == "open"
+    finally:
+        page.close()
+        other.shutdown()
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
+def test_only_looking_is_a_method(serve, method):
+    url = serve(State()).url
+
+    async def ask():
+        async with aiohttp.ClientSession() as session, session.request(method, url) as answer:
+            return answer.status
+
+    assert run(ask()) == 405
+
+
+@pytest.mark.parametrize("message", ["set gain=3", "keys on", "-1", "", "1" * 17, b"1", "²"])
+def test_what_a_page_sends_reaches_no_board(bench, serve, message):
+    one = bench(Held())
+    server = serve(one.state)
+
+    async def send():
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"http://127.0.0.1:{server.port}/live") as socket,
+        ):
+            while "touch" not in (await socket.receive_json(timeout=60)):
+                await socket.send_str("1000000")
+            written = list(one.link.written)
+            await (socket.send_bytes if isinstance(message, bytes) else socket.send_str)(message)
+            async for _ in socket:
+                pass
+            return written, socket.close_code
+
+    written, code = run(send())
+    assert code in (1008, 1009)
+    assert one.link.written == written
+    assert not any(b"set" in line or b"keys" in line for line in written[-3:])
+
+
+def test_nothing_in_the_page_needs_an_exception_from_its_policy(serve):
+    server = serve(State())
+    for path in ("", "static/main.js", "nowhere"):
+        headers = status(server.url, path)[1]
+        policy = headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "*" not in policy
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Referrer-Policy"] == "no-referrer"
+        assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    text = (STATIC / "index.html").read_text(encoding="utf-8")
+    assert not re.search(r"<script(?![^>]*\bsrc=)|\sstyle=|\son\w+=|<style", text)
+
+
+def test_the_page_asks_nothing_of_any_other_machine():
+    for path in STATIC.rglob("*.*"):
+        text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        assert not re.search(r"https?://|url\(|@import|innerHTML|eval\(", text), path
+
+
+def test_files_beside_the_page_are_not_served(serve):
+    url = serve(State()).url
+    for path in (
+        "static/serve.py",
+        "static/../serve.py",
+        "static/%2e%2e/serve.py",
+        "static/",
+        "static/..%2fserve.py",
+    ):
+        assert status(url, path)[0] in (403, 404)
+
+
+def test_another_address_asks_for_the_token(serve, open_page):
+    server = serve(State(), address="0.0.0.0")
+    _, token = server.url.split("?token=")
+    home = f"http://127.0.0.1:{server.port}/"
+    assert len(token) >= 20
+    for path in ("", "live", "static/main.js", "?token=wrong", "?token=", "?token=%C3%BC"):
+        assert status(home, path)[0] == 401
+    assert status(home, Cookie="spots-token=wrong")[0] == 401
+    assert status(home, f"?token={token}", Host="evil.example")[0] == 403
+    assert status(home, f"?token={token}", Origin="http://evil.example")[0] == 403
+    assert status(home, Cookie=f"spots-token={token}")[0] == 200
+    page = open_page(f"{home}?token={token}")
+    assert "token" not in page.url
+    expect(page.locator("body")).to_have_attribute("data-link", "live", timeout=LONG_MS)
+
+
+def test_home_needs_no_token():
+    for address in ("127.0.0.1", "127.0.0.2"):
+        server = Serving(State(), address=address)
+        try:
+            assert "token" not in server.url
+            assert status(server.url)[0] == 200
+        finally:
+            server.stop()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--address", "example.org"], "is no IP address"),
+        (["--address", "192.0.2.1"], "cannot serve on 192.0.2.1"),
+        (["--layout", "nowhere"], "cannot read the layout"),
+        (["--port", "virtual", "--sensor", "nowhere"], "cannot read the sensor file"),
+        (["--port", "virtual", "--scenario", "nowhere"], "cannot read the scenario file"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, arguments, says):
+    assert apart(main, ["serve", "--http-port", "0", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+def test_a_port_that_is_taken_is_told(serve, capsys):
+    assert apart(main, ["serve", "--http-port", str(serve(State()).port)]) == 2
+    assert "--http-port" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_end_is_quiet(number):
+    arguments = ["serve", "--port", "/dev/nowhere", "--http-port", "0"]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "spots", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    line = program.stdout.readline()
+    assert status(re.search(r"http://\S+", line).group())[0] == 200
+    program.send_signal(number)
+    _, error = program.communicate(timeout=60)
+    assert (program.returncode, error) == (0, "")
+
+
+def test_what_is_not_installed_is_told(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    monkeypatch.delitem(sys.modules, "spots.web.serve", raising=False)
+    assert main(["serve"]) == 2
+    assert "pip install 'spots[web]'" in capsys.readouterr().err

@@ -1,0 +1,158 @@
+"""What slow clients get, and that they slow nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import threading
+from types import SimpleNamespace
+
+import aiohttp
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serving import Serving, run
+from spots.errors import SpotsError
+from spots.web import reader as reading
+from spots.web.state import EVENTS_KEPT, State
+
+
+def live(server):
+    return f"http://127.0.0.1:{server.port}/live"
+
+
+@pytest.fixture
+def state():
+    return State()
+
+
+def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, serve):
+    server = serve(state)
+
+    async def watch():
+        async with aiohttp.ClientSession() as session:
+            stalled = await session.ws_connect(live(server))
+            awake = await session.ws_connect(live(server))
+            last = 0
+            for i in range(1, 200):
+                state.put("touch", {"i": i})
+                state.tell({"kind": "key", "i": i})
+                while last < i:
+                    message = await awake.receive_json(timeout=60)
+                    await awake.send_str(str(message["n"]))
+                    last = message["touch"]["i"]
+            messages = [await stalled.receive_json(timeout=60) for _ in range(2)]
+            with pytest.raises(asyncio.TimeoutError):
+                await stalled.receive(timeout=0.2)
+            await stalled.send_str("2")
+            messages.append(await stalled.receive_json(timeout=60))
+            await stalled.close()
+            await awake.close()
+            return messages
+
+    messages = run(watch())
+    assert [message["n"] for message in messages] == [1, 2, 3]
+    assert messages[-1]["touch"] == {"i": 199}
+    told = [event["i"] for message in messages for event in message.get("events", [])]
+    assert told == list(range(told[0], 200))
+    assert told[0] <= 2
+    assert not any("missed" in message for message in messages)
+
+
+def test_a_message_is_what_changed_since_the_last(state, serve):
+    server = serve(state)
+
+    async def watch():
+        state.put("board", {"state": "searching"})
+        async with aiohttp.ClientSession() as session, session.ws_connect(live(server)) as socket:
+            first = await socket.receive_json(timeout=60)
+            await socket.send_str("1")
+            state.put("touch", {"i": 1})
+            return first, await socket.receive_json(timeout=60)
+
+    first, second = run(watch())
+    assert first == {"n": 1, "board": {"state": "searching"}}
+    assert second == {"n": 2, "touch": {"i": 1}}
+
+
+def test_pages_that_go_leave_nothing(state, caplog):
+    server = Serving(state)
+    before = threading.active_count()
+
+    async def come_and_go():
+        async with aiohttp.ClientSession() as session:
+            for i in range(30):
+                async with session.ws_connect(live(server)) as socket:
+                    state.put("touch", {"i": i})
+                    await socket.receive_json(timeout=60)
+                    await asyncio.sleep(0.03)  # it waits for news when the page goes
+
+    run(come_and_go())
+    tasks = asyncio.run_coroutine_threadsafe(_tasks(), server._loop).result(30)
+    server.stop()
+    assert threading.active_count() <= before
+    assert tasks < 20
+    gc.collect()
+    assert "destroyed" not in caplog.text
+
+
+async def _tasks():
+    await asyncio.sleep(0.1)
+    return len(asyncio.all_tasks())
+
+
+def test_too_many_pages_are_refused(state, serve):
+    server = serve(state)
+
+    async def open_all():
+        async with aiohttp.ClientSession() as session:
+            sockets = [await session.ws_connect(live(server)) for _ in range(64)]
+            with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+                await session.ws_connect(live(server))
+            for socket in sockets:
+                await socket.close()
+            return refused.value.status
+
+    assert run(open_all()) == 503
+
+
+@given(st.lists(st.sampled_from(["put", "tell", "read"]), max_size=60), st.integers(0, 700))
+def test_a_reader_knows_all_that_was_told_but_what_was_dropped(steps, burst):
+    state = State()
+    cursor, known, seen, missed, told = state.begin(), {}, [], 0, 0
+    for step in [*steps, *["tell"] * burst, "read"]:
+        if step == "put":
+            state.put("touch", told)
+        elif step == "tell":
+            state.tell({"i": told})
+            told += 1
+        else:
+            cursor, news = state.since(cursor)
+            seen += [event["i"] for event in news.pop("events", [])]
+            missed += news.pop("missed", 0)
+            known.update(news)
+    assert missed + len(seen) == told
+    assert missed == max(0, told - len(seen))
+    assert seen == sorted(set(seen))
+    assert seen[-EVENTS_KEPT:] == list(range(told))[-min(EVENTS_KEPT, len(seen)) :] or not seen
+    assert state.since(cursor)[1] == {}
+
+
+def test_only_the_board_that_was_there_is_taken_again(monkeypatch):
+    closed = []
+
+    def board(number):
+        return SimpleNamespace(info={"id": number}, close=lambda: closed.append(number))
+
+    there = [board("other"), board("mine")]
+    monkeypatch.setattr(reading, "find", lambda: (there, []))
+    monkeypatch.setattr(reading, "open", lambda port, **_: there[0])
+    open_board = reading.finder(None, "default", "demo", 0)
+    assert open_board("mine").info["id"] == "mine"
+    assert closed == ["other"]
+    with pytest.raises(SpotsError, match="waiting for board gone"):
+        open_board("gone")
+    assert open_board(None).info["id"] == "other"
+    with pytest.raises(SpotsError, match="waiting for board mine"):
+        reading.finder("/dev/ttyACM0", "default", "demo", 0)("mine")
