@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from pathlib import Path
 from typing import TypeVar
 
 import msgspec
@@ -15,9 +16,29 @@ if sys.version_info >= (3, 11):
 else:
     from tomli import TOMLDecodeError, loads
 
-__all__ = ["TOMLDecodeError", "checked", "loads"]
+__all__ = ["TOMLDecodeError", "checked", "find", "loads"]
 
 _Kind = TypeVar("_Kind")
+
+
+def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
+    """Return path and text of a file, by its path or by the name of one in the folder.
+
+    Raises
+    ------
+    SpotsError
+        If there is none; the text says which names there are.
+    """
+    path = Path(name)
+    if not path.suffix:
+        path = folder / f"{name}.toml"
+    try:
+        return path, path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
+        raise SpotsError(
+            f"cannot read the {what} file {name}: give a path that ends in .toml, or one of {known}"
+        ) from None
 
 
 def checked(text: str, kind: type[_Kind], what: str) -> _Kind:

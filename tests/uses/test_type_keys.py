@@ -277,7 +277,7 @@ def test_a_gesture_presses_and_releases_its_key_if_it_is_sure():
         ('[gestures]\ntap = "PLAYPAUSE"', "tap: there is no key 'PLAYPAUSE'.*PLAY_PAUSE"),
         ("least_confidence = 2\n[gestures]", "least_confidence"),
         ("gestures = 1", "gestures"),
-        ("[gestures", "gestures' file"),
+        ("[gestures", "gestures file"),
     ],
 )
 def test_a_mistake_in_the_gestures_file_is_told(tmp_path, capsys, text, why):

@@ -11,7 +11,6 @@ from typing import Annotated, TypeVar
 import msgspec
 
 from .. import toml
-from ..errors import SpotsError
 
 DATA = Path(__file__).parent / "data"
 
@@ -315,15 +314,5 @@ def load(kind: type[_File], name: str | Path) -> _File:
         If there is no such file, or a key in it is unknown, missing or out of range.
     """
     what = _KINDS[kind]
-    folder = DATA / f"{what}s"
-    path = Path(name)
-    if not path.suffix:
-        path = folder / f"{name}.toml"
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
-        raise SpotsError(
-            f"cannot read the {what} file {name}: give a path that ends in .toml, or one of {known}"
-        ) from None
+    path, text = toml.find(name, DATA / f"{what}s", what)
     return toml.checked(text, kind, f"{what} file {path}")

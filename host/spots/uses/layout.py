@@ -127,16 +127,7 @@ def load(name: str | Path) -> KeyLayout:
     SpotsError
         If there is no such file or something in it is wrong: which line, which key, what to do.
     """
-    path = Path(name)
-    if not path.suffix:
-        path = FOLDER / f"{name}.toml"
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
-        raise SpotsError(
-            f"cannot read the layout {name}: give a path that ends in .toml, or one of {known}"
-        ) from None
+    path, text = toml.find(name, FOLDER, "layout")
     try:
         file = msgspec.convert(toml.loads(text), _File)
     except toml.TOMLDecodeError as error:

@@ -24,7 +24,8 @@ from .type_keys import length_of
 from .usages import chord_of
 from .wearable_view import picture
 
-DEFAULT = Path(__file__).parent / "data" / "wearable.toml"
+FOLDER = Path(__file__).parent / "wearables"
+DEFAULT = FOLDER / "media.toml"
 _TICK_S = 0.02
 
 
@@ -52,16 +53,12 @@ class Mapping:
     """
 
     def __init__(self, path: str | Path = DEFAULT):
-        try:
-            file = msgspec.convert(toml.loads(Path(path).read_text(encoding="utf-8")), _File)
-        except (OSError, UnicodeDecodeError):
-            raise SpotsError(f"cannot read the gestures' file {path}: give a path to one") from None
-        except (toml.TOMLDecodeError, msgspec.ValidationError) as error:
-            raise SpotsError(f"gestures' file {path}: {error}") from None
+        path, text = toml.find(path, FOLDER, "gestures")
+        file = toml.checked(text, _File, f"gestures file {path}")
         unknown = sorted(set(file.gestures) - set(NAMES))
         if unknown:
             raise SpotsError(
-                f"gestures' file {path}: there is no gesture '{unknown[0]}'; there are "
+                f"gestures file {path}: there is no gesture '{unknown[0]}'; there are "
                 + ", ".join(NAMES)
             )
         self.least_confidence = file.least_confidence
@@ -71,7 +68,7 @@ class Mapping:
             try:
                 self.keys[gesture] = chord_of(action)
             except SpotsError as error:
-                raise SpotsError(f"gestures' file {path}, {gesture}: {error}") from None
+                raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
         """Press and release what a gesture means, if it is sure enough."""
