@@ -1,10 +1,13 @@
-"""Virtual boards in real time for the tests."""
+"""Virtual boards in real time for the tests, and what is said and answered on the way."""
 
 from __future__ import annotations
 
 import contextlib
 
+from spots.cli import main
 from spots.connect import VIRTUAL, start_simulator
+
+DEADLINE_S = 20.0
 
 
 @contextlib.contextmanager
@@ -22,3 +25,22 @@ def virtual_board(folder):
     """As `running`; give the one port that it has."""
     with running(folder) as start:
         yield start["port"]
+
+
+def until(link, wanted):
+    """Return what came until `wanted` did."""
+    received = b""
+    end_s = link.now_s() + DEADLINE_S
+    while wanted not in received:
+        assert link.now_s() < end_s, received[-300:]
+        received += link.read(0.1)
+    return received
+
+
+def refused(capsys, *arguments):
+    """Run the command line; it must fail with one line, which is returned."""
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("spots: ")
+    assert error.count("\n") == 1
+    return error

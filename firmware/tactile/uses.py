@@ -6,6 +6,9 @@ on is not loaded, so that the memory is there for something else.
 
 # USB interface, and the setting that wants it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
+# HID usage pages as in layout.py, which is loaded only where it is used.
+_KEYBOARD_PAGE = 7
+_CONSUMER_PAGE = 12
 _WAIT_US = 1_000  # between two offers, when there is nothing else to do
 
 
@@ -40,7 +43,9 @@ class Uses:
         self._rests = False
         self.fault = None
         self._keypad = self._layout = None
-        self._keyboard = self._consumer = self._gamepad = self._axes = None
+        self._keyboard = self._consumer = self._axes = None
+        self._there = {}  # interfaces by name
+        self._outputs = ()  # the same: the loop allocates nothing over a tuple
         self._keys_on = self._gamepad_on = False
         self.layout_lines = layout_lines
         self._open()
@@ -71,7 +76,7 @@ class Uses:
         notes = []
         if wanted and calibration is None:
             notes.append("without a calibration no touch is a key or moves an axis")
-        missing = [name for name in wanted if self._interface(name) is None]
+        missing = [name for name in wanted if name not in self._there]
         if self.fault:
             notes.append(self.fault)
         elif missing and self._usb is None:
@@ -97,7 +102,7 @@ class Uses:
     def key(self, page, usage, modifiers, pressed):
         """Send a key event, as a frame and to the host's driver."""
         self._framer.key(self._sensor, page, usage, modifiers, pressed)
-        if page == 7:
+        if page == _KEYBOARD_PAGE:
             if self._keyboard is not None:
                 self._keyboard.key(usage, modifiers, pressed)
         elif self._consumer is not None:
@@ -110,24 +115,16 @@ class Uses:
     def pump(self):
         """Offer what waits to the host, once; return whether nothing waits any more."""
         idle = True
-        if self._keyboard is not None:
-            idle = self._keyboard.outbox.pump()
-        if self._consumer is not None:
-            idle = self._consumer.outbox.pump() and idle
-        if self._gamepad is not None:
-            idle = self._gamepad.outbox.pump() and idle
+        for output in self._outputs:
+            idle = output.outbox.pump() and idle
         return idle
 
     def release(self):
         """Let go of all; a touch that lasts is none until it was lifted."""
         if self._keypad is not None:
             self._keypad.release()
-        if self._keyboard is not None:
-            self._keyboard.release()
-        if self._consumer is not None:
-            self._consumer.release()
-        if self._axes is not None:
-            self._axes.release()
+        for output in self._outputs:
+            output.release()
 
     def finish(self, clock, within_us):
         """Let go of all and see that the host gets it, but wait no longer than this."""
@@ -138,8 +135,7 @@ class Uses:
 
     def dropped(self):
         """Return how many reports the host never got."""
-        there = [self._interface(name) for name, _ in INTERFACES]
-        return sum(one.outbox.dropped for one in there if one is not None)
+        return sum(output.outbox.dropped for output in self._outputs)
 
     def _prepare_keypad(self, length_um):
         if self._keypad is None:
@@ -157,14 +153,9 @@ class Uses:
 
     def _wanted(self):
         names = [name for name, setting in INTERFACES if self._values[setting]]
-        if "consumer" in names and 12 not in self._get_layout().pages:
+        if "consumer" in names and _CONSUMER_PAGE not in self._get_layout().pages:
             names.remove("consumer")
         return names
-
-    def _interface(self, name):
-        if name == "keyboard":
-            return self._keyboard
-        return self._consumer if name == "consumer" else self._gamepad
 
     def _open(self):
         names = self._wanted()
@@ -178,10 +169,10 @@ class Uses:
         from .gamepad import GamepadAxes
         from .hid import Consumer, Gamepad, Keyboard
 
-        if "keyboard" in sends:
-            self._keyboard = Keyboard(sends["keyboard"])
-        if "consumer" in sends:
-            self._consumer = Consumer(sends["consumer"])
-        if "gamepad" in sends:
-            self._gamepad = Gamepad(sends["gamepad"])
-            self._axes = GamepadAxes(self._gamepad)
+        kinds = {"keyboard": Keyboard, "consumer": Consumer, "gamepad": Gamepad}
+        self._there = {name: kinds[name](send) for name, send in sends.items()}
+        self._outputs = tuple(self._there.values())
+        self._keyboard = self._there.get("keyboard")
+        self._consumer = self._there.get("consumer")
+        if "gamepad" in self._there:
+            self._axes = GamepadAxes(self._there["gamepad"])

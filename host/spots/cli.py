@@ -263,9 +263,9 @@ _exposure_us = _number("an exposure in us", 2000, 200_000, int)
 
 
 def _open(options: argparse.Namespace):
-    from .connect import open
+    from .connect import open_named
 
-    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
+    return open_named(options)
 
 
 def _ports(options: argparse.Namespace) -> None:

@@ -58,6 +58,11 @@ def open(
     return found[0]
 
 
+def open_named(options) -> Board:
+    """Open the board that a command's options name by port, sensor, scenario and seed."""
+    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
+
+
 def find() -> tuple[list[Board], list[str]]:
     """Ask every USB device with a serial port who it is.
 

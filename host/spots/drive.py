@@ -23,9 +23,9 @@ _MOUNTED = {
     "darwin": ["/Volumes/*"],
     "win32": [f"{letter}:\\" for letter in string.ascii_uppercase[3:]],
 }
+_LINUX = ["/media/*", "/media/*/*", "/run/media/*/*", "/mnt/*"]
 _CLUSTER = 4096  # of such drives none has larger ones
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
-_LINUX = ["/media/*", "/media/*/*", "/run/media/*/*", "/mnt/*"]
 
 
 class Drive:

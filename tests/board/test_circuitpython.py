@@ -3,7 +3,7 @@
 import contextlib
 
 import pytest
-from boards import running
+from boards import DEADLINE_S, running, until
 from cobs import cobs
 
 import spots
@@ -18,7 +18,6 @@ from spots.sim.scenario import Scenario
 from spots.stage import stage
 
 BOARD = "virtual_circuitpython"
-DEADLINE_S = 20.0
 
 
 class Tapped(LockstepLink):
@@ -130,16 +129,6 @@ def start(tmp_path):
             return ports["port"], ports["console"]
 
         yield begin
-
-
-def until(link, wanted):
-    """Return what came until `wanted` did."""
-    received = b""
-    end_s = link.now_s() + DEADLINE_S
-    while wanted not in received:
-        assert link.now_s() < end_s, received[-300:]
-        received += link.read(0.1)
-    return received
 
 
 def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):

@@ -5,7 +5,7 @@ import shutil
 from types import SimpleNamespace
 
 import pytest
-from boards import running
+from boards import refused, running
 
 import spots
 from spots import drive, link, place
@@ -32,15 +32,6 @@ def mount(tmp_path, monkeypatch):
         return folder
 
     return mounted
-
-
-def refused(capsys, *arguments):
-    """Run the command line; it must fail with one line, which is returned."""
-    assert main(list(arguments)) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("spots: ")
-    assert error.count("\n") == 1
-    return error
 
 
 def test_onto_a_blank_board_which_then_says_hello_and_off_it_again(tmp_path, capsys):

@@ -5,7 +5,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from boards import virtual_board
+from boards import refused, virtual_board
 
 import spots
 from spots import flash as flashing
@@ -23,15 +23,6 @@ def empty(tmp_path):
     folder = tmp_path / "board"
     folder.mkdir()
     return folder
-
-
-def refused(capsys, *arguments):
-    """Run the command line; it must fail with one line, which is returned."""
-    assert main(list(arguments)) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("spots: ")
-    assert error.count("\n") == 1
-    return error
 
 
 def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):

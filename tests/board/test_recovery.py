@@ -5,14 +5,13 @@ import subprocess
 import sys
 
 import pytest
-from boards import virtual_board
+from boards import DEADLINE_S, until, virtual_board
 
 import spots
 from spots.link import SerialLink
 from spots.stage import stage
 
 PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
-DEADLINE_S = 20.0
 
 
 @pytest.fixture
@@ -21,16 +20,6 @@ def start(tmp_path):
     stage("virtual", tmp_path)
     with contextlib.ExitStack() as boards:
         yield lambda: boards.enter_context(virtual_board(tmp_path))
-
-
-def until(link, wanted):
-    """Return what came until `wanted` did."""
-    received = b""
-    end_s = link.now_s() + DEADLINE_S
-    while wanted not in received:
-        assert link.now_s() < end_s, received[-300:]
-        received += link.read(0.1)
-    return received
 
 
 def ask(link, code):

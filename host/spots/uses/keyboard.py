@@ -34,6 +34,8 @@ class KeyEngine:
 
     Attributes
     ----------
+    length_um, firm_mN : int
+        Of the strip, and what a firm press is.
     rests : int
         How often something was found to rest on the strip that is no finger.
     """
@@ -44,7 +46,9 @@ class KeyEngine:
         self.rests = 0
         self._names = list(layout.layers)
         self._pad = Keypad(self)
-        self._pad.set_layout(Layout(layout.lines), length_um)
+        limits = Layout(layout.lines)
+        self.firm_mN = limits.firm_mN
+        self._pad.set_layout(limits, length_um)
         self._heard_s: float | None = None
 
     @property

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.panel import Panel
 
 from ..board import Board
-from ..connect import open
+from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Touch
 from ..sim.scenario import Scenario
@@ -31,7 +31,7 @@ _PLAIN_LINES_PER_S = 4
 def run(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
     settings = None if options.calibrate else load(options.settings or DEFAULT)
-    with ended_by_signals(), _open(options) as board:
+    with ended_by_signals(), open_named(options) as board:
         if settings is None:
             set_up(board, options.settings or "controller.toml")
             return
@@ -189,7 +189,3 @@ def _until_enough(board, controller, gamepad, seconds, view=None, score=None) ->
             play(board, controller, gamepad, seconds, on_reading, on_state)
     except KeyboardInterrupt:
         pass
-
-
-def _open(options: argparse.Namespace) -> Board:
-    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from rich.console import Console
 
 from ..board import Board
-from ..connect import open
+from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..view import Pace, live
@@ -26,7 +26,7 @@ DEMO_LAYOUT = "mini"
 def run(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
-    with ended_by_signals(), _open(options) as board:
+    with ended_by_signals(), open_named(options) as board:
         info = board.command("hello")
         if info["keys"]:
             raise SpotsError(
@@ -127,7 +127,3 @@ class _Events:
 
     def key(self, *event):
         self.events.append(event)
-
-
-def _open(options: argparse.Namespace) -> Board:
-    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)

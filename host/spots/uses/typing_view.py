@@ -6,8 +6,6 @@ from rich.console import Group
 from rich.panel import Panel
 from rich.text import Text
 
-from tactile.layout import Layout
-
 from ..frames import LinkStats, Touch
 from .keyboard import KeyEngine
 from .keys import COLUMNS, row
@@ -33,7 +31,7 @@ def picture(
         level = min(touch.force_mN * len(_LEVELS) // _FULL_FORCE_MN, len(_LEVELS) - 1)
         finger = Text(" " * at + _LEVELS[level], style="bold cyan")
     paper = _wrapped(typed.text)
-    force = firm_scale(touch.force_mN if held else 0, Layout(layout.lines).firm_mN)
+    force = firm_scale(touch.force_mN if held else 0, engine.firm_mN)
     facts = Text(
         f"keys {typed.presses}   frames {stats.frames}   lost {stats.lost}   bad {stats.bad_crc}",
         style="dim",

@@ -88,6 +88,9 @@ class Typist:
         self._rng = rng
         self._pause_s = pause_s
         self._rows = list(layout.layers.values())
+        # A compiled layout names them all, each in a line.
+        said = (line.split() for line in layout.lines)
+        self._limits = {words[0]: int(words[1]) for words in said if words[0] in lines_of.LIMITS}
         self.touches: list[Touch] = []
         self.seconds = start_s
 
@@ -107,11 +110,7 @@ class Typist:
         """Add the finger for one slot of a key, at any place on it."""
         margin = 0.1 * (key.high - key.low)
         share = self._rng.uniform(key.low + margin, key.high - margin)
-        limits = {name: low_high[2] for name, low_high in lines_of.LIMITS.items()}
-        for line in self._layout.lines:
-            name, *values = line.split()
-            if name in limits:
-                limits[name] = int(values[0])
+        limits = self._limits
         held_s = self._rng.uniform(0.07, 0.14)
         force_mN = self._rng.uniform(1000, 2500)
         if slot == "firm":

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from .. import toml
 from ..board import Board
-from ..connect import open
+from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Touch
 from ..view import Pace, live
@@ -80,7 +80,11 @@ class Mapping:
 def run(options: argparse.Namespace) -> None:
     """Run ``spots wearable`` with the options that `cli` parsed."""
     mapping = Mapping(options.gestures or DEFAULT)
-    with ended_by_signals(), _open(options) as board, open_keyboard(options.dry_run) as keyboard:
+    with (
+        ended_by_signals(),
+        open_named(options) as board,
+        open_keyboard(options.dry_run) as keyboard,
+    ):
         length_of(board)
         drawing = Console().is_terminal and not options.dry_run
         play(board, lambda one: mapping.do(one, keyboard), options.seconds, drawing, mapping)
@@ -150,7 +154,3 @@ def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
         "gestures": [gesture.name for gesture in found],
         "least_confidence": round(min((gesture.confidence for gesture in found), default=0), 3),
     }
-
-
-def _open(options: argparse.Namespace) -> Board:
-    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
