@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from itertools import islice
 from typing import NamedTuple
 
 from tactile import decode
@@ -19,6 +20,8 @@ from .place import the_board
 from .udev import with_rule
 
 _SPECTRA = 12
+# A strip that lets no light through unpressed is as dark as one whose LED is broken.
+_PRESS_WITHIN_S = 10.0
 # Each exposure is followed by the transfer of the last one, and now and then by a dark frame.
 _SLOWEST = 0.7
 _BRIGHTEST = 0.95
@@ -90,35 +93,39 @@ def examine_board(board: Board) -> Iterator[Finding]:
         yield Finding("sensor", False, f"{state['fault']}: check SDA, SCL, power and ground")
         return
     yield Finding("sensor", True, "it answers on the bus")
-    spectra = _spectra(board, state["exposure_us"])
-    yield _light(spectra, state)
+    board.command("stream spectrum")
+    spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * state["exposure_us"] / 1e6), _SPECTRA))
+    yield from _light(board, spectra, state["full_scale"])
+    board.command("stream off")
     yield _rate(spectra, state["exposure_us"])
 
 
-def _spectra(board: Board, exposure_us: int) -> list[Spectrum]:
-    board.command("stream spectrum")
-    spectra = []
-    for frame in board.frames(1 + 3 * _SPECTRA * exposure_us / 1e6):
-        if isinstance(frame, Spectrum):
-            spectra.append(frame)
-        if len(spectra) == _SPECTRA:
-            break
-    board.command("stream off")
-    return spectra
+def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
+    return (frame for frame in board.frames(seconds) if isinstance(frame, Spectrum))
 
 
-def _light(spectra: list[Spectrum], state: dict) -> Finding:
+def _brightest(spectrum: Spectrum) -> int:
+    return 0 if spectrum.flags & decode.LED_OFF else max(spectrum.counts)
+
+
+def _light(board: Board, spectra: list[Spectrum], full_scale: int) -> Iterator[Finding]:
     lit = [spectrum for spectrum in spectra if not spectrum.flags & decode.LED_OFF]
     if not lit:
-        return Finding("light", False, "the LED is never on: spots command set led_mA=20")
-    brightest = max(max(spectrum.counts) for spectrum in lit)
-    level = brightest / state["full_scale"]
+        yield Finding("light", False, "the LED is never on: spots command set led_mA=20")
+        return
+    brightest = max(map(_brightest, lit))
+    if not brightest:
+        text = f"none, which may be for want of a press: press within {_PRESS_WITHIN_S:.0f} s"
+        yield Finding("light", True, text)
+        brightest = next(filter(None, map(_brightest, _spectra(board, _PRESS_WITHIN_S))), 0)
+    level = brightest / full_scale
     text = f"brightest channel at {100 * level:.1f} % of full scale"
-    if brightest == 0:
-        return Finding("light", False, text + ": check the LED's wires, LDR is its cathode")
-    if level > _BRIGHTEST:
-        return Finding("light", False, text + ": press at the sensor's end, spots command auto")
-    return Finding("light", True, text)
+    if not brightest:
+        yield Finding("light", False, text + ": check the LED's wires, LDR is its cathode")
+    elif level > _BRIGHTEST:
+        yield Finding("light", False, text + ": press at the sensor's end, spots command auto")
+    else:
+        yield Finding("light", True, text)
 
 
 def _rate(spectra: list[Spectrum], exposure_us: int) -> Finding:
