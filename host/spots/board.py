@@ -7,12 +7,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
+
 from tactile import PROTOCOL
 from tactile.command import LINE_MAX, NAME_MAX
 
 from .clockmap import ClockMap
 from .errors import PortLostError, SpotsError
 from .frames import Decoder, Frame, LinkStats, Note, Text, Touch
+from .hello import made_sure
 from .link import Link
 from .recording.recorder import Recorder
 
@@ -63,6 +66,8 @@ class Board:
     SpotsError
         If nothing answers, or the answer is not that of a board of this protocol version.
     """
+
+    _poll_s = _POLL_S
 
     def __init__(self, link: Link):
         self._link = link
@@ -145,7 +150,7 @@ class Board:
                 yield self._frames.popleft()
             if end_s is not None and self.now_s() >= end_s:
                 return
-            left_s = _POLL_S if end_s is None else min(_POLL_S, end_s - self.now_s())
+            left_s = self._poll_s if end_s is None else min(self._poll_s, end_s - self.now_s())
             self._pump_or_resume(max(left_s, 0))
 
     def touches(self, seconds: float | None = None) -> Iterator[Touch]:
@@ -246,7 +251,10 @@ class Board:
         # What came before the reply may have begun in the middle of a frame.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         self._frames.clear()
-        return reply.content
+        try:
+            return made_sure(reply.content)
+        except msgspec.ValidationError as error:
+            raise SpotsError(f"the board on {self.port} is none of ours: {error}") from None
 
     def _map_clocks(self) -> None:
         for i in range(_SYNC_ROUND_TRIPS):

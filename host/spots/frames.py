@@ -6,11 +6,11 @@ One decoder serves live links, recordings and the simulator.
 from __future__ import annotations
 
 import binascii
-import json
 import struct
 from dataclasses import dataclass
 from typing import NamedTuple, Union
 
+import msgspec
 from cobs import cobs
 
 from tactile import decode, frame
@@ -275,10 +275,7 @@ def _note(sensor, sequence, t_us, body):
 
 
 def _object(body):
-    content = json.loads(body)
-    if not isinstance(content, dict):
-        raise ValueError("a frame of text holds one JSON object")
-    return content
+    return msgspec.json.decode(body, type=dict)
 
 
 _PARSERS = {

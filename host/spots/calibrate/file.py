@@ -206,7 +206,6 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         found = msgspec.convert(content, CalibrationFile)
         made = Calibration(found.lines)
     except (
-        toml.TOMLDecodeError,
         msgspec.ValidationError,
         CalibrationError,
         KeyError,

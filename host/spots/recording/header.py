@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
@@ -12,6 +13,7 @@ from tactile import PROTOCOL
 
 from ..errors import SpotsError
 from ..frames import Decoder, Note
+from ..hello import made_sure
 from .note import note
 
 VERSION = 1
@@ -22,12 +24,17 @@ _COPIES = 2
 _SEARCHED_BYTES = 1 << 17
 
 
+# So long since a clock began, either way: keeps times of 1e-6 s in what a float can tell apart.
+_Clock_s = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+_Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
+
+
 class Clock(msgspec.Struct, frozen=True):
     """State of the `clockmap.ClockMap` when the recording began; see its `state`."""
 
-    last_us: int
-    low_s: float
-    high_s: float
+    last_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)]
+    low_s: _Clock_s
+    high_s: _Clock_s
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
@@ -55,10 +62,10 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     program: str
     set: str
     part: int
-    host_s: float
-    utc_s: float
+    host_s: _Clock_s
+    utc_s: _Utc_s
     info: dict
-    clock: Clock | None = None
+    clock: Clock
     calibration: list[str] | None = None
 
 
@@ -110,6 +117,7 @@ def _parsed(path: Path, pieces: dict) -> Header:
         text = "".join(pieces[i] for i in range(len(pieces)))
         version = json.loads(text)["recording"]
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
+        info = made_sure(header.info) if header else {}
     except (KeyError, TypeError, ValueError, msgspec.MsgspecError) as error:
         raise SpotsError(f"{path}: the header is none of ours: {error}") from None
     if header is None:
@@ -122,4 +130,4 @@ def _parsed(path: Path, pieces: dict) -> Header:
             f"{path} is of a board that speaks protocol {protocol}, this program {PROTOCOL}: use "
             f"the program that wrote it, {header.program}"
         )
-    return header
+    return msgspec.structs.replace(header, info=info)

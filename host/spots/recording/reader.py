@@ -100,8 +100,8 @@ class Recording:
         self.complete = False
 
 
-def _resumed(known: Clock | None) -> ClockMap:
-    return ClockMap.resume(**msgspec.structs.asdict(known)) if known else ClockMap()
+def _resumed(known: Clock) -> ClockMap:
+    return ClockMap.resume(**msgspec.structs.asdict(known))
 
 
 def _noted(path: Path, content: object) -> ClockMap:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from ..errors import printable
 from .reader import Recording
 from .table import TABLES, shown
 
@@ -58,7 +59,7 @@ def report(found: dict) -> str:
         "end": end + (f", {cut} bytes of a frame" if cut else ""),
     }
     width = max(map(len, rows))
-    return "\n".join(f"{name.ljust(width)}  {value}" for name, value in rows.items())
+    return "\n".join(f"{name.ljust(width)}  {printable(value)}" for name, value in rows.items())
 
 
 class _Known(dict):
