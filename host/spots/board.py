@@ -214,8 +214,12 @@ class Board:
         info = self.command("hello")
 
         def describe() -> dict:
-            clock = self._clock.state()
-            return {"info": info, "clock": clock, "calibration": self.calibration}
+            return {
+                "info": info,
+                "clock": self._clock.state(),
+                "calibration": self.calibration,
+                "restarts": self.stats.restarts,
+            }
 
         recorder = Recorder(
             self._link, path, describe, begun=self._decoder.pending, rotate_bytes=rotate_bytes
@@ -293,14 +297,13 @@ class Board:
         if not self._streams or self.now_s() - self._heard_s < _SILENCE_S:
             return
         sent_s = self._heard_s = self.now_s()
-        lost = self.stats.lost
         reply = self._exchange("sync", _SILENCE_S)
         if reply is None or reply.content.get("stream") != []:
             return  # nobody there, or damaged: after the next silence again; or it has no news
         if not self._resuming:
             self._resuming = True
             self.stats.restarts += 1
-        self.stats.lost = lost  # it counts its frames from 0 again
+            self._decoder.restarted(self.stats.restarts)
         self._clock = ClockMap()
         self._clock.round_trip(sent_s, reply.content["t_us"], self.now_s())
         try:

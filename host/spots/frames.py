@@ -23,6 +23,7 @@ _CRC_SIZE = 2
 # COBS adds one byte, and one more for each 254.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + _CRC_SIZE + 4
 _SEQUENCES = 1 << 16
+_READINGS = frame.TOUCH, frame.SPECTRUM
 NOTE = 15
 
 _DOUBTFUL = (
@@ -185,13 +186,21 @@ class Decoder:
 
     A piece that fails its CRC is counted and dropped; the next delimiter starts anew. Memory is
     bounded by the longest frame.
+
+    Attributes
+    ----------
+    stats : LinkStats
+    restarts : int
+        How often the board has restarted, as far as it was told by `restarted` or by notes.
     """
 
     def __init__(self):
         self.stats = LinkStats()
+        self.restarts = 0
         self._rest = b""
         self._overlong = False
         self._expected = None
+        self._lost_at_reading = 0
 
     @property
     def pending(self) -> bytes:
@@ -215,6 +224,16 @@ class Decoder:
         self._rest = rest
         return frames
 
+    def restarted(self, restarts: int) -> None:
+        """Take note of how often the board has restarted by now.
+
+        If that is more often than before, it counts its frames from 0 again, and what seemed to be
+        lost since its last reading is none: until it is told to stream again there are no others.
+        """
+        if restarts > self.restarts:
+            self.restarts = restarts
+            self.stats.lost = min(self.stats.lost, self._lost_at_reading)
+
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
         # However it was cut into pieces, what is longer than any frame is none.
         payload = _checked(piece) if len(piece) <= ENCODED_MAX else None
@@ -224,6 +243,8 @@ class Decoder:
         kind, sequence, low, high = _HEADER.unpack_from(payload)
         if kind & 0x0F != NOTE:
             self._count(sequence)
+            if kind & 0x0F in _READINGS:
+                self._lost_at_reading = self.stats.lost
         parse = _PARSERS.get(kind & 0x0F)
         if parse is not None:
             try:
@@ -231,6 +252,14 @@ class Decoder:
                 frames.append(parse(kind >> 4, sequence, low | high << 16, body))
             except (struct.error, ValueError):
                 self.stats.bad_crc += 1
+            else:
+                if kind & 0x0F == NOTE:
+                    self._noted(frames[-1].content)
+
+    def _noted(self, content: dict) -> None:
+        restarts = content.get("restarts")
+        if isinstance(restarts, int):
+            self.restarted(restarts)
 
     def _count(self, sequence: int) -> None:
         if self._expected is not None:

@@ -56,6 +56,8 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         From the board's time to the host's monotonic clock.
     calibration : list of str or None
         The board's calibration, where the host knew it.
+    restarts : int
+        How often the board had restarted by then, since it was opened.
     """
 
     recording: int
@@ -67,6 +69,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     info: dict
     clock: Clock
     calibration: list[str] | None = None
+    restarts: int = 0
 
 
 def encoded(header: Header) -> bytes:

@@ -32,6 +32,7 @@ def summary(path: str | Path) -> dict:
         "frames": {table.name: counts[table.name] for table in TABLES.values()},
         "lost": stats.lost,
         "bad": stats.bad_crc,
+        "restarts": recording.restarts,
         "cut_bytes": recording.cut_bytes,
         "complete": recording.complete,
         "notes": recording.notes,
@@ -55,7 +56,7 @@ def report(found: dict) -> str:
         "begun": found["begun"],
         "duration": f"{found['duration_s']:.3f} s",
         "frames": frames or "none",
-        "lost": f"{found['lost']} lost, {found['bad']} bad",
+        "lost": f"{found['lost']} lost, {found['bad']} bad, {found['restarts']} restarts",
         "end": end + (f", {cut} bytes of a frame" if cut else ""),
     }
     width = max(map(len, rows))
