@@ -129,7 +129,7 @@ class View:
         grid.add_column(justify="right", width=10)
         grid.add_column()
         counts = self._spectrum.counts if self._spectrum else [0] * len(self._info["plan"])
-        top = max(*counts, 1000)
+        top = max([*counts, 1000])
         for name, count in zip(self._info["plan"], counts):
             bar = Text(_bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
             grid.add_row(Text(name), f"{count} ct", bar)

@@ -36,7 +36,7 @@ from spots.view import View, plain
 from spots.web.app import _ACK_MAX, _add_headers, _Drawn
 from spots.web.feel import layout_shown
 from spots.web.guard import Guard
-from tactile import settings
+from tactile import PROTOCOL, settings
 from tactile.calibration import Calibration, CalibrationError
 from tactile.decode import AVERAGE_MAX, DARK_SAMPLES, Decode
 from tactile.keypad import Keypad
@@ -66,7 +66,8 @@ def _stream(data: bytes) -> bytes:
     """Return bytes as they are, or, after a mark, the frames of payloads between CR LF."""
     if not data.startswith(_SEALED):
         return data
-    return b"".join(encoded(payload) for payload in data[1:].split(b"\r\n"))
+    told = data[1:].replace(b"PROTOCOL", b"%d" % PROTOCOL)
+    return b"".join(encoded(payload) for payload in told.split(b"\r\n"))
 
 
 def _text(data: bytes) -> str:
@@ -249,6 +250,10 @@ def recording(data: bytes) -> None:
     path = _file("a.spots", _stream(data))
     with _refusing():
         assert report(summary(path)).replace("\n", "").isprintable()
+        _use(path)
+
+
+def _use(path: Path) -> None:
     with _refusing(), spots.open_recording(path, math.inf) as board:
         view = View(board.info, board.port)
         for frame in board.frames():
