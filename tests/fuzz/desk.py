@@ -22,9 +22,9 @@ _SETTLE_STEPS = 60  # a search over all gains ends within so many samples
 _COUNTS = (900, 1200, 2000, 2500, 3000, 1500)
 _LENGTH_UM = 85_000
 
+_STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 for _name in ("SETTINGS_FILE", "CALIBRATION_FILE", "LAYOUT_FILE"):
-    _folder = Path(tempfile.mkdtemp(prefix="spots-fuzz-board-"))
-    setattr(tactile.app, _name, str(_folder / "stored.txt"))
+    setattr(tactile.app, _name, f"{_STORE.name}/{_name}")
 
 
 tactile.app.gc = SimpleNamespace(collect=lambda: None)  # CPython's costs more than all else
@@ -106,7 +106,7 @@ class Board:
     """The application of the firmware, freshly started, on a clock of its own."""
 
     def __init__(self):
-        for path in Path(tactile.app.SETTINGS_FILE).parent.parent.glob("spots-fuzz-board-*/*"):
+        for path in Path(_STORE.name).iterdir():
             path.unlink()
         clock, self._serial = _Clock(), _Serial()
         board = SimpleNamespace(NAME="virtual", LED_MAX_MA=100)

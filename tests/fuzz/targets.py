@@ -43,7 +43,8 @@ from tactile.keypad import Keypad
 from tactile.layout import Layout, LayoutError
 from test_frames import encoded
 
-FOLDER = Path(tempfile.mkdtemp(prefix="spots-fuzz-"))
+_TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
+FOLDER = Path(_TEMPORARY.name)
 _SEALED = b"="
 _SOME_TIMES_S = (0.0, 0.3, 12.5, 1e6)
 
