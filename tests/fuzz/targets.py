@@ -155,7 +155,7 @@ def settings_file(data: bytes) -> None:
     try:
         fresh.change(settings.load_lines(path))
     except ValueError as error:
-        _check_line(str(error))
+        assert str(error)
         assert fresh.values == before
         return
     after = dict(fresh.values)
