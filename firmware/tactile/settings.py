@@ -27,9 +27,10 @@ LIMITS = {
     "baseline": (0, 1, 0),
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
+    "watchdog": (0, 1, 0),
 }
 # A change of these needs no new start of the sensor.
-_AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad")
+_AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad", "watchdog")
 
 
 class Settings:
