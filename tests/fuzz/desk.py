@@ -14,9 +14,10 @@ import tactile.app
 from spots.frames import Decoder, Touch
 from tactile.contact import TICKS
 from tactile.decode import MISFIT, TOO_DARK, TOUCHING
+from tactile.settings import checksum
 
 # More would be one more of the same, and slow.
-LINES_MAX = 24
+LINES_MAX = 40
 _WRAP = 1 << 30
 _SETTLE_STEPS = 60  # a search over all gains ends within so many samples
 _COUNTS = (900, 1200, 2000, 2500, 3000, 1500)
@@ -119,6 +120,12 @@ class Board:
         """Give it what a host sends, and let it run for a sample."""
         self._serial.heard += data
         self.app.step()
+
+    def summed(self, line):
+        """Return a line with the checksum of what was uploaded so far in its place."""
+        commands = self.app._commands
+        upload = commands._layout if line.startswith(b"layout") else commands._cal
+        return line.replace(b"CHECKSUM", checksum(upload._lines or []).encode())
 
     def said(self):
         """Return the frames that it has sent since; none of them is bad."""

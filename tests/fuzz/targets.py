@@ -98,6 +98,7 @@ def commands(data: bytes) -> None:
     board = desk.Board()
     for line in data.split(b"\n")[: desk.LINES_MAX]:
         before = board.state()
+        line = board.summed(line)
         board.hear(line + b"\n")
         texts = [frame.content for frame in board.said() if "re" in getattr(frame, "content", ())]
         refused = texts and "error" in texts[0]
@@ -154,8 +155,7 @@ def settings_file(data: bytes) -> None:
     before = dict(fresh.values)
     try:
         fresh.change(settings.load_lines(path))
-    except ValueError as error:
-        assert str(error)
+    except ValueError:
         assert fresh.values == before
         return
     after = dict(fresh.values)
