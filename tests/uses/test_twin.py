@@ -65,8 +65,7 @@ def test_a_terminal_is_that_of_one_moment():
     for i in range(20):
         for joint, time_s in ((0, 0.03 * i), (1, 0.03 * i + 0.011)):
             theta = -0.3 + 0.5 * time_s if joint == 0 else -0.6 - 0.2 * time_s
-            terminal = one.take(joint, at(theta, time_s))
-            found += [terminal] if terminal else []
+            found += one.take(joint, at(theta, time_s))
     assert len(found) == 38  # of every reading but the very first and last
     assert list(one.trail) == found
     for terminal in found:
@@ -83,7 +82,7 @@ def test_a_terminal_is_that_of_one_moment():
 def test_the_ellipse_is_that_of_the_covariance():
     one = twin()
     one.take(0, at(-0.3, 0.0))
-    terminal = one.take(1, at(-0.9, 0.0))
+    (terminal,) = one.take(1, at(-0.9, 0.0))
     sigma = math.radians(JOINT.resolution_deg)
     covariance = LINKAGE.covariance(*terminal.theta_rad, sigma**2 * np.eye(2))
     xx, xy, yy = terminal.covariance_mm2
@@ -99,14 +98,14 @@ def test_limits_are_told_and_not_drawn():
     apart = Linkage((100, 45, 45, 100), 80)
     one = twin(linkage=apart)
     one.take(0, at(-1.0, 0.0))
-    terminal = one.take(1, at(-1.0, 0.0))
+    (terminal,) = one.take(1, at(-1.0, 0.0))
     assert terminal.limit == Limit.ELBOWS_APART
     assert terminal.x_mm is terminal.y_mm is terminal.ellipse is terminal.sigma_mm is None
     assert Limit.ELBOWS_APART.sentence in twin_command.line(terminal, 0.0)
     near = twin()
     angle = -math.asin(0.6) + 0.003
     near.take(0, at(angle, 0.0))
-    terminal = near.take(1, at(angle, 0.0))
+    (terminal,) = near.take(1, at(angle, 0.0))
     assert terminal.singular
     assert "near singular" in twin_command.line(terminal, 0.0)
 
@@ -114,12 +113,25 @@ def test_limits_are_told_and_not_drawn():
 def test_over_a_gap_nothing_is_told():
     one = twin()
     one.take(0, at(-0.3, 0.0))
-    assert one.take(1, at(-0.6, 0.0)) is not None
-    assert one.take(1, at(-0.6, 0.03)) is None
-    assert one.take(0, at(-0.3, 1.5)) is None  # where joint 1 was at 0.03 nobody knows
-    assert one.take(1, at(-0.6, 1.5)) is not None
+    assert len(one.take(1, at(-0.6, 0.0))) == 1
+    assert one.take(1, at(-0.6, 0.03)) == []
+    assert one.take(0, at(-0.3, 1.5)) == []  # where joint 1 was at 0.03 nobody knows
+    assert len(one.take(1, at(-0.6, 1.5))) == 1
     dark = at(-0.3, 1.6)._replace(flags=0)
-    assert one.take(0, dark) is None
+    assert one.take(0, dark) == []
+
+
+def test_it_makes_no_difference_which_joint_is_heard_first():
+    moments = [(0, 0.03 * i) for i in range(20)] + [(1, 0.011 + 0.07 * i) for i in range(8)]
+    read = [(joint, at(-0.3 - 0.3 * joint + 0.5 * s, s)) for joint, s in moments]
+    in_time = sorted(read, key=lambda pair: pair[1].time_s)
+    expected = list(twin().follow(in_time))
+    # Of each reading that the other joint's first and last ones enclose, one after the other.
+    assert [terminal.time_s for terminal in expected] == sorted(
+        s for _, s in moments if 0.011 <= s <= 0.011 + 0.07 * 7
+    )
+    assert list(twin().follow(read)) == expected
+    assert list(twin().follow(read[20:] + read[:20])) == expected
 
 
 def test_two_encoders_it_is():
@@ -128,10 +140,14 @@ def test_two_encoders_it_is():
 
 
 def test_one_board_with_two_sensors_is_read_by_sensor():
+    pair = [at(-0.3, 0.0), at(-0.6, 0.0)._replace(sensor=1)]
     board = SimpleNamespace(
-        touches=lambda seconds: iter([at(-0.3, 0.0), at(-0.6, 0.0)._replace(sensor=1)])
+        command=lambda line: {},
+        now_s=iter((0.0, 0.0, 1.0)).__next__,
+        frames=lambda seconds: iter(pair),
+        stats=SimpleNamespace(restarts=0),
     )
-    assert [joint for joint, _ in readings([board])] == [0, 1]
+    assert [joint for joint, _ in readings([board], 1.0)] == [0, 1]
 
 
 def test_sust_is_followed(run, files):
