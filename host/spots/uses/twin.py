@@ -76,6 +76,28 @@ class Terminal(NamedTuple):
         angle_rad = math.atan2(2 * xy, xx - yy) / 2
         return math.sqrt(middle + half), math.sqrt(max(middle - half, 0.0)), angle_rad
 
+    @property
+    def remark(self) -> str:
+        """What there is to say about it, for people; empty if nothing."""
+        doubts = {"near singular": self.singular, "beyond what was calibrated": not self.within}
+        return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
+
+    def message(self) -> dict:
+        """Return it as a JSON object; docs/page.md says what each key means."""
+        return {
+            "time_s": self.time_s,
+            "x_mm": self.x_mm,
+            "y_mm": self.y_mm,
+            "velocity_mm_s": self.velocity_mm_s,
+            "cov": self.covariance_mm2,
+            "sigma_mm": self.sigma_mm,
+            "theta1_rad": self.theta_rad[0],
+            "theta2_rad": self.theta_rad[1],
+            "limit": self.limit.sentence if self.limit else None,
+            "singular": self.singular,
+            "within": self.within,
+        }
+
 
 class Twin:
     """Follows the terminal of a linkage.
