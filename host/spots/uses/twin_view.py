@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import groupby
 
 from rich.console import Group
 from rich.panel import Panel
@@ -44,7 +45,7 @@ class View:
         path = [(t.x_mm, t.y_mm) for t in trail if not t.limit]
         bars = _outline(self._twin, last) if last else []
         self._see([*path, *(point for bar in bars for point in bar)])
-        parts = [self._plot(path, bars, last), Text(), _numbers(last), _facts(stats)]
+        parts = [self._plot(path, bars, last), _numbers(last), _facts(stats)]
         return Panel(Group(*parts), title=self._title, width=_COLUMNS + 6, padding=(0, 2))
 
     def _see(self, points: Iterable[Point]) -> None:
@@ -66,14 +67,10 @@ class View:
             at = column // 2, row // 4
         text = Text()
         for row in range(_ROWS):
-            for column in range(_COLUMNS):
-                cell = column, row
-                if cell == at:
-                    text.append("●", style="bold red")
-                elif cell in lit:
-                    text.append(chr(_BRAILLE + lit[cell]), style="cyan")
-                else:
-                    text.append(chr(_BRAILLE + quiet.get(cell, 0)), style="dim")
+            signs = [_sign((column, row), at, lit, quiet) for column in range(_COLUMNS)]
+            # Runs of one style: a style for each character would take most of the time.
+            for style, run in groupby(signs, key=lambda sign: sign[1]):
+                text.append("".join(character for character, _ in run), style=style)
             text.append("\n")
         return text
 
@@ -89,6 +86,14 @@ class View:
         column = round((_ACROSS - 1) / 2 + (point[0] - middle_mm) * scale)
         row = round(_DOWN - 1 - (point[1] - self._low[1]) * scale)
         return min(max(column, 0), _ACROSS - 1), min(max(row, 0), _DOWN - 1)
+
+
+def _sign(cell: tuple[int, int], at, lit: dict, quiet: dict) -> tuple[str, str]:
+    """Return what stands at a place of the picture, and its style."""
+    if cell == at:
+        return "●", "bold red"
+    dots = lit.get(cell) or quiet.get(cell)
+    return chr(_BRAILLE + dots) if dots else " ", "cyan" if cell in lit else "dim"
 
 
 def _outline(twin: Twin, terminal: Terminal) -> list[list[Point]]:
@@ -140,7 +145,7 @@ def _numbers(last: Terminal | None) -> Table:
 
 def _facts(stats: list[LinkStats]) -> Text:
     parts = [
-        f"joint {i}: frames {one.frames}, lost {one.lost}, restarts {one.restarts}"
+        f"joint {i}: frames {one.frames}, lost {one.lost}, bad {one.bad_crc}"
         for i, one in enumerate(stats, 1)
     ]
     return Text("   ".join(parts), style="dim")
