@@ -47,7 +47,9 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
     demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
     demo.add_argument("--page", action="store_true", help="in a web browser, until Ctrl-C")
-    demo.add_argument("--use", default="strip", help="strip, keyboard, controller or wearable")
+    demo.add_argument(
+        "--use", default="strip", help="strip, keyboard, controller, wearable, fivebar"
+    )
     _add_simulation(demo)
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
 
@@ -90,7 +92,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_serve(commands) -> None:
     serve = commands.add_parser("serve", help="a live page of a board for web browsers")
-    _add_port(serve)
+    _add_ports(serve)
+    serve.add_argument("--linkage", metavar="FILE.toml", help="of which the board is a joint")
+    _add_simulation(serve)
     serve.add_argument("--layout", default="digits", metavar="FILE.toml", help="of keys; or a name")
     serve.add_argument("--address", default="127.0.0.1", help="show it to others, with a token")
     serve.add_argument("--http-port", type=_http_port, default=8765, help="0 for any")
@@ -312,7 +316,7 @@ def _demo(options: argparse.Namespace) -> None:
     if options.page:
         from .web.serve import show_demo
 
-        show_demo(options.sensor, options.scenario or "demo", options.seed)
+        show_demo(options.use, options.sensor, options.scenario or "demo", options.seed)
         return
     from .demo import demo
 

@@ -36,11 +36,16 @@ def run(options: argparse.Namespace) -> None:
         If a file or an option does not allow it.
     """
     ports, virtual = options.port, VIRTUAL in options.port
+    tell = _json if options.json else None
     boards = (ports and not virtual) or is_mounted(options.linkage)
     if options.calibrate:
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
+    elif virtual:
+        files = options.sensor, options.linkage, options.path, options.seed, options.exposure_us
+        with simulated(*files, options.record) as source:
+            show(source, options.seconds, tell)
     elif boards and options.measure:
         with opened(options.linkage, ports, options.record) as source:
             _measure(source, Path(options.measure))
@@ -49,34 +54,52 @@ def run(options: argparse.Namespace) -> None:
             raise SpotsError("--picture draws a simulated linkage: boards know no truth")
         with opened(options.linkage, ports, options.record) as source:
             played = bool(ports) and ports[0].startswith(RECORDING)
-            show(source, options.seconds, options.json, played)
-    elif virtual:
-        files = options.sensor, options.linkage, options.path, options.seed, options.exposure_us
-        with simulated(*files, options.record) as source:
-            show(source, options.seconds, options.json)
+            show(source, options.seconds, tell, played)
     elif options.record or options.measure or options.seconds:
         raise SpotsError("--record, --measure and --seconds are for boards: name them with --port")
     else:
         _compare(options)
 
 
-def show(source: Source, seconds: float | None, as_json: bool, played: bool = False) -> None:
-    """Show a twin until the time is over or Ctrl-C.
+def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
+    """Show the default linkage on its path, in real time or fast, and return the run in figures."""
+    names = sensor, "default", "sust"
+    if fast:
+        kinds = SensorFile, LinkageFile, PathFile
+        tell = _ignore if quiet else _Lines()
+        return follow(*map(load, kinds, names), seed, tell=tell).summary()
+    with simulated(*names, seed, 30_000) as source:
+        told = show(source, seconds, tell=_ignore if quiet else None)
+        stats = source.stats()
+    return {
+        "terminals": told,
+        "frames": sum(one.frames for one in stats),
+        "lost": sum(one.lost for one in stats),
+    }
 
-    A live picture on a terminal, plain lines elsewhere; or a JSON object for each terminal.
+
+def show(
+    source: Source,
+    seconds: float | None,
+    tell: Callable[[Terminal], None] | None = None,
+    played: bool = False,
+) -> int:
+    """Show a twin until the time is over or Ctrl-C, and return how many terminals it told.
 
     Parameters
     ----------
     source : Source
     seconds : float or None
-    as_json : bool
+    tell : callable, optional
+        Given each terminal; if none, a live picture on a terminal and plain lines elsewhere.
     played : bool
         Whether it is a recording, which waits for nobody but people.
     """
     console = Console()
-    drawing = console.is_terminal and not as_json
+    drawing = console.is_terminal and tell is None
+    tell = tell or _Lines()
     view = View(source.twin, source.names)
-    tell = _json if as_json else _Lines()
+    count = 0
     pairs = source.readings(seconds)
     pairs = paced(pairs) if played and drawing else pairs
     pace = Pace()
@@ -84,12 +107,14 @@ def show(source: Source, seconds: float | None, as_json: bool, played: bool = Fa
         with live(console) if drawing else nullcontext() as display:
             for joint, touch in pairs:
                 for terminal in source.twin.take(joint, touch):
+                    count += 1
                     if not drawing:
                         tell(terminal)
                 if drawing and pace.due(touch.time_s):
                     display.update(view.picture(source.stats()), refresh=True)
     except KeyboardInterrupt:
         pass
+    return count
 
 
 def _measure(source: Source, points: Path) -> None:
@@ -118,7 +143,7 @@ def _compare(options: argparse.Namespace) -> None:
             raise SpotsError(f"--picture takes the name of a PNG file, not '{picture}'")
         if not picture.parent.is_dir():
             raise SpotsError(f"there is no folder {picture.parent} for the picture")
-    tell: Callable[[Terminal], None] = (lambda terminal: None) if options.json else _Lines()
+    tell = _ignore if options.json else _Lines()
     found = follow(*files, options.seed, options.exposure_us, tell)
     if picture:
         maps.trajectory(found, picture)
@@ -131,6 +156,10 @@ def _compare(options: argparse.Namespace) -> None:
         f"{summary['terminals']} terminals, {summary['rate_hz']:g} a second; off by "
         f"{error['mean']:.3f} mm in the mean, {error['max']:.3f} mm at most"
     )
+
+
+def _ignore(terminal: Terminal) -> None:
+    pass
 
 
 def _json(terminal: Terminal) -> None:

@@ -13,7 +13,7 @@ from tactile.settings import checksum
 
 from ..board import Board
 from ..calibrate.file import CalibrationFile
-from ..connect import RECORDING, VIRTUAL, find, open, prepare
+from ..connect import RECORDING, find, open, prepare
 from ..errors import SpotsError
 from ..frames import LinkStats, Touch
 from ..recording.reader import Recording
@@ -114,6 +114,11 @@ def endless(sensor: str, linkage: str, path: str, seed: int, exposure_us: int):
     """Return a `simulated.Endless` of files by path or name."""
     from .simulated import Endless  # the simulator only where it is used
 
+    if mounted.is_mounted(linkage):
+        raise SpotsError(
+            f"{linkage} is of boards: a simulated linkage goes with --port virtual, and its files "
+            "hold lowest_deg, as 'default' does"
+        )
     files = (
         load_simulated(SensorFile, sensor),
         load_simulated(LinkageFile, linkage),
@@ -152,10 +157,6 @@ def _live(twin: Twin, boards: list[Board], restarted=lambda board: None) -> Sour
 
 
 def _boards(stack: ExitStack, strips: list[CalibrationFile], ports: list[str]) -> list[Board]:
-    if VIRTUAL in ports:
-        raise SpotsError(
-            "a linkage file is for boards; 'spots twin --port virtual' takes a simulated linkage"
-        )
     if ports:
         return [stack.enter_context(open(port)) for port in ports]
     wanted = list(dict.fromkeys(strip.board for strip in strips))
