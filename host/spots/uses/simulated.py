@@ -141,8 +141,8 @@ class Simulation:
 
     def readings(self) -> Iterator[tuple[int, Touch]]:
         """Yield (joint, reading) until the motion is over."""
-        ends_s = self.motion.seconds - min(board.now_s() for board in self.boards)
-        return readings(self.boards, ends_s)
+        left_s = self.motion.seconds - max(board.now_s() for board in self.boards)
+        return readings(self.boards, left_s)
 
 
 class Endless:

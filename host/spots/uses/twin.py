@@ -261,14 +261,16 @@ def readings(
     boards : list of Board
         Streaming is switched on.
     seconds : float, optional
-        End after so long by the links' clocks; never, if not given.
+        End after so long by the links' clock; never, if not given.
     restarted : callable
         Given a board that has restarted and streams again: it has forgotten all that was not
         saved. Called again for some seconds if it raises SpotsError.
     """
     for board in boards:
         board.command("stream touch")
-    ends_s = [math.inf if seconds is None else board.now_s() + seconds for board in boards]
+    # Boards of one machine have one clock, though in simulated time one may be ahead of it.
+    begins_s = max(board.now_s() for board in boards)
+    ends_s = math.inf if seconds is None else begins_s + seconds
     # The board that is behind is read next: in real time they take turns, and in simulated time,
     # where each board has a clock of its own, these go on together.
     read_s = [board.now_s() for board in boards]
@@ -276,7 +278,7 @@ def readings(
     while True:
         one = int(np.argmin(read_s))
         board = boards[one]
-        if read_s[one] >= ends_s[one]:
+        if read_s[one] >= ends_s:
             return
         for frame in board.frames(_POLL_S):
             if isinstance(frame, Touch):

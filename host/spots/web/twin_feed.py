@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from ..board import Board
@@ -164,9 +165,7 @@ def simulated_readers(
 def _readers(
     feed: TwinFeed, openers: list[Opener], layout: KeyLayout, state: State
 ) -> list[Reader]:
-    return [
-        Reader(
-            opener, layout, of_board, on_touch=lambda touch, joint=joint: feed.take(joint, touch)
-        )
-        for joint, (opener, of_board) in enumerate(zip(openers, (state, _Aside(feed, 1))))
-    ]
+    def reader(joint: int, of_board: State) -> Reader:
+        return Reader(openers[joint], layout, of_board, on_touch=partial(feed.take, joint))
+
+    return [reader(0, state), reader(1, _Aside(feed, 1))]
