@@ -47,6 +47,8 @@ def run(options: argparse.Namespace) -> None:
         with simulated(*files, options.record) as source:
             show(source, options.seconds, tell)
     elif boards and options.measure:
+        if any(port.startswith(RECORDING) for port in ports):
+            raise SpotsError("--measure is for boards: a recording cannot be asked for a place")
         with opened(options.linkage, ports, options.record) as source:
             _measure(source, Path(options.measure))
     elif boards:

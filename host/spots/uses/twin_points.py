@@ -116,8 +116,10 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tel
 def _angles(source: Source) -> list[list[Angle]]:
     encoders = [Encoder(encoder.joint) for encoder in source.twin.encoders]
     angles: list[list[Angle]] = [[], []]
+    since_s = source.now_s()
     for joint, touch in source.readings(_LASTS_S):
-        angle = encoders[joint].take(touch)
+        # What came while nobody read is of another place.
+        angle = encoders[joint].take(touch) if touch.time_s >= since_s else None
         if angle is not None:
             angles[joint].append(angle)
     for number, found in enumerate(angles, 1):

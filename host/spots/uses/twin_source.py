@@ -36,6 +36,8 @@ class Source:
         Of the ports or files.
     stats : callable
         Returns the health of each link.
+    now_s : callable
+        Returns the time by the clock of the readings; of recordings, that when they began.
     readings : callable
         Given for how many seconds (None for no end), yields (joint, reading) for `Twin.follow`.
     """
@@ -43,6 +45,7 @@ class Source:
     twin: Twin
     names: list[str]
     stats: Callable[[], list[LinkStats]]
+    now_s: Callable[[], float]
     readings: Callable[[float | None], _Readings]
 
 
@@ -152,6 +155,7 @@ def _live(twin: Twin, boards: list[Board], restarted=lambda board: None) -> Sour
         twin,
         [board.port for board in boards],
         lambda: [board.stats for board in boards],
+        boards[0].now_s,
         lambda seconds: readings(boards, seconds, restarted),
     )
 
@@ -201,10 +205,11 @@ def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> So
                     f"{checksum(list(strip.lines))}: name the one that it was recorded with"
                 )
 
+    begun_s = max(recording.header.host_s for recording in recordings)
+
     def both(seconds: float | None) -> _Readings:
         touches = [_touches(recording) for recording in recordings]
         pairs = merged(*touches) if len(touches) == 2 else ((t.sensor, t) for t in touches[0])
-        begun_s = max(recording.header.host_s for recording in recordings)
         for joint, touch in pairs:
             if seconds is not None and touch.time_s > begun_s + seconds:
                 return
@@ -214,6 +219,7 @@ def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> So
         twin,
         [str(recording.path) for recording in recordings],
         lambda: [recording.stats for recording in recordings],
+        lambda: begun_s,
         both,
     )
 
