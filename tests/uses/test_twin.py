@@ -134,6 +134,14 @@ def test_it_makes_no_difference_which_joint_is_heard_first():
     assert list(twin().follow(read[20:] + read[:20])) == expected
 
 
+def test_a_recording_that_is_played_again_is_told_again():
+    one = twin()
+    pairs = [(joint, at(-0.3, 0.03 * i)) for i in range(50) for joint in (0, 1)]
+    first = list(one.follow(pairs))
+    assert len(first) == 50
+    assert list(one.follow(pairs))[-40:] == first[-40:]
+
+
 def test_two_encoders_it_is():
     with pytest.raises(SpotsError, match="two encoders"):
         Twin(LINKAGE, (Encoder(JOINT),))

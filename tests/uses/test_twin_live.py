@@ -58,14 +58,16 @@ class Machine:
         mounted.save(arm, self.arm)
         self.faults = {}
 
-    def open(self, port):
+    def link(self, port):
         number = int(port)
         faults = self.faults.get(number)
         faults = Faults(faults, 3600.0) if faults else None
-        link = LockstepLink(
+        return LockstepLink(
             self._sensor, self._scenarios[number], number, started_s=0.012 * number, faults=faults
         )
-        return Board(link)
+
+    def open(self, port):
+        return Board(self.link(port))
 
 
 @pytest.fixture(scope="module")
@@ -176,6 +178,9 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
 
         def command(self, line):
             return self.info
+
+        def now_s(self):
+            return 0.0
 
         def close(self):
             closed.append(self.port)

@@ -139,7 +139,9 @@ class Twin:
         if angle is None:
             return []
         own = self._angles[joint]
-        if own and angle.time_s <= own[-1].time_s:
+        if own and angle.time_s <= own[-1].time_s - _GAP_S:
+            self._forget()  # a recording that is played again
+        elif own and angle.time_s <= own[-1].time_s:
             own.clear()  # after a restart its board's clock is compared with the host's anew
         own.append(angle)
         told = []
@@ -154,6 +156,11 @@ class Twin:
         """Take pairs of joint and reading, live or from a recording, and yield the terminals."""
         for joint, touch in readings:
             yield from self.take(joint, touch)
+
+    def _forget(self) -> None:
+        for angles in self._angles:
+            angles.clear()
+        self._done_s = -math.inf
 
     def _moments(self) -> list[float]:
         """Return when a joint was read, where the other one's readings reach as far; once each."""

@@ -12,6 +12,7 @@ from ..board import Board
 from ..connect import prepare
 from ..errors import SpotsError
 from ..frames import Touch
+from ..recording.replay import Replay
 from ..uses import mounted
 from ..uses.layout import KeyLayout
 from ..uses.twin import Terminal, Twin
@@ -131,7 +132,8 @@ def linkage_readers(
                 board = search(None if port else strip.board)
                 try:
                     check(strip, board.info, joint + 1, board.port)
-                    prepare(board, strip.lines)
+                    if not isinstance(board, Replay):
+                        prepare(board, strip.lines)
                 except BaseException:
                     board.close()
                     raise
