@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-import runpy
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 
-import spots
 from spots import Encoder, Linkage, SpotsError, Twin, cli
-from spots.board import Board
-from spots.calibrate import file
 from spots.sim.files import LinkageFile, PathFile, SensorFile, load
-from spots.sim.linkage import Mechanism, dwelling, guided
-from spots.sim.lockstep import LockstepLink
+from spots.sim.linkage import Mechanism, closed, guided
 from spots.uses import survey, twin_command
 from spots.uses.fivebar import Limit
 from spots.uses.simulated import START_S, Simulation
@@ -27,7 +20,6 @@ from spots.uses.twin import merged, readings
 from test_encoder import JOINT
 from test_encoder import touch as reading
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 LINKAGE = Linkage(100, 80)
 
 
@@ -140,6 +132,22 @@ def test_a_recording_that_is_played_again_is_told_again():
     first = list(one.follow(pairs))
     assert len(first) == 50
     assert list(one.follow(pairs))[-40:] == first[-40:]
+
+
+def test_a_path_that_is_closed_is_gone_along_again(files):
+    sensor, linkage, path = files
+    motion = guided(closed(path), START_S)
+    assert motion.at(motion.seconds) == pytest.approx(motion.at(START_S), abs=0.2)
+    period_s = motion.seconds - START_S
+    for again, later in ((True, 1.0), (False, period_s)):
+        for scenario in Mechanism(linkage, sensor).drive(motion, again):
+
+            def at(time_s, scenario=scenario):
+                (press,) = scenario.presses(time_s)
+                return press.position_mm, scenario.pose(time_s).bend_deg
+
+            assert at(START_S + period_s + 1.0) == pytest.approx(at(START_S + later))
+            assert at(START_S + 1.0) != pytest.approx(at(motion.seconds), abs=0.1)
 
 
 def test_two_encoders_it_is():
@@ -264,61 +272,3 @@ def test_mistakes_are_one_sentence(arguments, words, capsys, monkeypatch):
     err = capsys.readouterr().err
     assert words in err
     assert err.count("\n") == 1
-
-
-class UntilCtrlC(LockstepLink):
-    """A link that somebody has had enough of after a while."""
-
-    def read(self, timeout_s):
-        if self.now_s() > START_S + 2:
-            raise KeyboardInterrupt
-        return super().read(timeout_s)
-
-
-@pytest.fixture
-def rig(files, tmp_path, monkeypatch):
-    """Two calibration files, and ports named 0 and 1 with a strip each that stands at a place."""
-    sensor, linkage, _ = files
-    exact = msgspec.structs.replace(
-        linkage,
-        bar_error_percent=(0.0,) * 4,
-        base_error_percent=0.0,
-        mount_error_deg=(0.0, 0.0),
-    )
-    motion = dwelling([40.0, 60.0], [150.0, 140.0], START_S, 1.0, 0.5)
-    with Simulation(sensor, exact, motion, 0, 30_000) as simulation:
-        mechanism = simulation.mechanism
-        for i, strip in enumerate(simulation.strips):
-            file.save(strip, tmp_path / f"{i}.toml")
-    scenarios = mechanism.drive(motion)
-    monkeypatch.setattr(
-        spots, "open", lambda port: Board(UntilCtrlC(sensor, scenarios[int(port)], int(port)))
-    )
-    return tmp_path, mechanism
-
-
-def run_example(name, monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
-    with pytest.raises(KeyboardInterrupt):
-        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
-
-
-def test_the_example_that_tracks_a_joint(rig, capsys, monkeypatch):
-    folder, mechanism = rig
-    run_example("track_joint.py", monkeypatch, folder / "1.toml", "1")
-    lines = capsys.readouterr().out.splitlines()
-    told = np.array([float(line.split()[0]) for line in lines])
-    true_deg = mechanism.angles_deg([40.0, 60.0], [150.0, 140.0])[1]
-    assert len(told) > 50
-    assert told[5:20] == pytest.approx(true_deg[0], abs=0.25)
-    assert told[-10:] == pytest.approx(true_deg[1], abs=0.25)
-
-
-def test_the_example_of_a_twin(rig, capsys, monkeypatch):
-    folder, _ = rig
-    run_example("twin.py", monkeypatch, folder / "0.toml", "0", folder / "1.toml", "1")
-    lines = capsys.readouterr().out.splitlines()
-    told = np.array([[float(word) for word in line.split()[:2]] for line in lines])
-    assert len(told) > 100
-    assert np.hypot(*(told[10:40] - [40, 150]).T).max() < 0.5
-    assert np.hypot(*(told[-10:] - [60, 140]).T).max() < 0.5

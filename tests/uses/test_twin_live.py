@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import runpy
+import sys
 from contextlib import ExitStack
+from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
@@ -12,6 +15,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import spots
 from spots import Encoder, Linkage, SpotsError, Twin, cli
 from spots.board import Board
 from spots.calibrate import file
@@ -28,6 +32,7 @@ from spots.uses.twin_view import View
 from test_encoder import JOINT
 from test_encoder import touch as reading
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 EXPOSURE_US = 30_000
 BROWN_OUT = FaultsFile(power=PowerFaults(brown_outs=Moments(at_s=[4.0], last_ms=200)))
 
@@ -45,7 +50,7 @@ class Machine:
         linkage = load(LinkageFile, "default")
         self._sensor = sensor
         self.strip = calibrated(sensor, linkage, 0, EXPOSURE_US)
-        mechanism = Mechanism(linkage, sensor)
+        self.mechanism = mechanism = Mechanism(linkage, sensor)
         self.motion = guided(load(PathFile, "sust"), START_S)
         self._scenarios = mechanism.drive(self.motion)
         file.save(self.strip, folder / "strip.toml")
@@ -140,6 +145,42 @@ def test_a_board_that_refuses_after_a_restart_is_asked_again_for_a_while():
     with pytest.raises(SpotsError, match="the board refuses"):
         next(pairs)
     assert refused[-1] - refused[0] >= 10
+
+
+@pytest.mark.parametrize("ports", [("0", "1"), ()])
+def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
+    # As long as somebody looks on: the boards' clocks go on without end.
+    source = twin_source.Source
+    monkeypatch.setattr(source, "follow", lambda it: it.twin.follow(it.readings(3.0)))
+    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    arguments = [machine.arm, *ports] if ports else []
+    monkeypatch.setattr(sys, "argv", ["twin.py", *map(str, arguments)])
+    runpy.run_path(str(EXAMPLES / "twin.py"), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    told = np.array([[float(word) for word in line.split()[:2]] for line in lines])
+    assert len(told) > 10
+    begin_mm = np.array(machine.motion.at(START_S))
+    assert np.hypot(*(told[:5] - begin_mm).T).max() < 1
+    assert np.ptp(told[:, 0]) > 3
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_the_example_that_tracks_a_joint(virtual, machine, capsys, monkeypatch):
+    touches = Board.touches
+    monkeypatch.setattr(Board, "touches", lambda board: touches(board, 3.0))
+    monkeypatch.setattr(spots, "open", machine.open)
+    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    arguments = [] if virtual else [machine.arm.parent / "strip.toml", "1"]
+    monkeypatch.setattr(sys, "argv", ["track_joint.py", *map(str, arguments)])
+    runpy.run_path(str(EXAMPLES / "track_joint.py"), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    told_deg = np.array([float(line.split()[0]) for line in lines])
+    assert len(told_deg) > 20
+    joints_deg = machine.mechanism.angles_deg(*machine.motion.at(START_S))
+    mounted_deg = math.degrees(machine.mechanism.zero_rad[0])
+    begin_deg = joints_deg[0] + mounted_deg if virtual else joints_deg[1]
+    assert told_deg[:5] == pytest.approx(begin_deg, abs=0.25)
+    assert np.ptp(told_deg) > 3
 
 
 def test_lines_for_programs(machine, capsys):

@@ -67,9 +67,7 @@ def part(state):
 def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, serve, open_page):
     monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
     state = State()
-    running(
-        twin_feed.simulated_readers("default", "default", "sust", 0, load_layout("digits"), state)
-    )
+    running(twin_feed.simulated_readers("default", "default", 0, load_layout("digits"), state))
     page = open_page(serve(state).url)
     expect(page.locator("#twin")).to_be_visible(timeout=LONG_MS)
     # The strip of joint 1 is on the page as any other, and the trail gets longer.

@@ -65,12 +65,11 @@ def run(options: argparse.Namespace) -> None:
 
 def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
     """Show the default linkage on its path, in real time or fast, and return the run in figures."""
-    names = sensor, "default", "sust"
     if fast:
-        kinds = SensorFile, LinkageFile, PathFile
+        kinds, names = (SensorFile, LinkageFile, PathFile), (sensor, "default", "sust")
         tell = _ignore if quiet else _Lines()
         return follow(*map(load, kinds, names), seed, tell=tell).summary()
-    with simulated(*names, seed, 30_000) as source:
+    with simulated(sensor, seed=seed) as source:
         told = show(source, seconds, tell=_ignore if quiet else None)
         stats = source.stats()
     return {

@@ -20,7 +20,7 @@ from ..recording.reader import Recording
 from ..sim.files import LinkageFile, PathFile, SensorFile
 from ..sim.files import load as load_simulated
 from . import mounted
-from .twin import Twin, merged, readings
+from .twin import Terminal, Twin, merged, readings
 
 _Readings = Iterator[tuple[int, Touch]]
 
@@ -47,6 +47,10 @@ class Source:
     stats: Callable[[], list[LinkStats]]
     now_s: Callable[[], float]
     readings: Callable[[float | None], _Readings]
+
+    def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
+        """Yield the terminals, for so long if that is given."""
+        return self.twin.follow(self.readings(seconds))
 
 
 @contextmanager
@@ -89,7 +93,12 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
 
 @contextmanager
 def simulated(
-    sensor: str, linkage: str, path: str, seed: int, exposure_us: int, record: list[str] = ()
+    sensor: str = "default",
+    linkage: str = "default",
+    path: str = "sust",
+    seed: int = 0,
+    exposure_us: int = 30_000,
+    record: list[str] = (),
 ) -> Iterator[Source]:
     """Open the two virtual boards of a simulated linkage in real time; in a ``with`` block.
 
@@ -113,7 +122,13 @@ def simulated(
         yield _live(Twin(machine.linkage, machine.encoders()), boards)
 
 
-def endless(sensor: str, linkage: str, path: str, seed: int, exposure_us: int):
+def endless(
+    sensor: str = "default",
+    linkage: str = "default",
+    path: str = "sust",
+    seed: int = 0,
+    exposure_us: int = 30_000,
+):
     """Return a `simulated.Endless` of files by path or name."""
     from .simulated import Endless  # the simulator only where it is used
 

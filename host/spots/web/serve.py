@@ -31,7 +31,6 @@ except ImportError:
 
 LOOPBACK = "127.0.0.1"
 DEMO_LAYOUT = "digits"
-SIMULATED_PATH = "sust"
 _WATCH_EVERY_S = 0.5
 
 
@@ -102,7 +101,7 @@ def run(options: argparse.Namespace) -> None:
         open_board = finder(port, options.sensor, options.scenario, options.seed)
         readers = [Reader(open_board, layout, state)]
     elif VIRTUAL in ports:
-        files = options.linkage, options.sensor, SIMULATED_PATH
+        files = options.linkage, options.sensor
         readers = simulated_readers(*files, options.seed, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
@@ -167,7 +166,7 @@ def show_demo(use: str, sensor: str, scenario: str, seed: int) -> None:
     """
     state, layout = State(), load(DEMO_LAYOUT)
     if use == FIVEBAR:
-        readers = simulated_readers("default", sensor, SIMULATED_PATH, seed, layout, state)
+        readers = simulated_readers("default", sensor, seed, layout, state)
     else:
         readers = [Reader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
     serve(state, LOOPBACK, 0, readers, _open_or_print)

@@ -145,20 +145,20 @@ def linkage_readers(
 
 
 def simulated_readers(
-    linkage: str, sensor: str, path: str, seed: int, layout: KeyLayout, state: State
+    linkage: str, sensor: str, seed: int, layout: KeyLayout, state: State
 ) -> list[Reader]:
-    """Return readers of the two virtual boards of a simulated linkage on a path.
+    """Return readers of the two virtual boards of a simulated linkage that writes SUST.
 
     Parameters
     ----------
-    linkage, sensor, path : str
+    linkage, sensor : str
         Files, by path or name.
     seed : int
         Of the noise.
     layout : KeyLayout
     state : State
     """
-    machine = endless(sensor, linkage, path, seed, 30_000)
+    machine = endless(sensor, linkage, seed=seed)
     feed = TwinFeed(Twin(machine.linkage, machine.encoders()), state)
     openers = [lambda _, joint=joint: machine.open(joint) for joint in (0, 1)]
     return _readers(feed, openers, layout, state)
