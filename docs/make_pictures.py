@@ -94,7 +94,8 @@ def twin() -> Path:
             if terminal.time_s > WROTE_S:
                 break
         stats = [board.stats for board in simulation.boards]
-        picture = TwinView(one, [board.port for board in simulation.boards]).picture(stats)
+        view = TwinView(one, [board.port for board in simulation.boards])
+        picture = view.picture(stats, WROTE_S)
     return _drawn(picture, "fivebar/twin.svg", "spots twin --port virtual")
 
 

@@ -50,13 +50,13 @@ spots twin --port virtual                            # no hardware: a simulated 
 spots twin --json --picture sust.png                 # the same in simulated time, against the truth
 ```
 
-![The twin in a terminal: bars, path, and in words the terminal with its uncertainty](fivebar/twin.svg)
+![The twin in a terminal: bars, path, and the terminal in figures](fivebar/twin.svg)
 
-On a terminal it is a picture with position, standard error, velocity, and limits and singularities
-by name; elsewhere lines, or with `--json` an object for each terminal, with the keys of the page's
-message ([page.md](page.md)) and `velocity_mm_s`, `sigma_mm`, `limit`, `singular` and `within` (where
-the joints were calibrated). The same on the page: `spots serve --linkage arm.toml`, or without
-hardware `make demo ARGS="--use fivebar --page"`.
+On a terminal it is a picture with position, standard error, velocity, and limits and
+singularities by name; elsewhere lines, or with `--json` an object for each terminal. Its keys are
+those of the page's message ([page.md](page.md)), and `velocity_mm_s`, `sigma_mm`, `limit`,
+`singular` and `within` (where the joints were calibrated). The same on the page:
+`spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` turns readings into angles with the line of `spots calibrate joint`. Half the
 play is added or taken off as soon as the position has moved by more than its noise; at rest the
@@ -78,9 +78,9 @@ with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/d
 With `--record a.spots --record b.spots` both boards are recorded, and
 `--port recording:a.spots --port recording:b.spots` tells exactly the same terminals again.
 
-The firmware reads one sensor, so a linkage takes two boards. Frames have room for a sensor's number:
-a board of yours that sends two, 0 for joint 1 and 1 for joint 2, is taken with one `--port`, and has
-to hold its calibrations itself.
+The firmware reads one sensor, so a linkage takes two boards. Frames have room for a sensor's
+number: a board of yours that sends two, 0 for joint 1 and 1 for joint 2, is taken with one
+`--port`, and has to hold its calibrations itself.
 
 ## The linkage file
 
@@ -117,8 +117,8 @@ From what the encoders told at some places and where the terminal was by a grid 
 anyhow, this finds the four bars, the base, the joints' offsets and gains and the frame of the
 grid, by robust least squares (`pip install 'spots[kinematics]'`). It names points that do not
 fit, gives standard errors, and says which parameters these places do not tell apart: a picture
-of unknown scale, for example, tells ratios of lengths only. `--place-sigma-mm` is how well the places
-are known. The table may come from elsewhere: its columns are `x_mm`, `y_mm`, `joint1_deg`,
+of unknown scale, for example, tells ratios of lengths only. `--place-sigma-mm` is how well the
+places are known. The table may come from elsewhere: its columns are `x_mm`, `y_mm`, `joint1_deg`,
 `joint2_deg`, `sigma1_deg` and `sigma2_deg`, the joints by their own calibrations.
 
 ```python

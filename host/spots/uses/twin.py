@@ -18,6 +18,7 @@ from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage
 
 _GAP_S = 1.0  # between two readings of a joint, that nothing is told about
+_SILENT_S = 3.0  # from which on it is told that a joint tells nothing
 _TRAIL = 4096
 _KEPT = 2048  # angles of a joint that wait for the other one
 _SIGMAS = 3.0  # that a turn's beginning or end has to stand out of the noise
@@ -156,6 +157,15 @@ class Twin:
         """Take pairs of joint and reading, live or from a recording, and yield the terminals."""
         for joint, touch in readings:
             yield from self.take(joint, touch)
+
+    def silence(self, now_s: float) -> str:
+        """Return which joints have told nothing for long, for people; empty if none."""
+        silent = [
+            f"joint {number}"
+            for number, angles in enumerate(self._angles, 1)
+            if not angles or angles[-1].time_s < now_s - _SILENT_S
+        ]
+        return f"no angle of {' and '.join(silent)}: is its strip pressed?" if silent else ""
 
     def _forget(self) -> None:
         for angles in self._angles:

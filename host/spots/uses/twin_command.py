@@ -112,9 +112,11 @@ def show(
                     if not drawing:
                         tell(terminal)
                 if drawing and pace.due(touch.time_s):
-                    display.update(view.picture(source.stats()), refresh=True)
+                    display.update(view.picture(source.stats(), touch.time_s), refresh=True)
     except KeyboardInterrupt:
-        pass
+        return count
+    if played and not count:
+        raise SpotsError("the recordings tell no terminal: were they made at the same time?")
     return count
 
 

@@ -209,6 +209,9 @@ def _record(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
 
 def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> Source:
     recordings = [Recording(path) for path in paths]
+    for recording in recordings:
+        if recording.header.clock is None:
+            raise SpotsError(f"{recording.path} does not tell when its readings were taken")
     if len(recordings) == 2:
         for number, (recording, strip) in enumerate(zip(recordings, strips), 1):
             info = recording.header.info

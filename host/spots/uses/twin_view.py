@@ -38,14 +38,15 @@ class View:
         self._title = f"SPOTS twin  {' · '.join(names)}"
         self._low, self._high = (math.inf, math.inf), (-math.inf, -math.inf)
 
-    def picture(self, stats: list[LinkStats]) -> Panel:
-        """Return the picture as it is now."""
+    def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
+        """Return the picture as it is at a time by the clock of the readings."""
         trail = self._twin.trail
         last = trail[-1] if trail else None
         path = [(t.x_mm, t.y_mm) for t in trail if not t.limit]
         bars = _outline(self._twin, last) if last else []
         self._see([*path, *(point for bar in bars for point in bar)])
-        parts = [self._plot(path, bars, last), _numbers(last), _facts(stats)]
+        remark = self._twin.silence(now_s) or (last.remark if last else "")
+        parts = [self._plot(path, bars, last), _numbers(last, remark), _facts(stats)]
         return Panel(Group(*parts), title=self._title, width=_COLUMNS + 6, padding=(0, 2))
 
     def _see(self, points: Iterable[Point]) -> None:
@@ -119,14 +120,12 @@ def _filled(corners: list[Point], dots_per_mm: float) -> list[Point]:
     return found
 
 
-def _numbers(last: Terminal | None) -> Table:
+def _numbers(last: Terminal | None, remark: str) -> Table:
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column(justify="right", style="dim")
     grid.add_column()
     where = error = speed = joints = "-"
-    remark = "waiting for readings of both joints"
     if last is not None:
-        remark = last.remark
         joints = "  ".join(f"{math.degrees(angle):.2f}°" for angle in last.theta_rad)
         if not last.limit:
             major, minor, angle = last.ellipse

@@ -43,6 +43,7 @@ class TwinFeed:
         self._lock = threading.Lock()
         self._pace = Pace(_SHOWN_PER_S)
         self._trail: deque[tuple[float, float]] = deque(maxlen=_TRAIL)
+        self._away = ["", ""]  # why a joint cannot be read
         linkage = twin.linkage
         self._shown = {
             **dict.fromkeys(("x_mm", "y_mm", "theta1_rad", "theta2_rad", "cov")),
@@ -54,16 +55,21 @@ class TwinFeed:
     def take(self, joint: int, touch: Touch) -> None:
         """Take a reading of a joint, 0 or 1."""
         with self._lock:
+            self._away[joint] = ""
             for terminal in self._twin.take(joint, touch):
                 self._extend(terminal)
                 if self._pace.due(terminal.time_s):
                     self._shown.update(terminal.message())
                     self._put(terminal.remark)
+            silence = self._twin.silence(touch.time_s)
+            if silence and self._pace.due(touch.time_s):
+                self._wait("".join(self._away) or silence)
 
     def lost(self, joint: int, why: str) -> None:
         """Say that a joint cannot be read, and why."""
         with self._lock:
-            self._wait(f"joint {joint + 1}: {why}")
+            self._away[joint] = f"joint {joint + 1}: {why}"
+            self._wait(self._away[joint])
 
     def _wait(self, note: str) -> None:
         self._shown.update(x_mm=None, y_mm=None)
