@@ -18,6 +18,7 @@ from spots.sim.linkage import guided
 from spots.sim.scenario import Scenario
 from spots.stage import board_names, device_of
 from spots.uses import play, typing_view, wearable_view
+from spots.uses.calibrated import length_of
 from spots.uses.controller_settings import load as load_controller
 from spots.uses.gestures import Gestures
 from spots.uses.keyboard import KeyEngine
@@ -25,7 +26,6 @@ from spots.uses.keys import push
 from spots.uses.layout import load as load_layout
 from spots.uses.simulated import START_S, Simulation
 from spots.uses.twin_view import View as TwinView
-from spots.uses.type_keys import length_of
 from spots.uses.typist import TypedText
 from spots.uses.wearable import Mapping
 from spots.view import View

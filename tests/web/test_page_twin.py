@@ -134,7 +134,7 @@ def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, 
     assert min(steps) >= 0.49
     assert max(steps) < 1
     page = open_page(serve(state).url)
-    words = page.locator("#twin .words")
+    words = page.locator("#twin .remark")
     expect(words).to_have_text("")
     for i in range(100, 110):
         for joint in (0, 1):

@@ -6,7 +6,7 @@ const HEIGHT = 380, MARGIN = 24, ERRORS = 3;
 
 export function twin(root) {
   let paint = null;
-  const words = root.appendChild(make("p", "words"));
+  const words = root.appendChild(make("p", "remark"));
   // Grows with what was seen, so that the picture stands still.
   const box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
 
