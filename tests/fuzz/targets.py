@@ -30,7 +30,7 @@ from spots.sim import files, linkage
 from spots.sim.faults import BoardFaults, of_scenario
 from spots.sim.optics import Optics
 from spots.sim.scenario import Scenario
-from spots.uses import controller_settings, keys, layout, wearable
+from spots.uses import controller_settings, keys, layout, mounted, twin_points, wearable
 from spots.uses.controller import Controller
 from spots.view import View, plain
 from spots.web.app import _ACK_MAX, _add_headers, _Drawn
@@ -224,6 +224,26 @@ def linkage_toml(data: bytes) -> None:
         made.angles_deg(10.0, 100.0)
 
 
+def mounted_toml(data: bytes) -> None:
+    """The file of a linkage that stands: what is accepted can be saved, read and solved."""
+    path = _file("mounted.toml", data)
+    mounted.is_mounted(str(path))
+    with _refusing():
+        found = mounted.load(path)
+        again = FOLDER / "again.toml"
+        mounted.save(found, again)
+        assert mounted.load(again) == found
+        assert found.offset_rad[0] == math.radians(found.joint[0].offset_deg)
+        found.strips(path)
+
+
+def points_csv(data: bytes) -> None:
+    """A table of points that a linkage was measured at."""
+    with _refusing():
+        rows, _ = twin_points._read(_file("points.csv", data))
+        assert all(map(math.isfinite, rows.ravel()))
+
+
 def path_toml(data: bytes) -> None:
     """A path file; how long it takes is not asked."""
     with _refusing():
@@ -348,6 +368,8 @@ TARGETS = {
         sensor_toml,
         scenario_toml,
         linkage_toml,
+        mounted_toml,
+        points_csv,
         path_toml,
         controller_toml,
         wearable_toml,
