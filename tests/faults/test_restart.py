@@ -116,7 +116,7 @@ def test_a_restart_is_one_restart_and_no_loss_wherever_the_sequence_was():
 
 
 def test_what_a_board_says_at_its_start_makes_no_loss_either():
-    link, board = streaming(30_000)
+    link, board = streaming(60_000)
     link.lose(7)
     reading(board, 10)
     link.restart()
