@@ -57,12 +57,16 @@ class Board:
     calibration : list of str or None
         The lines of its calibration, where it got them from this object: a board tells only
         their checksum.
+    read_only : bool
+        Whether `command` can change nothing: of recordings, and of boards on other machines.
 
     Raises
     ------
     SpotsError
         If nothing answers, or the answer is not that of a board of this protocol version.
     """
+
+    read_only = False
 
     def __init__(self, link: Link):
         self._link = link
@@ -217,6 +221,11 @@ class Board:
         )
         self._link = recorder
         return recorder
+
+    def tap(self, wrap: Callable[[Link], Link]) -> Link:
+        """Put a link around the board's own, through which all is read from now on."""
+        self._link = wrap(self._link)
+        return self._link
 
     def when_closed(self, action: Callable[[], None]) -> None:
         """Do something after the port was let go."""

@@ -56,7 +56,7 @@ def type_on(
         If the board has no calibration, is lost, or the keyboard takes no more.
     """
     engine = KeyEngine(layout, length_of(board), keyboard)
-    board.command("set baseline=1")
+    tell(board, "set baseline=1")
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     try:
@@ -67,7 +67,7 @@ def type_on(
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0
-                board.command("rest")
+                tell(board, "rest")
     except KeyboardInterrupt:
         pass
     finally:
@@ -108,6 +108,12 @@ def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
         "keys_down": len(typed.down),
         "host_agrees": here.events == there.events,
     }
+
+
+def tell(board: Board, line: str) -> None:
+    """Send a command to a board that takes some; others feel with what they were set to."""
+    if not board.read_only:
+        board.command(line)
 
 
 def length_of(board: Board) -> int:

@@ -20,7 +20,7 @@ from ..view import Pace, live
 from .gestures import NAMES, Gesture, Gestures
 from .keyboard import LOST_S, KeySink
 from .outputs import ended_by_signals, open_keyboard
-from .type_keys import length_of
+from .type_keys import length_of, tell
 from .usages import chord_of
 from .wearable_view import picture
 
@@ -112,7 +112,7 @@ def play(
     """
     gestures, found = Gestures(), []
     length_um = length_of(board)
-    board.command("set baseline=1")
+    tell(board, "set baseline=1")
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     pace, touch, heard_s = Pace(), None, board.now_s()
@@ -130,7 +130,7 @@ def play(
                     gestures.release()
                 if gestures.rests:
                     gestures.rests = 0
-                    board.command("rest")
+                    tell(board, "rest")
                 if drawing and pace.due(board.now_s()):
                     view = picture(touch, length_um, found, mapping.names, board.stats)
                     display.update(view, refresh=True)

@@ -1,0 +1,1 @@
+"""Boards on other machines, over Zenoh; see docs/zenoh.md."""
