@@ -234,6 +234,8 @@ class Board:
     def _connect(self) -> None:
         self.info = self._hello()
         self._map_clocks()
+        # Of a stream that an earlier program did not end: their times were not known yet.
+        self._frames.clear()
 
     def _hello(self) -> dict:
         self._link.write(b"\n")  # ends whatever half a line an earlier program left
@@ -254,7 +256,6 @@ class Board:
             )
         # What came before the reply may have begun in the middle of a frame.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
-        self._frames.clear()
         return reply.content
 
     def _map_clocks(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..board import Board
+from ..errors import SpotsError
 from ..frames import Decoder, Text
 from .link import ZenohLink
 from .session import READ_ONLY, find, open_session
@@ -38,6 +39,8 @@ class Remote(Board):
             reply = {"error": "it is read from afar; tell it where it is plugged in"}
         if reply is None:
             return None
+        if name == "hello" and "error" in reply:
+            raise SpotsError(f"the board {self.port} does not tell who it is: {reply['error']}")
         if name == "sync":
             reply["stream"] = self._listening
         return Text(0, 0, 0, {**reply, "re": name})

@@ -80,7 +80,7 @@ class ZenohLink:
             try:
                 return msgspec.json.decode(bytes(reply.ok.payload), type=dict)
             except msgspec.DecodeError:
-                return {"re": command, "error": "the answer is no JSON object"}
+                return None  # nobody of ours
         return None
 
     def close(self) -> None:

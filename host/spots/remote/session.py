@@ -5,14 +5,9 @@ from __future__ import annotations
 import os
 import threading
 
-from ..errors import SpotsError
+import zenoh
 
-try:
-    import zenoh
-except ImportError:
-    raise SpotsError(
-        "boards on other machines need another package: pip install 'spots[zenoh]'"
-    ) from None
+from ..errors import SpotsError
 
 # Zenoh's own name for where its configuration is.
 CONFIG_VARIABLE = "ZENOH_CONFIG"
