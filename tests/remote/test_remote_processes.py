@@ -73,9 +73,12 @@ def test_a_publisher_killed_outright_and_back(net, monkeypatch):
 
 
 def test_a_reader_that_stands_still_holds_up_nobody(net):
-    # Small buffers: what the network keeps is soon full.
-    small = net.hub.read_text().replace('"]', '#so_sndbuf=4096;so_rcvbuf=4096"]', 1)
-    net.hub.write_text(small)
+    # Small buffers: what the network keeps is soon full. Who waited would wait for ever.
+    hub = json.loads(net.hub.read_text())
+    hub["listen"]["endpoints"][0] += "#so_sndbuf=4096;so_rcvbuf=4096"
+    never = {"congestion_control": {"block": {"wait_before_close": 10**9}}}
+    hub["transport"] = {"link": {"tx": {"queue": never}}}
+    net.hub.write_text(json.dumps(hub))
     link = stand_in(rate_Hz=100_000)
     with publishing(net.hub, link):
         reader = spawn(net.leaf, "subscribe", "--json")
