@@ -10,8 +10,9 @@ from boards import refused
 
 import spots
 from net import Restarting, publishing, session, stand_in, wait_until
-from spots import Board, Spectrum, SpotsError, Touch
+from spots import Board, Key, Spectrum, SpotsError, Touch
 from spots import board as board_module
+from spots.bench.standin import StandIn
 from spots.cli import main
 from spots.errors import PortLostError
 from spots.remote import mailbox
@@ -48,6 +49,26 @@ def test_a_late_joiner_reads_all_from_then_on(net):
     for touch in touches:
         error_s = touch.time_s % (2**32 / 1e6) - touch.t_us / 1e6
         assert abs(error_s) <= board._clock.uncertainty_s + 2e-6
+
+
+class Typing(StandIn):
+    def _send_reading(self):
+        super()._send_reading()
+        self._framer.key(0, 7, 30, 2, True)
+
+
+def test_keys_go_out_as_frames_and_as_samples(net):
+    with session(net.leaf) as other, publishing(net.hub, stand_in(kind=Typing)):
+        heard = []
+        keys = other.declare_subscriber("spots/a1/0/key", lambda s: heard.append(s.payload))
+        with spots.open("zenoh:a1") as board:
+            board.command("stream touch")
+            (key,) = (frame for frame in take(board, 3) if isinstance(frame, Key))
+        wait_until(lambda: heard)
+        keys.undeclare()
+    assert (key.page, key.usage, key.modifiers, key.pressed) == (7, 30, 2, True)
+    told = json.loads(heard[0].to_bytes())
+    assert (told["page"], told["usage"], told["modifiers"], told["pressed"]) == (7, 30, 2, True)
 
 
 def test_of_several_boards_one_is_named(net):

@@ -7,6 +7,7 @@ import re
 import secrets
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
 
@@ -91,12 +92,15 @@ class Publisher:
         self._frames = self._outlet("frames", encoding=FRAMES_ENCODING)
         self._health = self._outlet("link", encoding=_JSON)
         self._health_due_s = 0.0
-        self._questions = {
-            command: session.declare_queryable(
-                key(self.board_id, name), zenoh.handlers.RingChannel(_QUESTIONS)
+        self._questions = deque(
+            (
+                command,
+                session.declare_queryable(
+                    key(self.board_id, name), zenoh.handlers.RingChannel(_QUESTIONS)
+                ),
             )
             for command, name in READ_ONLY.items()
-        }
+        )
         board.command("stream touch spectrum")
         # Last: who sees it may ask and listen.
         self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
@@ -122,7 +126,8 @@ class Publisher:
     def close(self) -> None:
         """Say that the board is gone."""
         self._token.undeclare()
-        for entity in (*self._outlets.values(), *self._questions.values()):
+        questions = (queryable for _, queryable in self._questions)
+        for entity in (*self._outlets.values(), *questions):
             entity.undeclare()
 
     def _publish(self, frame: Frame) -> None:
@@ -156,8 +161,10 @@ class Publisher:
             self._health.put(encode({"utc_s": time.time(), **asdict(self._board.stats)}))
 
     def _answer_one(self) -> None:
-        # One at a time: however many ask, the board has time for its readings.
-        for command, queryable in self._questions.items():
+        # One at a time, of each kind in turn: however many ask, readings go on and so do others.
+        for _ in range(len(self._questions)):
+            command, queryable = self._questions[0]
+            self._questions.rotate(-1)
             query = queryable.try_recv()
             if query is None:
                 continue
