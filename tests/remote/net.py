@@ -44,9 +44,14 @@ def session(path):
 class Restarting(StandIn):
     """A board that one can pull the plug of."""
 
-    def restart(self):
-        self.__init__(self._id, 1 / self._period_s)
-        self.fast = True
+    restarting = False
+
+    def read(self, timeout_s):
+        if self.restarting:  # in the thread that reads it, between frames
+            self.restarting = False
+            self.__init__(self._id, 1 / self._period_s)
+            self.fast = True
+        return super().read(timeout_s)
 
 
 @contextlib.contextmanager

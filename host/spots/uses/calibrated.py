@@ -28,7 +28,7 @@ def length_of(board: Board) -> int:
     return hello_calibrated(board)["length_um"]
 
 
-def tell(board: Board, line: str) -> None:
+def tell_board(board: Board, line: str) -> None:
     """Send a command to a board that takes some; others feel with what they were set to."""
     if not board.read_only:
         board.command(line)
