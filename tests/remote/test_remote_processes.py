@@ -124,3 +124,12 @@ def test_what_has_no_zenoh_is_told_how_to_get_it():
         assert run.returncode == 2
         assert run.stderr.endswith("another package: pip install 'spots[zenoh]'\n")
         assert run.stderr.count("\n") == 1
+
+
+def test_a_program_that_does_not_close_its_board_ends(net):
+    program = "import spots; print(next(spots.open('zenoh:a1').touches()).force_mN)"
+    with publishing(net.hub, stand_in()):
+        run = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, timeout=DEADLINE_S
+        )
+    assert (run.returncode, run.stdout) == (0, "3000\n")

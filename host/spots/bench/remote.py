@@ -323,6 +323,7 @@ def _read(pipe, config: str) -> None:
 
 def _zenoh(session, mode: str) -> Iterator[tuple[str, bytes]]:
     from ..remote.mailbox import Mailbox
+    from ..remote.session import direct
 
     mail = Mailbox()
 
@@ -330,7 +331,7 @@ def _zenoh(session, mode: str) -> Iterator[tuple[str, bytes]]:
         mail.put(str(sample.key_expr).split("/")[1], bytes(sample.payload))
 
     expression = "spots/*/frames" if mode == "frames" else "spots/*/0/*"
-    with session.declare_subscriber(expression, receive):
+    with session.declare_subscriber(expression, direct(receive)):
         while True:
             with mail.changed:
                 mail.changed.wait_for(lambda: mail)

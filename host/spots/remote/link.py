@@ -9,7 +9,7 @@ import zenoh
 
 from ..errors import PortLostError, SpotsError
 from .mailbox import Mailbox
-from .session import READ_ONLY, key
+from .session import READ_ONLY, direct, key
 
 
 class ZenohLink:
@@ -33,7 +33,9 @@ class ZenohLink:
         self._frames: zenoh.Subscriber | None = None
         self._run: bytes | None = None
         token = key(board_id, "alive")
-        self._watch = session.liveliness().declare_subscriber(token, self._note, history=True)
+        self._watch = session.liveliness().declare_subscriber(
+            token, direct(self._note), history=True
+        )
 
     def now_s(self) -> float:
         return time.monotonic()
@@ -46,7 +48,7 @@ class ZenohLink:
             self._mail.clear()
         elif self._frames is None and on:
             frames = key(self._id, "frames")
-            self._frames = self._session.declare_subscriber(frames, self._receive)
+            self._frames = self._session.declare_subscriber(frames, direct(self._receive))
 
     def read(self, timeout_s: float) -> bytes:
         """Raises PortLostError if it is published no more or the board began anew."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Callable
 
 import zenoh
 
@@ -69,7 +70,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
             changed.notify_all()
 
     tokens = key(wanted or "*", "alive")
-    watch = session.liveliness().declare_subscriber(tokens, note, history=True)
+    watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
     try:
         with changed:
             changed.wait_for(lambda: alive, _PATIENCE_S)
@@ -85,6 +86,15 @@ def find(session: zenoh.Session, wanted: str) -> str:
         names = ", ".join(f"zenoh:{board_id}" for board_id in found)
         raise SpotsError(f"more than one board is published, name one of: {names}")
     return found[0]
+
+
+def direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
+    """Return a handler that runs in Zenoh's own threads.
+
+    The usual one starts a thread of Python, for which a program would wait at its end if a board
+    was not closed. The callback must not wait, nor call Zenoh.
+    """
+    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def is_published(session: zenoh.Session, board_id: str) -> bool:

@@ -17,7 +17,7 @@ from ..view import Pace, plain
 from ..watch import PLAIN_LINES_PER_S
 from .mailbox import Mailbox
 from .publish import FRAMES_ENCODING
-from .session import open_session
+from .session import direct, open_session
 
 EVERYTHING = "spots/**"
 
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
 
     show = _as_json if options.json else _Lines().show
     with open_session() as session:
-        session.declare_subscriber(expression, receive)
+        session.declare_subscriber(expression, direct(receive))
         print(f"listening to {expression} (Ctrl-C ends it)", file=sys.stderr, flush=True)
         try:
             _print(mail, show, options.seconds)
