@@ -2,11 +2,13 @@
 
 import pytest
 
-from net import Net
+from net import DEADLINE_S, Net
+from spots.remote import session
 
 
 @pytest.fixture
 def net(tmp_path, monkeypatch):
     made = Net(tmp_path)
+    monkeypatch.setattr(session, "_PATIENCE_S", DEADLINE_S)
     monkeypatch.setenv("ZENOH_CONFIG", str(made.leaf))
     return made

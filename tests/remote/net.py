@@ -55,7 +55,7 @@ class Restarting(StandIn):
 
 
 @contextlib.contextmanager
-def publishing(path, *links):
+def publishing(path, *links, kind=Publisher):
     """Publish boards behind links from this process."""
     ended = threading.Event()
     failed = []
@@ -69,7 +69,7 @@ def publishing(path, *links):
         publisher.close()
 
     with session(path) as own:
-        publishers = [Publisher(Board(link), own) for link in links]
+        publishers = [kind(Board(link), own) for link in links]
         threads = [threading.Thread(target=serve, args=(one,)) for one in publishers]
         for thread in threads:
             thread.start()

@@ -17,7 +17,9 @@ from spots.cli import main
 from spots.errors import PortLostError
 from spots.remote import mailbox
 from spots.remote import session as session_module
+from spots.remote.link import ZenohLink
 from spots.remote.publish import Publisher
+from tactile import PROTOCOL
 
 READ_ONLY = {"hello", "get", "sync", "stream touch spectrum"}
 HOSTILE = ("set gain=3", "keys on", "save", "reboot", "cal clear", "stream2", "layout clear")
@@ -202,11 +204,49 @@ def test_recording_a_board_from_afar(net, tmp_path):
         Publisher(spots.open(f"recording:{path}"), own)
 
 
+def test_a_question_that_gets_lost_is_asked_again(net, monkeypatch):
+    answers, real = [], ZenohLink.ask
+
+    def ask(link, command, timeout_s):
+        answers.append(None if command == "sync" and len(answers) % 2 else True)
+        return answers[-1] and real(link, command, timeout_s)
+
+    monkeypatch.setattr(ZenohLink, "ask", ask)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
+        assert next(board.touches()).force_mN == 3000
+    assert answers.count(None) > 5
+
+
 def test_a_board_is_published_once(net):
     with publishing(net.hub, stand_in()), session(net.leaf) as own:
         wait_until(lambda: list(own.liveliness().get("spots/a1/alive")))
         with pytest.raises(SpotsError, match="a1 is published already"):
             Publisher(Board(stand_in()), own)
+
+
+def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net):
+    link = stand_in(kind=Restarting)
+    refusals = []
+
+    class Publishing(Publisher):
+        def _answer_one(self):
+            if refusals:
+                refusals.pop()
+                link.restarting = True
+                for command, queryable in self._questions:
+                    query = queryable.try_recv()
+                    if query is not None:
+                        with query:
+                            query.reply_err(f"no {command}")
+                return
+            super()._answer_one()
+
+    with publishing(net.hub, link, kind=Publishing), spots.open("zenoh:a1") as board:
+        touches = board.touches()
+        next(touches)
+        refusals += range(50)
+        wait_until(lambda: next(touches) and board.stats.restarts >= 1 and not refusals)
+        assert next(touches).force_mN == 3000
 
 
 @pytest.mark.parametrize(
@@ -215,14 +255,17 @@ def test_a_board_is_published_once(net):
         (b"\xff nonsense", "does not answer 'hello'"),
         (b"[1, 2]", "does not answer 'hello'"),
         (json.dumps({"protocol": 99}).encode(), "speaks protocol 99"),
+        (json.dumps({"protocol": PROTOCOL}).encode(), "no reply to 'sync'"),
         (None, "does not answer 'hello'"),
     ],
 )
 def test_a_publisher_that_is_none_of_ours(net, answer, told, monkeypatch):
-    monkeypatch.setattr(board_module, "_HELLO_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(board_module, "_HELLO_TIMEOUT_S", 0.5)
     with session(net.hub) as hostile:
         if answer is not None:
-            hostile.declare_queryable("spots/x/info", lambda q: q.reply("spots/x/info", answer))
+            for name in ("info", "sync"):
+                place = f"spots/x/{name}"
+                hostile.declare_queryable(place, lambda q: q.reply(q.key_expr, answer))
         token = hostile.liveliness().declare_token("spots/x/alive")
         with token, pytest.raises(SpotsError, match=told):
             spots.open("zenoh:x")

@@ -16,7 +16,6 @@ import spots
 from net import DEADLINE_S, publishing, stand_in, wait_until
 from spots import board as board_module
 from spots.bench import remote as bench
-from spots.remote import session as session_module
 
 
 def spawn(net_file, *arguments):
@@ -46,7 +45,6 @@ def test_a_ledger_that_does_not_add_up_is_no_result():
 
 def test_a_publisher_killed_outright_and_back(net, monkeypatch):
     monkeypatch.setattr(board_module, "_GONE_S", DEADLINE_S)
-    monkeypatch.setattr(session_module, "_PATIENCE_S", DEADLINE_S)
     with running("") as start:
         port = start["port"]
         publisher = spawn(net.hub, "publish", "--port", port)

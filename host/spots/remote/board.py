@@ -9,6 +9,7 @@ from .link import ZenohLink
 from .session import READ_ONLY, find, open_session
 
 _STREAMS = {"touch", "spectrum"}
+_SYNC_TRIES = 4
 
 
 class Remote(Board):
@@ -42,8 +43,19 @@ class Remote(Board):
         if name == "hello" and "error" in reply:
             raise SpotsError(f"the board {self.port} does not tell who it is: {reply['error']}")
         if name == "sync":
+            if not isinstance(reply.get("t_us"), int):
+                return None  # its board is away, or it is nobody of ours
             reply["stream"] = self._listening
         return Text(0, 0, 0, {**reply, "re": name})
+
+    def _sync(self) -> None:
+        # Here a question may be late or dropped.
+        for _ in range(_SYNC_TRIES - 1):
+            try:
+                return super()._sync()
+            except SpotsError:
+                continue
+        super()._sync()
 
     def _stream(self, words: list[str]) -> dict:
         kinds = sorted(set(words))
