@@ -4,6 +4,7 @@ import json
 import socket
 import threading
 from itertools import islice
+from types import SimpleNamespace
 
 import pytest
 from boards import refused
@@ -19,7 +20,9 @@ from spots.remote import mailbox
 from spots.remote import session as session_module
 from spots.remote.link import ZenohLink
 from spots.remote.publish import Publisher
+from spots.uses.twin_source import give
 from tactile import PROTOCOL
+from tactile.settings import checksum
 
 READ_ONLY = {"hello", "get", "sync", "stream touch spectrum"}
 HOSTILE = ("set gain=3", "keys on", "save", "reboot", "cal clear", "stream2", "layout clear")
@@ -215,6 +218,15 @@ def test_a_question_that_gets_lost_is_asked_again(net, monkeypatch):
     with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
         assert next(board.touches()).force_mN == 3000
     assert answers.count(None) > 5
+
+
+def test_a_linkage_from_afar_needs_boards_that_hold_its_calibration(net, calibration):
+    strip = SimpleNamespace(lines=calibration)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
+        with pytest.raises(SpotsError, match="zenoh:a1 can only be read and uses calibration None"):
+            give(board, strip)
+        board.info["calibration"] = checksum(calibration)
+        give(board, strip)
 
 
 def test_a_board_is_published_once(net):
