@@ -27,6 +27,13 @@ _SEQUENCES = 1 << 16
 _READINGS = frame.TOUCH, frame.SPECTRUM
 NOTE = 15
 
+
+def whole(data: bytes) -> int:
+    """Return how many bytes are whole frames, or noise that is longer than any frame."""
+    size = data.rfind(b"\0") + 1
+    return len(data) if not size and len(data) > ENCODED_MAX else size
+
+
 _DOUBTFUL = (
     decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
 )
@@ -207,6 +214,10 @@ class Decoder:
     def pending(self) -> bytes:
         """The beginning of a frame whose end has not come."""
         return self._rest
+
+    def forget(self) -> None:
+        """Begin in the middle of a stream: any sequence number may be next."""
+        self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take bytes in pieces of any size and return the frames that they complete."""

@@ -26,6 +26,7 @@ from spots.errors import SpotsError
 from spots.frames import ENCODED_MAX, Decoder, Touch
 from spots.recording.export import EXPORTS, export
 from spots.recording.summary import report, summary
+from spots.remote import subscribe
 from spots.sim import files, linkage
 from spots.sim.faults import BoardFaults, of_scenario
 from spots.sim.optics import Optics
@@ -292,6 +293,14 @@ def _draw(picture) -> None:
     Console(file=io.StringIO(), force_terminal=True).print(picture)
 
 
+def published(data: bytes) -> None:
+    """What anyone publishes on Zenoh, after its name in a line: a line, or none of ours."""
+    name, _, content = data.partition(b"\n")
+    for written in (subscribe._Lines().written, subscribe._as_json):
+        text = subscribe._text(written, _text(name), content)
+        assert text is None or text.isprintable()
+
+
 def page_message(data: bytes) -> None:
     """What a page sends: a number that was drawn, or the end of the connection."""
     _Drawn().take(_text(data[:_ACK_MAX]))
@@ -374,6 +383,7 @@ TARGETS = {
         controller_toml,
         wearable_toml,
         recording,
+        published,
         page_message,
         guard,
     )
