@@ -25,10 +25,19 @@ _HELLO_TRIES = 3
 # spread evenly over any period.
 _SYNC_ROUND_TRIPS = 12
 _SYNC_SPREAD_S = 0.01
+_SYNC_EVERY_S = 0.03
+_SYNC_TIMEOUT_S = 0.5
+_NEVER = float("inf")
 _GOLDEN = 0.618034
 _POLL_S = 0.1
-# A board that streams and is silent for so long is asked whether it has restarted.
-_SILENCE_S = 0.5
+# A board that streams and is silent for so long, and for so many readings, is asked whether it
+# has restarted. A question or its answer may be damaged: another one follows, soon at first.
+_SILENCE_S = 0.15
+_SILENT_READINGS = 3
+_ANSWER_S = 0.1
+_ASK_LATER_S = 0.05  # more from one question without an answer to the next
+_ASK_EVERY_S = 0.5  # but no more than this
+_STREAM_TRIES = 3
 # So long may its port be gone meanwhile; a board takes some seconds to be a USB device again.
 _GONE_S = 10.0
 _REOPEN_EVERY_S = 0.1
@@ -73,7 +82,13 @@ class Board:
         self._streams: list[str] = []  # what the board was told to stream
         self._gone_s: float | None = None  # since when its port is gone
         self._resuming = False
-        self._heard_s = link.now_s()
+        self._every_s = 0.0  # from one reading to the next
+        self._ask_s = link.now_s()  # when to ask, if nothing comes
+        self._asked = 0  # questions since it was heard, the first of them at
+        self._asked_s = 0.0
+        self._trips = 0  # round trips that are still to be made, the next one at
+        self._sync_due_s = _NEVER
+        self._sync_sent_s: float | None = None  # the first one without an end began then
         self._on_close: Callable[[], None] | None = None
         self.calibration: list[str] | None = None
         self.log: deque[dict] = deque(maxlen=100)
@@ -129,6 +144,8 @@ class Board:
             raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
         if reply.content["re"] == "stream":
             self._streams = [kind for kind in reply.content["stream"] if kind != "off"]
+        if "exposure_us" in reply.content:
+            self._every_s = reply.content["exposure_us"] * reply.content.get("average", 1) * 1e-6
         return reply.content
 
     def frames(self, seconds: float | None = None) -> Iterator[Frame]:
@@ -224,6 +241,7 @@ class Board:
 
     def _connect(self) -> None:
         self.info = self._hello()
+        self._every_s = self.info.get("exposure_us", 0) * self.info.get("average", 1) * 1e-6
         self._map_clocks()
 
     def _hello(self) -> dict:
@@ -255,7 +273,7 @@ class Board:
 
     def _sync(self) -> None:
         sent_s = self.now_s()
-        reply = self.command("sync", _SILENCE_S)
+        reply = self.command("sync", _SYNC_TIMEOUT_S)
         self._clock.round_trip(sent_s, reply["t_us"], self.now_s())
 
     def _pump_or_resume(self, timeout_s: float) -> None:
@@ -263,12 +281,16 @@ class Board:
             self._reopen(timeout_s)
             return
         try:
-            self._pump(timeout_s)
+            self._pump(max(0.0, min(timeout_s, self._next_s() - self.now_s())))
             self._resume()
+            self._send_sync()
         except PortLostError:
             if not self._streams:
                 raise
             self._gone_s = time.monotonic()
+
+    def _next_s(self) -> float:
+        return min(self._ask_s if self._streams else _NEVER, self._sync_due_s)
 
     def _reopen(self, timeout_s: float) -> None:
         # A try, no more: who holds keys down has to be back in time to let go of them.
@@ -280,26 +302,50 @@ class Board:
                 raise
             time.sleep(min(timeout_s, _REOPEN_EVERY_S))
 
+    def _heard(self) -> None:
+        self._asked = 0
+        self._ask_s = self.now_s() + max(_SILENCE_S, _SILENT_READINGS * self._every_s)
+
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
-        if not self._streams or self.now_s() - self._heard_s < _SILENCE_S:
+        if not self._streams or self.now_s() < self._ask_s:
             return
-        sent_s = self._heard_s = self.now_s()
         lost = self.stats.lost
-        reply = self._exchange("sync", _SILENCE_S)
-        if reply is None or reply.content.get("stream") != []:
-            return  # nobody there, or damaged: after the next silence again; or it has no news
+        if self._asked == 0:
+            self._asked_s = self.now_s()
+        self._asked += 1
+        reply = self._exchange("sync", _ANSWER_S)
+        if reply is None:
+            self._ask_s = self.now_s() + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
+            return  # nobody there, or damaged
+        if reply.content.get("stream") != []:
+            return  # it has no news, or its firmware does not tell
         if not self._resuming:
             self._resuming = True
             self.stats.restarts += 1
         self.stats.lost = lost  # it counts its frames from 0 again
         self._clock = ClockMap()
-        self._clock.round_trip(sent_s, reply.content["t_us"], self.now_s())
-        try:
-            self.command("stream " + " ".join(self._streams), _SILENCE_S)
-            self._map_clocks()
-        except SpotsError:
-            pass  # as above
+        # Which question it answers nobody knows, but none before the first one.
+        self._clock.round_trip(self._asked_s, reply.content["t_us"], self.now_s())
+        self._trips, self._sync_due_s = _SYNC_ROUND_TRIPS, self.now_s()
+        for _ in range(_STREAM_TRIES):
+            try:
+                self.command("stream " + " ".join(self._streams), _ANSWER_S)
+                return
+            except SpotsError:
+                self._ask_s = self.now_s()  # damaged, either way
+
+    def _send_sync(self) -> None:
+        # Round trips for the clock, beside the readings: nobody waits for their ends.
+        now_s = self.now_s()
+        if now_s < self._sync_due_s:
+            return
+        self._trips -= 1
+        spread_s = self._trips * _GOLDEN % 1 * _SYNC_SPREAD_S
+        self._sync_due_s = now_s + _SYNC_EVERY_S + spread_s if self._trips else _NEVER
+        if self._sync_sent_s is None:
+            self._sync_sent_s = now_s
+        self._link.write(b"sync\n")
 
     def _idle(self, seconds: float) -> None:
         end_s = self.now_s() + seconds
@@ -322,7 +368,7 @@ class Board:
     def _pump(self, timeout_s: float) -> None:
         frames = self._decoder.feed(self._link.read(timeout_s))
         if frames:
-            self._heard_s = self.now_s()
+            self._heard()
         for frame in frames:
             if not isinstance(frame, Note):
                 self._take(self._clock.timed(frame))
@@ -334,4 +380,7 @@ class Board:
         elif "log" in frame.content:
             self.log.append(frame.content)
         else:
+            if self._sync_sent_s is not None and "t_us" in frame.content:
+                self._clock.round_trip(self._sync_sent_s, frame.content["t_us"], self.now_s())
+                self._sync_sent_s = None
             self._replies.append(frame)
