@@ -3,8 +3,6 @@
 A bad line changes nothing and is answered with a sentence. Commands allocate; they are rare.
 """
 
-import gc
-
 from . import PROTOCOL, __version__
 from .calibration import Calibration
 from .exposure import DONE, TOO_DARK
@@ -132,8 +130,6 @@ class Commands:
         reply["faults"] = app.faults
         reply["fault"] = app.fault
         reply["full_scale"] = app.strip.sensor.full_scale
-        if hasattr(gc, "mem_free"):  # CPython, where tests run, has none
-            reply["free_bytes"] = gc.mem_free()
         try:
             reply["saturation"] = None if app.fault else app.strip.sensor.saturation()
         except OSError:  # the sensor went away just now; the loop will tell

@@ -29,8 +29,6 @@ from .uses.layout import load as load_layout
 _TICK_S = 0.05
 _LAYOUT = "digits"  # the ten zones that a board has without a layout
 _RECOVERED_S = 1.0  # the longest that readings may stay away after a fault has ended
-_FREE_EVERY_S = 10.0
-_FREE_TIMEOUT_S = 0.3
 _HOUR_S = 3600.0
 _KEYBOARD_PAGE, _KEYBOARD = 7, 0  # HID usage page, USB interface
 
@@ -54,7 +52,6 @@ class Watch:
         self.keys = {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
         self.memory = Memory()
         self.free_bytes: list[int] = []  # of the board: least until the mark, least after it
-        self._free_s = self._began_s + _FREE_EVERY_S
         length_um = board.command("hello")["length_um"]
         self._engine = KeyEngine(load_layout(_LAYOUT), length_um, self.keys["host"])
         self._gaps = self._told_gaps()
@@ -100,23 +97,17 @@ class Watch:
         self._bare.usb.reports.clear()
         for keys in self.keys.values():
             keys.look()
+        self._note_free()
         now_s = self._board.now_s()
-        if now_s >= self._free_s:
-            self._free_s = now_s + _FREE_EVERY_S
-            self._ask_free()
         if now_s - self._began_s >= self._mark_s and not self.memory.marks:
             self.memory.mark()
 
-    def _ask_free(self) -> None:
-        try:
-            # After the first one the board collects what nobody needs any more.
-            for _ in range(2):
-                free_bytes = self._board.command("get", _FREE_TIMEOUT_S)["free_bytes"]
-        except SpotsError:
-            return  # damaged; the next one will tell
-        marked = len(self.memory.marks)
-        self.free_bytes += [free_bytes] * (marked + 1 - len(self.free_bytes))
-        self.free_bytes[marked] = min(self.free_bytes[marked], free_bytes)
+    def _note_free(self) -> None:
+        free_bytes = self._bare.free_bytes
+        if free_bytes is not None:
+            i = len(self.memory.marks)
+            self.free_bytes += [free_bytes] * (i + 1 - len(self.free_bytes))
+            self.free_bytes[i] = min(self.free_bytes[i], free_bytes)
 
 
 def soak(

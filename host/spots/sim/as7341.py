@@ -10,6 +10,7 @@ moments: ``light.collect(start_us, end_us, led_mA) -> dict`` of counts at gain 1
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 
@@ -288,15 +289,17 @@ class AS7341:
         noise = self._noise
         gain = GAIN[min(self._main[0xAA] & 0x1F, 10)]
         dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
-        ideal = self._routing @ self._collected * gain + dark
+        ideal = (self._routing @ self._collected * gain + dark).tolist()
         electrons = noise.electrons_per_count_1x / gain
-        sigma = np.sqrt(noise.read_counts**2 + np.maximum(ideal, 0) / electrons)
         full_scale = self._full_scale()
-        noisy = np.floor(ideal + sigma * self._rng.standard_normal(6) + 0.5)
-        counts = np.clip(noisy, 0, full_scale).astype(int).tolist()
+        counts = []
+        # Six numbers are too few for numpy to be quick.
+        for light, draw in zip(ideal, self._rng.standard_normal(6).tolist()):
+            sigma = math.sqrt(noise.read_counts**2 + max(light, 0.0) / electrons)
+            counts.append(min(max(math.floor(light + sigma * draw + 0.5), 0), full_scale))
         if self._main[0x80] & 0x40:
             counts[5] = 0
         digital = 0x10 if max(counts) >= full_scale else 0
         # A converter makes at most one count a step; far above that its front end clips.
-        analog = 0x08 if ideal.max() > 1.5 * duration_us / STEP_US else 0
+        analog = 0x08 if max(ideal) > 1.5 * duration_us / STEP_US else 0
         return counts, digital | analog
