@@ -55,7 +55,7 @@ class _Gone:
     # A port that is away, by the clock of the process.
     since_s: float
     due_s: float
-    wait_s: float = _REOPEN_S
+    wait_s: float
     is_open: bool = False
     asked: int = 0  # who is there
     refused: bool = False
@@ -340,7 +340,7 @@ class Board:
             if not self._streams:
                 raise
             now_s = time.monotonic()
-            self._gone = _Gone(now_s, now_s)
+            self._gone = _Gone(now_s, now_s, _REOPEN_S)
 
     def _tell_state(self) -> None:
         state = self.state
@@ -359,6 +359,7 @@ class Board:
             if not gone.is_open:
                 self._link.reopen()
                 gone.is_open, gone.asked = True, 0
+                self._decoder.feed(b"\0")  # the frame that was cut off ends here
             reply = self._exchange("hello", _WHO_S)
             gone.asked += 1
             if reply is None and gone.asked < _WHO_TRIES:

@@ -1,7 +1,9 @@
 """A board that is unplugged and comes back under another name, a hundred times."""
 
 import gc
+import itertools
 import os
+import pty
 import threading
 import time
 
@@ -11,6 +13,7 @@ import spots
 from plugs import Hub
 from spots import board as module
 from spots.board import CONNECTED, LOST, REFUSED
+from spots.connect import start_simulator
 from spots.errors import RefusedError
 from spots.link import SerialLink
 from spots.uses.layout import load
@@ -121,6 +124,37 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     assert keys.down == set()
     watched.close()
     typed.close()
+
+
+def test_the_firmware_itself_comes_back_under_another_name(monkeypatch):
+    there, kept = {}, []
+    monkeypatch.setattr("spots.link._usb_numbers", lambda: dict(there))
+    start, end = start_simulator("default", "demo", 0)
+    there[start["port"]] = "number"
+    names = [start["port"]]
+    with spots.Board(SerialLink(start["port"])) as board:
+        board.patience_s = DEADLINE_S
+        board.touches()
+        for _ in range(2):
+
+            def come(state, frames):
+                list(board.frames(0.05))
+                return board.state == state and board.stats.frames > frames
+
+            end()
+            there.clear()
+            until(lambda: come(LOST, 0))
+            kept.append(pty.openpty())  # whoever comes next gets another name
+            start, end = start_simulator("default", "demo", 0)
+            there[start["port"]] = "number"
+            names.append(start["port"])
+            until(lambda frames=board.stats.frames: come(CONNECTED, frames + 5))
+            assert board.port == names[-1]
+        assert board.stats.restarts == 2
+    end()
+    assert len(set(names)) == 3
+    for fd in itertools.chain(*kept):
+        os.close(fd)
 
 
 def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypatch):

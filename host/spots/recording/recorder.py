@@ -97,6 +97,8 @@ class Recorder:
     def reopen(self) -> None:
         """Raises SpotsError if the port is still away."""
         self._link.reopen()
+        if self._disk is not None:
+            self._keep(b"\0")  # the frame that was cut off ends here
 
     def let_go(self) -> None:
         """Close the port until it is opened again; the recording goes on."""
