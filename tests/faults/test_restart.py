@@ -258,7 +258,8 @@ class Drifting(StandIn):
 
     def read(self, timeout_s):
         if not self._due:
-            self.time_s = min(self.time_s + timeout_s, max(self._next_s, self.time_s))
+            waits_s = max(0.0, self._next_s - self.time_s) if self.streams else timeout_s
+            self.time_s += min(timeout_s, waits_s)
             if self.streams and self.time_s >= self._next_s:
                 self._next_s = self.time_s + 1.0
                 self._due = self._frame(1, struct.pack("<Biiii", 9, 0, 0, 42_000, 0)[:15])
@@ -284,7 +285,7 @@ def test_the_drift_of_a_clock_is_followed_for_hours(ppm):
     link.exposure_us = 1_000_000
     board.command("hello")
     board.touches()
-    turn_s = (1 << 32) * 1e-6  # the board's microseconds wrap after 72 minutes
+    turn_s = (1 << 32) * 1e-6 / (1 + 1e-6 * ppm)  # the board's microseconds wrap after 72 minutes
     worst_s = 0.0
     for touch in board.frames(3 * 3600.0):
         off_s = (touch.time_s - link.true_s(touch.t_us) + turn_s / 2) % turn_s - turn_s / 2
