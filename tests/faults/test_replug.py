@@ -115,7 +115,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     assert watched.stats.restarts == typed.stats.restarts == CYCLES
     assert all(len(plug.names) == CYCLES + 1 for plug in hub.plugs)
     said = capsys.readouterr().out
-    assert said.count("link lost") == said.count("link connected") == CYCLES
+    assert said.count("link lost") == CYCLES <= said.count("link connected")
     reader.stop()
     for link in links:
         link.stopped = True
@@ -136,19 +136,14 @@ def test_the_firmware_itself_comes_back_under_another_name(monkeypatch):
         board.patience_s = DEADLINE_S
         board.touches()
         for _ in range(2):
-
-            def come(state, frames):
-                list(board.frames(0.05))
-                return board.state == state and board.stats.frames > frames
-
             end()
             there.clear()
-            until(lambda: come(LOST, 0))
+            until(lambda: next(board.frames(0.05), None) is None and board.state == LOST)
             kept.append(pty.openpty())  # whoever comes next gets another name
             start, end = start_simulator("default", "demo", 0)
             there[start["port"]] = "number"
             names.append(start["port"])
-            until(lambda frames=board.stats.frames: come(CONNECTED, frames + 5))
+            until(lambda: next(board.frames(0.05), None) and board.state == CONNECTED)
             assert board.port == names[-1]
         assert board.stats.restarts == 2
     end()
