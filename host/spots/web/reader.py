@@ -44,6 +44,8 @@ class Reader:
         ``stick`` and ``link`` are put there.
     search_every_s : float
         How long to wait before a board is looked for again.
+    on_touch : callable
+        Given each reading of each sensor, by the thread that reads.
     """
 
     def __init__(
@@ -52,9 +54,11 @@ class Reader:
         layout: KeyLayout,
         state: State,
         search_every_s: float = _SEARCH_EVERY_S,
+        on_touch: Callable[[Touch], None] = lambda touch: None,
     ):
         self._open_board, self._layout, self._state = open_board, layout, state
         self._search_every_s = search_every_s
+        self._on_touch = on_touch
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
@@ -125,6 +129,8 @@ class Reader:
             feel.release()
 
     def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
+        if isinstance(frame, Touch):
+            self._on_touch(frame)
         if frame.sensor != 0:
             return
         if isinstance(frame, Touch):

@@ -14,10 +14,12 @@ import webbrowser
 from collections.abc import Callable
 
 from ..connect import VIRTUAL
+from ..demo import FIVEBAR
 from ..errors import SpotsError
 from ..uses.layout import load
 from .reader import Reader, finder
 from .state import State
+from .twin_feed import linkage_readers, simulated_readers
 
 try:
     from aiohttp import web
@@ -91,16 +93,26 @@ class Server:
 
 def run(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
-    open_board = finder(options.port, options.sensor, options.scenario, options.seed)
-    serve(State(), options.address, options.http_port, open_board, options.layout, print_address)
+    state, layout, ports = State(), load(options.layout), options.port
+    if options.linkage is None:
+        if len(ports) > 1:
+            raise SpotsError("one --port is shown; a linkage has two, and a --linkage FILE")
+        port = ports[0] if ports else None
+        open_board = finder(port, options.sensor, options.scenario, options.seed)
+        readers = [Reader(open_board, layout, state)]
+    elif VIRTUAL in ports:
+        files = options.linkage, options.sensor
+        readers = simulated_readers(*files, options.seed, layout, state)
+    else:
+        readers = linkage_readers(options.linkage, ports, layout, state)
+    serve(state, options.address, options.http_port, readers, print_address)
 
 
 def serve(
     state: State,
     address: str,
     port: int,
-    open_board,
-    layout: str,
+    readers: list[Reader],
     on_start: Callable[[str], None],
 ) -> None:
     """Serve until Ctrl-C or SIGTERM.
@@ -111,22 +123,21 @@ def serve(
     address : str
     port : int
         As for `Server`.
-    open_board : callable
-        As for `Reader`.
-    layout : str
-        Of keys, by path or name.
+    readers : list of Reader
+        Of the state.
     on_start : callable
         Told the URL.
     """
-    reader = Reader(open_board, load(layout), state)
 
     async def main():
         async with Server(state, address, port) as server:
             ended = _ended_by_sigterm()
-            reader.start()
+            for reader in readers:
+                reader.start()
             on_start(server.url)
             while not ended.is_set():
-                reader.watch()
+                for reader in readers:
+                    reader.watch()
                 try:
                     await asyncio.wait_for(ended.wait(), _WATCH_EVERY_S)
                 except asyncio.TimeoutError:
@@ -137,13 +148,28 @@ def serve(
     except KeyboardInterrupt:
         pass
     finally:
-        reader.stop()
+        for reader in readers:
+            reader.stop()
 
 
-def show_demo(sensor: str, scenario: str, seed: int) -> None:
-    """Serve the virtual board, and open the page where there is a screen and somebody at it."""
-    open_board = finder(VIRTUAL, sensor, scenario, seed)
-    serve(State(), LOOPBACK, 0, open_board, DEMO_LAYOUT, _open_or_print)
+def show_demo(use: str, sensor: str, scenario: str, seed: int) -> None:
+    """Serve the virtual board, and open the page where there is a screen and somebody at it.
+
+    Parameters
+    ----------
+    use : str
+        ``fivebar`` shows a simulated linkage; the others are on the page all the time.
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    """
+    state, layout = State(), load(DEMO_LAYOUT)
+    if use == FIVEBAR:
+        readers = simulated_readers("default", sensor, seed, layout, state)
+    else:
+        readers = [Reader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
+    serve(state, LOOPBACK, 0, readers, _open_or_print)
 
 
 def _open_or_print(url: str) -> None:
