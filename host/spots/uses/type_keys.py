@@ -13,7 +13,7 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..view import Pace, live
-from .calibrated import length_of
+from .calibrated import length_of, tell_board
 from .keyboard import KeyEngine, KeySink
 from .keys import push
 from .layout import KeyLayout, load
@@ -58,7 +58,7 @@ def type_on(
         If the board has no calibration, is lost, or the keyboard takes no more.
     """
     engine = KeyEngine(layout, length_of(board), keyboard)
-    board.command("set baseline=1")
+    tell_board(board, "set baseline=1")
     board.command("stream touch")
     board.patience_s = math.inf  # no key is down meanwhile
     end_s = None if seconds is None else board.now_s() + seconds
@@ -70,7 +70,7 @@ def type_on(
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0
-                board.command("rest")
+                tell_board(board, "rest")
     except KeyboardInterrupt:
         pass
     finally:

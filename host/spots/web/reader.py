@@ -106,6 +106,7 @@ class Reader:
         }
         self._heard_s = time.monotonic()
         self._say(CONNECTED, "")
+        board.when_state_changes(self._take_state)
         feel = Feel(board, info, self._layout, self._state)
         health = _Health(board, self._state)
         try:
@@ -119,8 +120,6 @@ class Reader:
                     self._stopping.wait(_TICK_S)  # a recording that has ended does not wait
                 feel.tick(board.now_s())
                 health.show()
-                if board.state != CONNECTED:
-                    self._say(board.state, _WHY[board.state])
                 if time.monotonic() - self._heard_s > self._patience_s():
                     raise SpotsError("no readings come")
                 if board.stats.restarts:
@@ -145,6 +144,12 @@ class Reader:
             self._state.put("spectrum", {"counts": frame.counts})
         elif isinstance(frame, Key):
             feel.take_key(frame)
+
+    def _take_state(self, state: str) -> None:
+        if state == CONNECTED:
+            self._heard_s = time.monotonic()  # said with the first reading
+        else:
+            self._say(state, _WHY[state])
 
     def _patience_s(self) -> float:
         known = self._known
