@@ -99,7 +99,7 @@ class Board:
     def __init__(self, link: Link):
         self._link = link
         self._decoder = Decoder()
-        self._sync = ClockSync()
+        self._clocks = ClockSync()
         self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
         self._replies: deque[Text] = deque(maxlen=64)
         self._streams: list[str] = []  # what the board was told to stream
@@ -150,7 +150,7 @@ class Board:
     @property
     def drift_ppm(self) -> float:
         """How much faster its clock runs than the host's, known after a minute of readings."""
-        return self._sync.clock.drift_ppm
+        return self._clocks.clock.drift_ppm
 
     @property
     def port(self) -> str:
@@ -271,7 +271,7 @@ class Board:
         info = self.command("hello")
 
         def describe() -> dict:
-            clock = self._sync.clock.state()
+            clock = self._clocks.clock.state()
             return {"info": info, "clock": clock, "calibration": self.calibration}
 
         recorder = Recorder(
@@ -328,10 +328,13 @@ class Board:
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
             self._idle(i * GOLDEN % 1 * SPREAD_S)
-            sent_s = self.now_s()
-            reply = self.command("sync", _SYNC_TIMEOUT_S)
-            self._sync.clock.round_trip(sent_s, reply["t_us"], self.now_s())
-        self._sync.keep(self.now_s())
+            self._sync()
+        self._clocks.keep(self.now_s())
+
+    def _sync(self) -> None:
+        sent_s = self.now_s()
+        reply = self.command("sync", _SYNC_TIMEOUT_S)
+        self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
 
     def _pump_or_resume(self, timeout_s: float) -> None:
         if self._gone is not None:
@@ -341,11 +344,10 @@ class Board:
             if not self._streams:
                 self._pump(timeout_s)
                 return
-            due_s = min(self._ask_s, self._sync.due_s)
+            due_s = min(self._ask_s, self._clocks.due_s)
             self._pump(max(0.0, min(timeout_s, due_s - self.now_s())))
             self._resume()
-            if question := self._sync.ask(self.now_s()):
-                self._link.write(question)
+            self._ask_time()
         except PortLostError:
             if not self._streams:
                 raise
@@ -358,6 +360,10 @@ class Board:
             self._told_state = state
             if self._on_state:
                 self._on_state(state)
+
+    def _ask_time(self) -> None:
+        if question := self._clocks.ask(self.now_s()):
+            self._link.write(question)
 
     def _reconnect(self, timeout_s: float) -> None:
         # A try, no more: who holds keys down has to be back in time to let go of them.
@@ -433,7 +439,7 @@ class Board:
         self._resuming = bool(self._streams)
         self.stats.restarts += 1
         self.stats.lost = lost  # it counts its frames from 0 again
-        self._sync.begin_anew(sent_s, reply.t_us, self.now_s())
+        self._clocks.begin_anew(sent_s, reply.content.get("t_us", reply.t_us), self.now_s())
         self._ask_s = self.now_s()
 
     def _idle(self, seconds: float) -> None:
@@ -453,7 +459,7 @@ class Board:
             while self._replies:
                 reply = self._replies.popleft()
                 if reply.content.get("re") == name:
-                    if self._sync.clock.began_anew(sent_s, reply.t_us, self.now_s()):
+                    if self._clocks.clock.began_anew(sent_s, reply.t_us, self.now_s()):
                         self._begin_anew(sent_s, reply, lost)
                     return reply
         return None
@@ -464,8 +470,8 @@ class Board:
             self._heard()
         for frame in frames:
             if not isinstance(frame, Note):
-                self._take(self._sync.clock.timed(frame))
-        self._sync.learn()
+                self._take(self._clocks.clock.timed(frame))
+        self._clocks.learn()
 
     def _take(self, frame: Frame) -> None:
         if not isinstance(frame, Text):
@@ -474,7 +480,7 @@ class Board:
             self.log.append(frame.content)
         else:
             if frame.content.get("re") == "sync":
-                self._sync.answered(frame.t_us, self.now_s())
+                self._clocks.answered(frame.t_us, self.now_s())
             self._replies.append(frame)
 
     def _take_reading(self, frame: Frame) -> None:
