@@ -16,7 +16,7 @@ class _Hello(msgspec.Struct):
     board: str = "?"
     runtime: str = "?"
     firmware: str = "?"
-    id: str = "?"
+    id: str | None = None
     plan: list[str] = []
     exposure_us: _Count = 1
     average: _Count = 1

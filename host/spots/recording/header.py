@@ -35,6 +35,8 @@ class Clock(msgspec.Struct, frozen=True):
     last_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)]
     low_s: _Clock_s
     high_s: _Clock_s
+    at_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)] = 0
+    slope: Annotated[float, msgspec.Meta(ge=-0.1, le=0.1)] = 0.0
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
