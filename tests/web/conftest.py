@@ -13,18 +13,11 @@ _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-sta
 # The browser itself says so while there is no server; nothing in a page can keep it from that.
 _REFUSED = "net::ERR_CONNECTION_REFUSED"
 
-# What a page has drawn: where the press stands on the glass, and when its reading was.
+# Which reading a page has drawn, and when.
 _RECORD = """
 window.drawn = [];
 document.addEventListener("drawn", ({ detail }) => {
-  const middle = (name) => document.querySelector(name).getBoundingClientRect();
-  const press = middle(".press"), track = middle(".track");
-  const record = {
-    ...detail,
-    on: document.querySelector(".press").classList.contains("on"),
-    share: (press.left + press.width / 2 - track.left) / track.width,
-    text: document.querySelector(".figure b").firstChild.data,
-  };
+  const record = { ...detail };
   // The frame is on the screen when this task is over and the next one begins.
   const channel = new MessageChannel();
   channel.port1.onmessage = () => {

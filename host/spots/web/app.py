@@ -7,17 +7,17 @@ the newest state when it has; nothing is queued for it, here or in the sockets b
 from __future__ import annotations
 
 import asyncio
+import time
 from pathlib import Path
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from .guard import Guard
+from .pace import Pace
 from .state import State
 
 STATIC = Path(__file__).parent / "static"
-_EVERY_S = 1 / 60
-_WINDOW = 2  # messages that a page may not have drawn yet
 _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
 _HEARTBEAT_S = 20.0
@@ -87,20 +87,19 @@ class App:
     async def _tell(
         self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn
     ) -> None:
-        cursor, sent = self._state.begin(), 0
+        cursor = self._state.begin()
         while not socket.closed:
             await news.wait()
-            await drawn.wait_for(sent + 1 - _WINDOW)
+            await drawn.room()
             news.clear()
             cursor, parts = self._state.since(cursor)
             if parts:
-                sent += 1
-                message = msgspec.json.encode({"n": sent, **parts}).decode()
+                message = msgspec.json.encode({"n": drawn.pace.send(), **parts}).decode()
                 try:
                     await socket.send_str(message)
                 except ConnectionError:
                     return
-                await asyncio.sleep(_EVERY_S)
+                await asyncio.sleep(drawn.pace.every_s)
 
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
@@ -108,22 +107,23 @@ class App:
 
 
 class _Drawn:
-    """The number of the last message that a page has drawn."""
+    """What a page says it has drawn."""
 
     def __init__(self):
-        self._number = 0
+        self.pace = Pace(time.monotonic)
         self._changed = asyncio.Event()
 
     def take(self, text: str) -> bool:
         """Take an acknowledgement; return whether it is one."""
         if not (text.isascii() and text.isdigit()):
             return False
-        self._number = max(self._number, int(text))
+        self.pace.acknowledge(int(text))
         self._changed.set()
         return True
 
-    async def wait_for(self, number: int) -> None:
-        while self._number < number:
+    async def room(self) -> None:
+        """Wait until another message may be sent."""
+        while self.pace.full:
             self._changed.clear()
             await self._changed.wait()
 

@@ -11,6 +11,11 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
+// Whether a reading tells where the press is.
+export function placed(touch) {
+  return Boolean(touch?.touching) && !touch.flags.includes("not calibrated");
+}
+
 // Rows of <dt> and <dd> from pairs of words; without a value there is no row.
 export function list(root, pairs) {
   root.replaceChildren(...pairs
@@ -18,20 +23,24 @@ export function list(root, pairs) {
     .map(([name, value]) => make("div", "", make("dt", "", name), make("dd", "", String(value)))));
 }
 
-// A canvas as sharp as the screen; `draw(context, width, height)` in CSS pixels.
+// A canvas as sharp as the screen; `draw(context, width, height)` in CSS pixels. With a key it is
+// drawn only when the key is another one than last time.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
   element.style.height = `${height}px`;
   const context = element.getContext("2d");
-  let width = 0;
+  let width = 0, shown = null;
   const fit = () => {
     width = element.clientWidth;
     element.width = Math.round(width * devicePixelRatio);
     element.height = Math.round(height * devicePixelRatio);
+    shown = null;
+    dispatchEvent(new Event("emptied"));
   };
   new ResizeObserver(fit).observe(element);
-  return (draw) => {
-    if (!width) return;
+  return (draw, key = {}) => {
+    if (!width || key === shown) return;
+    shown = key;
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     context.clearRect(0, 0, width, height);
     draw(context, width, height);
@@ -45,7 +54,10 @@ function look() {
   const style = getComputedStyle(document.documentElement);
   for (const name of names) colours[name] = style.getPropertyValue(`--${name}`).trim();
 }
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", look);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  look();
+  dispatchEvent(new Event("emptied"));
+});
 look();
 
 export const FULL_FORCE_MN = 10000;
