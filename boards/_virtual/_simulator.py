@@ -17,6 +17,7 @@ RESET = const(0x58)  # 0, 0, 0; ends this run
 RECEIVE = const(0x47)  # device address, 0, size
 SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
 LINES = const(0x4C)  # SCL and SDA let go of (1) or pulled (0), 1; answers the level of SDA
+FEED = const(0x44)  # until when a watchdog waits from now on, in ms, 3 bytes, low first
 HID = const(0x48)  # USB interface, size of the report or 0 to ask for room, 0
 HOST = const(0x55)  # 0, 0, 0; fails unless a USB host is there and awake
 

@@ -46,6 +46,17 @@ class I2C:
         return len(buf)
 
 
+class WDT:
+    """A watchdog, which cannot be stopped."""
+
+    def __init__(self, id=0, timeout=5000):
+        self._ms = timeout
+        self.feed()
+
+    def feed(self):
+        _simulator.call(_simulator.FEED, self._ms & 0xFF, self._ms >> 8 & 0xFF, self._ms >> 16)
+
+
 class USBDevice:
     """There is one; `usb.device` stands for all of it."""
 

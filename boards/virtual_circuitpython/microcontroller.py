@@ -3,6 +3,7 @@
 import os
 
 import _simulator
+from watchdog import WatchDogMode
 
 
 class Pin:
@@ -19,6 +20,36 @@ class Processor:
 
 
 cpu = Processor()
+
+
+class WatchDogTimer:
+    """As on an RP2040, where it cannot be stopped once it resets."""
+
+    def __init__(self):
+        self.timeout = None
+        self._mode = None
+
+    @property
+    def mode(self):
+        return self._mode
+
+    @mode.setter
+    def mode(self, mode):
+        if mode is not WatchDogMode.RESET:
+            raise NotImplementedError
+        if self.timeout is None:
+            raise ValueError("timeout must be set first")
+        self._mode = mode
+        self.feed()
+
+    def feed(self):
+        if self._mode is None:
+            raise ValueError("the watchdog does not run")
+        ms = int(1000 * self.timeout)
+        _simulator.call(_simulator.FEED, ms & 0xFF, ms >> 8 & 0xFF, ms >> 16)
+
+
+watchdog = WatchDogTimer()
 
 
 def delay_us(delay):

@@ -6,4 +6,4 @@ CircuitPython.
 """
 
 __version__ = "0.1.0"
-PROTOCOL = 1
+PROTOCOL = 2

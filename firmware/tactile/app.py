@@ -19,6 +19,10 @@ _RETRY_US = 100_000  # between attempts to bring a lost sensor back
 _LAST_US = 100_000  # for the host to hear, at the end, that no key is down
 
 
+def _nothing():
+    pass
+
+
 class App:
     """Everything on the board, wired together.
 
@@ -44,6 +48,7 @@ class App:
         self.calibration_lines = []
         self.faults = 0
         self.reboot = False
+        self.feed = _nothing  # in every step; of a watchdog, where one runs
         self._clock = clock
         self._serial = serial
         self._time = Time32(clock)
@@ -78,6 +83,7 @@ class App:
 
     def step(self):
         """Do what is due now; sleeps at most a slice. Allocates nothing while sampling."""
+        self.feed()
         self._listen()
         self.uses.pump()
         if self._lost:

@@ -1,4 +1,4 @@
-"""Frames, board to host: COBS(payload, CRC-16) and a zero byte. See docs/protocol.md.
+"""Frames, board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
 
 The layouts below are the one place where both ends look them up. The board's 32-bit time is
 written as two halves, since a small int holds 31 bits. Packing and sending allocate nothing.
@@ -7,7 +7,7 @@ written as two halves, since a small int holds 31 bits. Packing and sending allo
 from struct import pack_into
 
 from .decode import DROPPED
-from .kernel import frame
+from .kernel import CRC_SIZE, frame
 
 TOUCH = 1
 SPECTRUM = 2
@@ -68,7 +68,7 @@ class Framer:
         self._write = serial.write
         self._time = time
         self._sequence = 0
-        self._payload = bytearray(HEADER_SIZE + TEXT_MAX + 2)
+        self._payload = bytearray(HEADER_SIZE + TEXT_MAX + CRC_SIZE)
         self._encoded = bytearray(len(self._payload) + 6)
         self._gap = 0
         self.dropped = 0

@@ -13,6 +13,7 @@ from .log2 import log2_q20
 from .smux import CHANNELS
 
 SCRATCH = 11  # seven logarithms, four sums: what `estimate` works in
+CRC_SIZE = 4  # bytes
 
 
 def accumulate(sums, counts, samples):
@@ -152,26 +153,46 @@ def _below(bounds, value):
     return i
 
 
-def _crc_table():
-    # CRC-16/CCITT-FALSE, polynomial 0x1021, as binascii.crc_hqx of CPython.
-    table = array("H", bytes(512))
+def _crc_tables():
+    # CRC-32, polynomial 0xEDB88320, as zlib.crc32 of CPython; in halves of 16 bits.
+    lows = array("H", bytes(512))
+    highs = array("H", bytes(512))
     for byte in range(256):
-        crc = byte << 8
+        low = byte
+        high = 0
         for _ in range(8):
-            crc = (crc << 1 ^ 0x1021) if crc & 0x8000 else crc << 1
-        table[byte] = crc & 0xFFFF
-    return table
+            odd = low & 1
+            low = (low >> 1 | high << 15 & 0x8000) ^ (0x8320 if odd else 0)
+            high = high >> 1 ^ (0xEDB8 if odd else 0)
+        lows[byte] = low
+        highs[byte] = high
+    return lows, highs
 
 
-_CRC = _crc_table()
+_LOWS, _HIGHS = _crc_tables()
 
 
-def crc16(data, size, crc):
-    """Return the CRC-16/CCITT-FALSE of the first `size` bytes, begun with `crc` (0xFFFF)."""
-    table = _CRC
+def crc32(data, size, crc):
+    """Take the first `size` bytes into a CRC-32.
+
+    Parameters
+    ----------
+    data : bytes-like
+    size : int
+    crc : array.array
+        ``array("H")`` of the low and the high half, both 0xFFFF at first. The CRC-32 is their
+        complement.
+    """
+    lows = _LOWS
+    highs = _HIGHS
+    low = crc[0]
+    high = crc[1]
     for i in range(size):
-        crc = (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ data[i]]
-    return crc
+        at = (low ^ data[i]) & 0xFF
+        low = (low >> 8 | high << 8 & 0xFF00) ^ lows[at]
+        high = high >> 8 ^ highs[at]
+    crc[0] = low
+    crc[1] = high
 
 
 def cobs_encode(source, size, target):
@@ -192,9 +213,16 @@ def cobs_encode(source, size, target):
     return write + 1
 
 
+_crc = array("H", bytes(4))
+
+
 def frame(payload, size, encoded):
     """Put the CRC behind the first `size` bytes and write their frame; return its length."""
-    crc = crc16(payload, size, 0xFFFF)
-    payload[size] = crc & 0xFF
-    payload[size + 1] = crc >> 8
-    return cobs_encode(payload, size + 2, encoded)
+    crc = _crc
+    crc[0] = crc[1] = 0xFFFF
+    crc32(payload, size, crc)
+    payload[size] = ~crc[0] & 0xFF
+    payload[size + 1] = ~crc[0] >> 8 & 0xFF
+    payload[size + 2] = ~crc[1] & 0xFF
+    payload[size + 3] = ~crc[1] >> 8 & 0xFF
+    return cobs_encode(payload, size + CRC_SIZE, encoded)

@@ -6,11 +6,12 @@ command ``save``.
 """
 
 import os
+from array import array
 
 from . import exposure
 from .calibration import STRAIN_MAX_PPM
 from .decode import AVERAGE_MAX
-from .kernel import crc16
+from .kernel import crc32
 from .smux import smux_map
 
 SETTINGS_FILE = "settings.txt"
@@ -26,9 +27,10 @@ LIMITS = {
     "baseline": (0, 1, 0),
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
+    "watchdog": (0, 1, 0),
 }
 # A change of these needs no new start of the sensor.
-_AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad")
+_AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad", "watchdog")
 
 
 class Settings:
@@ -108,12 +110,12 @@ class Settings:
 
 
 def checksum(lines):
-    """Return the CRC-16 of lines, as four hexadecimal digits."""
-    crc = 0xFFFF
+    """Return the CRC-32 of lines, as eight hexadecimal digits."""
+    crc = array("H", (0xFFFF, 0xFFFF))
     for line in lines:  # one by one: a board may have no room for all in one piece
         data = (line + "\n").encode()
-        crc = crc16(data, len(data), crc)
-    return "%04x" % crc
+        crc32(data, len(data), crc)
+    return "%04x%04x" % (crc[1] ^ 0xFFFF, crc[0] ^ 0xFFFF)
 
 
 def save_lines(path, lines):

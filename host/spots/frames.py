@@ -5,23 +5,24 @@ One decoder serves live links, recordings and the simulator.
 
 from __future__ import annotations
 
-import binascii
 import json
 import struct
+import zlib
 from dataclasses import dataclass
 from typing import NamedTuple, Union
 
 from cobs import cobs
 
 from tactile import decode, frame
+from tactile.kernel import CRC_SIZE
 
 _HEADER = struct.Struct(frame.HEADER)
 _TOUCH = struct.Struct("<" + frame.TOUCH_BODY)
 _SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
 _KEY = struct.Struct("<" + frame.KEY_BODY)
-_CRC_SIZE = 2
+_CRC = struct.Struct("<I")
 # COBS adds one byte, and one more for each 254.
-ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + _CRC_SIZE + 4
+ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
 _SEQUENCES = 1 << 16
 NOTE = 15
 
@@ -246,10 +247,10 @@ def _checked(piece: bytes) -> bytes | None:
         payload = cobs.decode(piece)
     except cobs.DecodeError:
         return None
-    if len(payload) < frame.HEADER_SIZE + _CRC_SIZE:
+    if len(payload) < frame.HEADER_SIZE + CRC_SIZE:
         return None
-    body, low, high = payload[:-_CRC_SIZE], payload[-2], payload[-1]
-    return body if binascii.crc_hqx(body, 0xFFFF) == low | high << 8 else None
+    body, crc = payload[:-CRC_SIZE], payload[-CRC_SIZE:]
+    return body if _CRC.pack(zlib.crc32(body)) == crc else None
 
 
 def _touch(sensor, sequence, t_us, body):

@@ -34,8 +34,8 @@ def stream():
 
 def test_readings_are_counted_and_weighed(results):
     figures = results["host"]
-    assert figures["spots"]["bytes_per_reading"] == 26
-    assert figures["json"]["bytes_per_reading"] > 4 * 26
+    assert figures["spots"]["bytes_per_reading"] == 28
+    assert figures["json"]["bytes_per_reading"] > 4 * 28
     for name in ("spots", "json"):
         assert figures[name]["readings_per_s"] > 0
     assert figures["rate_ratio"] == pytest.approx(

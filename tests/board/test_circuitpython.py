@@ -16,6 +16,7 @@ from spots.sim.files import ScenarioFile, load
 from spots.sim.lockstep import LockstepLink
 from spots.sim.scenario import Scenario
 from spots.stage import stage
+from tactile.settings import checksum
 
 BOARD = "virtual_circuitpython"
 
@@ -146,6 +147,24 @@ def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):
         link.write(line + b"\r")
         said = until(link, b">>> ")
     assert b"led False sampling False" in said
+    link.close()
+
+
+def test_a_watchdog_and_ctrl_c_under_it(start, tmp_path):
+    (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
+    app = tmp_path / "tactile" / "app.py"
+    hanging = app.read_text().replace("self.uses.use_layout(lines)", "while True: pass")
+    app.write_text(hanging)
+    runtime = tmp_path / "tactile" / "runtime" / "circuitpython.py"
+    runtime.write_text(runtime.read_text().replace("_WATCHDOG_S = const(8)", "_WATCHDOG_S = 0.7"))
+    data, console = start()
+    with spots.open(data) as board:
+        assert len([touch for touch, _ in zip(board.touches(), range(150))]) == 150  # > 700 ms
+        board._link.write(b"layout clear\n")
+        assert any(board.stats.restarts for _ in board.frames(DEADLINE_S))
+    link = SerialLink(console)
+    link.write(b"\x03")
+    until(link, b"stopped by Ctrl-C")
     link.close()
 
 

@@ -9,7 +9,7 @@ from tactile.settings import checksum
 
 def test_hello_tells_who_it_is(rig):
     info = rig().board.info
-    assert info["protocol"] == 1
+    assert info["protocol"] == 2
     assert info["board"] == "virtual"
     assert info["runtime"].startswith("micropython 1.")
     assert info["plan"] == ["F3", "F4", "F5", "F6", "F7", "F8"]
@@ -48,7 +48,7 @@ def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, say
     made.board._link.write(raw)
     made.settle(0.05)
     assert says in made.board._replies[-1].content["error"]
-    assert made.board.command("hello")["protocol"] == 1
+    assert made.board.command("hello")["protocol"] == 2
 
 
 def test_lines_in_one_piece_get_one_reply_each(rig):

@@ -10,6 +10,7 @@ from boards import DEADLINE_S, until, virtual_board
 import spots
 from spots.link import SerialLink
 from spots.stage import stage
+from tactile.settings import checksum
 
 PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 
@@ -128,6 +129,47 @@ def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
         frames = decoder.feed(link.read(0.2))
         hello = [frame for frame in frames if frame.content.get("re") == "hello"]
     link.close()
+
+
+@pytest.fixture
+def watched(start, tmp_path):
+    """Return a function that starts a board with a short watchdog, which hangs at a command."""
+    (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
+    for path, old, new in (
+        ("runtime/micropython.py", "_WATCHDOG_MS = const(8_000)", "_WATCHDOG_MS = const(700)"),
+        (
+            "app.py",
+            "def use_layout(self, lines):\n",
+            "def use_layout(self, lines):\n        while True: pass\n",
+        ),
+    ):
+        text = (tmp_path / "tactile" / path).read_text()
+        assert old in text
+        (tmp_path / "tactile" / path).write_text(text.replace(old, new))
+    return start
+
+
+def test_a_watchdog_starts_a_board_that_hangs(watched):
+    port = watched()
+    with spots.open(port) as board:
+        assert board.info["watchdog"] == 1
+        assert len([touch for touch, _ in zip(board.touches(), range(150))]) == 150  # > 700 ms
+        assert board.stats.restarts == 0
+        board._link.write(b"layout clear\n")
+        touches = board.frames(DEADLINE_S)
+        assert any(board.stats.restarts for _ in touches)
+
+
+def test_ctrl_c_under_a_watchdog_leads_to_a_prompt_that_lasts(watched, tmp_path):
+    port = watched()
+    link = interrupted(port)
+    assert ask(link, "import time; time.sleep(1.5); print('tactile.app')") == "tactile.app"
+    assert ask(link, "import sys; print('tactile.app' in sys.modules)") == "False"
+    assert not (tmp_path / "stay").exists()
+    link.write(b"import machine\nmachine.reset()\x04")
+    link.close()
+    with spots.open(port) as board:
+        assert board.info["watchdog"] == 1
 
 
 def test_mpremote_connects_while_the_application_runs(start):

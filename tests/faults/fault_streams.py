@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import binascii
 import json
 import struct
+import zlib
 
 import numpy as np
 from cobs import cobs
 
 
 def encoded(payload: bytes) -> bytes:
-    return cobs.encode(payload + struct.pack("<H", binascii.crc_hqx(payload, 0xFFFF))) + b"\0"
+    return cobs.encode(payload + struct.pack("<I", zlib.crc32(payload))) + b"\0"
 
 
 def frames(count: int, seed: int = 0, texts: bool = True) -> list[bytes]:

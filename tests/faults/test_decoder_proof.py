@@ -107,8 +107,7 @@ def damaged(piece, count, rng):
 
 
 def test_a_million_damages_of_several_bytes(stream):
-    # Of what gets as far as the CRC, one in 65,536 passes by chance: other seeds find one.
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng(0)
     pieces, meanings = stream
     each = MULTIPLE // COUNT
     wrong, refused = [], 0
@@ -124,7 +123,6 @@ def test_a_million_damages_of_several_bytes(stream):
 def test_a_decoder_that_does_not_look_at_the_crc_is_found_out(stream, monkeypatch):
     from spots import frames as module
 
-    monkeypatch.setattr(module.binascii, "crc_hqx", lambda body, start: 0)
     monkeypatch.setattr(module, "_checked", lambda piece: _unchecked(piece))
     rng = np.random.default_rng(0)
     piece, meaning = _pair(stream, 0)
@@ -135,6 +133,6 @@ def _unchecked(piece):
     from cobs import cobs
 
     try:
-        return cobs.decode(piece)[:-2].ljust(7, b"\0")
+        return cobs.decode(piece)[:-4].ljust(7, b"\0")
     except cobs.DecodeError:
         return None

@@ -1,7 +1,8 @@
 """Frames as the firmware makes them, against independent encoders and the bytes of the protocol."""
 
-import binascii
 import struct
+import zlib
+from array import array
 
 import pytest
 from cobs import cobs
@@ -38,7 +39,9 @@ class Port:
 
 @given(st.binary(max_size=600))
 def test_crc_is_that_of_the_standard_library(data):
-    assert kernel.crc16(data, len(data), 0xFFFF) == binascii.crc_hqx(data, 0xFFFF)
+    crc = array("H", (0xFFFF, 0xFFFF))
+    kernel.crc32(data, len(data), crc)
+    assert ((~crc[1] & 0xFFFF) << 16 | ~crc[0] & 0xFFFF) == zlib.crc32(data)
 
 
 @given(st.binary(min_size=1, max_size=520))
@@ -71,21 +74,21 @@ def reading(**fields):
     return made
 
 
-def test_a_touch_frame_is_these_26_bytes():
+def test_a_touch_frame_is_these_28_bytes():
     made, port = framer()
     made.touch(2, reading(flags=9, contrast=-2, brightness=3, position_um=42_500, force_mN=3000))
     payload = struct.pack("<BHIBiiiH", 0x21, 0, 0, 9, -2, 3, 42_500, 3000)
-    payload += struct.pack("<H", binascii.crc_hqx(payload, 0xFFFF))
-    assert len(payload) == 24
+    payload += struct.pack("<I", zlib.crc32(payload))
+    assert len(payload) == 26
     assert port.sent == [cobs.encode(payload) + b"\0"]
-    assert len(port.sent[0]) == 26
+    assert len(port.sent[0]) == 28
 
 
 def test_a_spectrum_frame_carries_six_counts():
     made, port = framer()
     made.spectrum(0, 8, 9, [1, 65_535, 3, 4, 5, 6])
     payload = cobs.decode(port.sent[0][:-1])
-    assert struct.unpack("<BHIBB6H", payload[:-2]) == (2, 0, 0, 8, 9, 1, 65_535, 3, 4, 5, 6)
+    assert struct.unpack("<BHIBB6H", payload[:-4]) == (2, 0, 0, 8, 9, 1, 65_535, 3, 4, 5, 6)
 
 
 def test_a_dropped_frame_is_counted_numbered_and_flagged():
@@ -119,7 +122,7 @@ def test_no_frame_is_a_multiple_of_a_usb_packet(size):
     made.text(b"x" * size)
     assert len(port.sent[0]) % 64 != 0
     pieces = [piece for piece in port.sent[0].split(b"\0") if piece]
-    assert cobs.decode(pieces[0])[7:-2] == b"x" * size
+    assert cobs.decode(pieces[0])[7:-4] == b"x" * size
 
 
 @given(st.lists(st.integers(-1000, 1 << 28), min_size=1, max_size=30))

@@ -81,7 +81,7 @@ def test_a_board_of_another_protocol(capsys, port):
 
     threading.Thread(target=answer, daemon=True).start()
     line = refused(capsys, "command", "--port", path, "hello")
-    assert "speaks protocol 7, this program 1" in line
+    assert "speaks protocol 7, this program 2" in line
 
 
 def test_no_board_at_all(capsys, monkeypatch):

@@ -12,6 +12,7 @@ import pytest
 from tactile import contact
 from tactile.calibration import KNOTS_MAX, ONE_Q13, WEIGHT_SUM_MAX, Calibration, CalibrationError
 from tactile.frame import HEADER_SIZE, TEXT_MAX
+from tactile.kernel import CRC_SIZE
 from tactile.layout import (
     CONSUMER,
     KEYBOARD,
@@ -245,15 +246,15 @@ def test_keypad(compare, rng):
 
 def messages(rng):
     """Return payloads of the lengths at which something changes, from no zero to only zeros."""
-    lengths = [0, 1, 2, 24, 253, 254, 255, 256, 508, HEADER_SIZE + TEXT_MAX + 2]
+    lengths = [0, 1, 2, 24, 253, 254, 255, 256, 508, HEADER_SIZE + TEXT_MAX + CRC_SIZE]
     for length in lengths:
         yield [rng.randint(1, 255) for _ in range(length)]
         yield [rng.choice((0, 0, 255)) for _ in range(length)]
     yield [0] * 24
 
 
-def test_crc16(compare, rng):
-    compare("crc16", list(messages(rng)))
+def test_crc32(compare, rng):
+    compare("crc32", list(messages(rng)), width=2)
 
 
 def test_cobs(compare, rng):

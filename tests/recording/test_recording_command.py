@@ -186,7 +186,7 @@ def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
     info = {"protocol": 7}
     header = Header(recording=1, program="spots 9", set="", part=0, host_s=0, utc_s=0, info=info)
     path = bad(tmp_path, encoded(header) + stream(1)[0])
-    assert "speaks protocol 7, this program 1: use the program that wrote it, spots 9" in refused(
+    assert "speaks protocol 7, this program 2: use the program that wrote it, spots 9" in refused(
         capsys, "replay", path
     )
 

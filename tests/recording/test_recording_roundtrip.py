@@ -177,7 +177,7 @@ def test_a_clock_that_is_none_is_told(tmp_path):
 
 def test_frames_that_reads_cut_in_two_have_their_times_too(tmp_path):
     data = b"".join(stream(30))
-    record(tmp_path / "a.spots", cut(data, [7] + [26] * 29))  # each read ends 7 bytes into a frame
+    record(tmp_path / "a.spots", cut(data, [7] + [28] * 29))  # each read ends 7 bytes into a frame
     arrived_s = [arrived_s for arrived_s, _ in spots.Recording(tmp_path / "a.spots")]
     assert arrived_s == [pytest.approx(1000.01 + 0.01 * i, abs=1e-5) for i in range(1, 31)]
 

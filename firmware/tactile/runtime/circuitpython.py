@@ -16,6 +16,7 @@ from micropython import const
 
 from ..as7341 import AS7341, SensorError
 from ..settings import SETTINGS_FILE, Settings, load_lines
+from .stay import stay_after_reset, told_to_stay
 
 _ADDRESS = const(0x39)
 _RECOVERY_CLOCKS = const(9)
@@ -26,6 +27,7 @@ _HALF_PERIOD_US = const(1 << 29)
 _SAFE_BOOT_MS = const(500)
 _SAFE_BOOT_STEP_MS = const(20)
 _AFTER_CRASH_S = const(1)  # for Ctrl-C, when it crashes again and again
+_WATCHDOG_S = const(8)  # the RP2040 knows no longer ones
 _CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
 _FINISH_US = const(20_000)  # what a frame longer than the port's buffer may take
 _COMMON_SIZE = const(64)  # frames up to here are sent again and again
@@ -235,6 +237,9 @@ def main():
     """
     import board_config
 
+    if told_to_stay():
+        print("stopped by Ctrl-C: reset the board to start the application")
+        return
     if usb_cdc.data is None:
         print("no port for data, so the application was not started: press reset, not the button")
         return
@@ -248,12 +253,27 @@ def main():
     sda = getattr(board, board_config.SDA_PIN)
     sensor = Sensor(scl, sda, board_config.I2C_HZ, Clock)
     app = App(board_config, runtime, uid, sensor, Clock, serial, usb)
+    watched = app.settings.values["watchdog"]
+    if watched:
+        app.feed = _watchdog_feed()
     try:
         app.run()
-    except Exception as error:  # all but Ctrl-C
+    except KeyboardInterrupt:
+        if not watched:
+            raise
+        stay_after_reset()
+    except Exception as error:
         app.log("error", _crash(error))
         time.sleep(_AFTER_CRASH_S)
     microcontroller.reset()
+
+
+def _watchdog_feed():
+    from watchdog import WatchDogMode
+
+    microcontroller.watchdog.timeout = _WATCHDOG_S
+    microcontroller.watchdog.mode = WatchDogMode.RESET
+    return microcontroller.watchdog.feed
 
 
 def _asked_to_stay(board_config):

@@ -8,6 +8,8 @@ import time
 import machine
 from micropython import const
 
+from .stay import stay_after_reset, told_to_stay
+
 _ADDRESS = const(0x39)
 _I2C_TIMEOUT_US = const(50_000)
 _RECOVERY_CLOCKS = const(9)
@@ -18,6 +20,7 @@ _CAPS_LOCK = const(2)  # HID usage tables, LED page, as a keyboard's output repo
 _SAFE_BOOT_MS = const(500)
 _SAFE_BOOT_STEP_MS = const(20)
 _AFTER_CRASH_MS = const(1_000)  # for Ctrl-C, when it crashes again and again
+_WATCHDOG_MS = const(8_000)  # the RP2040 knows no longer ones
 _CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
 
 
@@ -154,6 +157,9 @@ def main():
     """
     import board_config
 
+    if told_to_stay():
+        print("stopped by Ctrl-C: reset the board to start the application")
+        return
     if _asked_to_stay(board_config):
         print("the button is held: the application was not started")
         return
@@ -165,9 +171,16 @@ def main():
     uid = "".join("%02x" % byte for byte in machine.unique_id())
     usb = Usb(board_config) if board_config.USB_HID else None
     app = App(board_config, runtime, uid, AS7341(bus, time), time, Serial(), usb)
+    watched = app.settings.values["watchdog"]
+    if watched:
+        app.feed = machine.WDT(timeout=_WATCHDOG_MS).feed
     try:
         app.run()
-    except Exception as error:  # all but Ctrl-C
+    except KeyboardInterrupt:
+        if not watched:
+            raise
+        stay_after_reset()
+    except Exception as error:
         app.log("error", _crash(error))
         time.sleep_ms(_AFTER_CRASH_MS)
     machine.reset()

@@ -146,8 +146,8 @@ def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
 
 
 def _ratio(slow: dict, fast: dict, name: str) -> float:
-    # Round by round: what slows this machine for a moment slows both.
-    return round(median(a / b for a, b in zip(slow[name], fast[name], strict=True)), 2)
+    # Of the best rounds: whatever else this machine does only adds to a time.
+    return round(min(slow[name]) / min(fast[name]), 2)
 
 
 def _summary(path: dict) -> dict:

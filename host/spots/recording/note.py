@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import binascii
 import json
 import struct
+import zlib
 
 from cobs import cobs
 
@@ -13,7 +13,7 @@ from tactile.frame import HEADER
 from ..frames import NOTE
 
 _HEADER = struct.Struct(HEADER)
-_CRC = struct.Struct("<H")
+_CRC = struct.Struct("<I")
 
 
 def note(since_us: int, content: dict | None = None) -> bytes:
@@ -30,4 +30,4 @@ def note(since_us: int, content: dict | None = None) -> bytes:
     payload = _HEADER.pack(NOTE, sequence, low, high)
     if content is not None:
         payload += json.dumps(content, separators=(",", ":")).encode()
-    return cobs.encode(payload + _CRC.pack(binascii.crc_hqx(payload, 0xFFFF))) + b"\0"
+    return cobs.encode(payload + _CRC.pack(zlib.crc32(payload))) + b"\0"

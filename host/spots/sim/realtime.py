@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import pty
 import select
@@ -193,10 +194,11 @@ def _serve(
             passages[data.board_end] = noise.pass_in
         else:
             passages[console.board_end] = lambda: console.pass_on(noise.to_board)
+    starved_us = math.inf  # when the watchdog bites
     while True:
         stuck = noise is not None and noise.stuck
         ends = [end for end in passages if not (stuck and end == noise.from_board)]
-        patience_s = _STUCK_S if stuck else None
+        patience_s = _patience_s(bus, stuck, starved_us)
         ready, _, _ = select.select([machine.requests, stdin, *ends], [], [], patience_s)
         if stuck:
             noise.pass_out()
@@ -205,22 +207,38 @@ def _serve(
         for end, pass_on in passages.items():
             if end in ready:
                 pass_on()
-        if machine.requests in ready:
+        if bus.clock.now_us() > starved_us:
+            starved_us = math.inf
+            machine.boot()
+        elif machine.requests in ready:
             request = server.read_request(machine.requests)
+            fed_us = server.fed_for_us(request or b"")
+            if fed_us is not None:
+                starved_us = bus.clock.now_us() + fed_us
             off_us = board_faults.step(bus) if board_faults else None
             if off_us is not None:
                 machine.shut_down()
                 bus.clock.pause_us(off_us)
                 bus.chip.power_on(bus.clock.now_us())
                 machine.boot()
+                starved_us = math.inf
             elif request is None:
                 machine.ended()
                 machine.boot(run_entry=not console.raw_prompt)
                 console.after_soft_reset()
             elif server.is_reset(request):
                 machine.boot()
+                starved_us = math.inf
             else:
                 server.answer(request, bus, usb, machine.answers)
+
+
+def _patience_s(bus: Bus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
+    if stuck:
+        return _STUCK_S
+    if starved_us < math.inf:
+        return max(0.0, (starved_us - bus.clock.now_us()) * 1e-6)
+    return None
 
 
 if __name__ == "__main__":

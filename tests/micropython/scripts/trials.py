@@ -95,16 +95,20 @@ def table(cases, results):
 
 def prepare_bytes(cases):
     # Room for a checksum.
-    return [(bytearray(case + [0, 0]), len(case)) for case in cases]
+    return [(bytearray(case + [0] * kernel.CRC_SIZE), len(case)) for case in cases]
 
 
-prepare_crc16 = prepare_cobs = prepare_frame = prepare_bytes
+prepare_crc32 = prepare_cobs = prepare_frame = prepare_bytes
+_crc = array("H", (0, 0))
 
 
-def crc16(cases, results):
+def crc32(cases, results):
     for i in range(len(cases)):
         case = cases[i]
-        results[i] = kernel.crc16(case[0], case[1], 0xFFFF)
+        _crc[0] = _crc[1] = 0xFFFF
+        kernel.crc32(case[0], case[1], _crc)
+        results[2 * i] = _crc[0]
+        results[2 * i + 1] = _crc[1]
 
 
 def cobs(cases, results):

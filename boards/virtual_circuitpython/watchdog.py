@@ -1,0 +1,6 @@
+"""`watchdog` of the virtual board."""
+
+
+class WatchDogMode:
+    RAISE = object()
+    RESET = object()
