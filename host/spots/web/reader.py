@@ -8,12 +8,15 @@ from collections import deque
 from collections.abc import Callable
 from statistics import median
 
+from tactile.smux import CHANNELS
+
 from ..board import Board
 from ..connect import VIRTUAL, find, open
 from ..errors import SpotsError
 from ..frames import Key, Spectrum, Touch
 from ..sim.files import ScenarioFile, SensorFile, load
 from ..uses.layout import KeyLayout
+from .expected import expected_shown
 from .feel import Feel, layout_shown
 from .state import State
 
@@ -90,10 +93,12 @@ class Reader:
         board.command("stream touch spectrum")
         info = board.command("hello")
         self._id = info["id"]
+        settings = _settings(board)
         self._known = {
             **{name: info.get(name) for name in _FACTS},
             "port": board.port,
-            "full_scale": _full_scale(board),
+            "full_scale": settings["full_scale"],
+            "expected": expected_shown(board, info, settings["dark"]),
             "layout": layout_shown(self._layout) if info.get("length_um") else None,
         }
         self._heard_s = time.monotonic()
@@ -146,11 +151,11 @@ class Reader:
             self._state.put("board", {"state": state, "message": message, **self._known})
 
 
-def _full_scale(board: Board) -> int | None:
+def _settings(board: Board) -> dict:
     try:
-        return board.command("get")["full_scale"]
+        return board.command("get")
     except SpotsError:
-        return None  # a recording
+        return {"full_scale": None, "dark": [0] * CHANNELS}  # a recording
 
 
 _FACTS = (
