@@ -94,6 +94,7 @@ def _add_serve(commands) -> None:
     serve.add_argument("--layout", default="digits", metavar="FILE.toml", help="of keys; or a name")
     serve.add_argument("--address", default="127.0.0.1", help="show it to others, with a token")
     serve.add_argument("--http-port", type=_http_port, default=8765, help="0 for any")
+    serve.add_argument("--record-to", metavar="FOLDER", help="let who has the token record")
     serve.set_defaults(run=_serve)
 
 

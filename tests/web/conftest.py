@@ -10,8 +10,9 @@ from playwright.sync_api import sync_playwright
 from serving import Bench, Serving
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# The browser itself says so while there is no server; nothing in a page can keep it from that.
-_REFUSED = "net::ERR_CONNECTION_REFUSED"
+# The browser itself says so while there is no server, or when the server says that something
+# cannot be; nothing in a page can keep it from that.
+_REFUSED = "net::ERR_CONNECTION_REFUSED", "status of 409"
 
 # Which reading a page has drawn, and when.
 _RECORD = """
@@ -47,7 +48,7 @@ def open_page(browser):
     contexts, errors = [], []
 
     def note(kind, text):
-        if _REFUSED not in text:
+        if not any(words in text for words in _REFUSED):
             errors.append(f"{kind}: {text}")
 
     def open_page(url, **options):

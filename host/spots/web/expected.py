@@ -28,7 +28,7 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:
         return None
-    position_um, logs = expected(lines, info["strain_ppm"])
+    position_um, logs = expected(lines, info.get("strain_ppm") or 0)
     return {
         "from_um": float(position_um[0]),
         "step_um": float(position_um[1] - position_um[0]),

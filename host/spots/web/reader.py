@@ -18,6 +18,7 @@ from ..sim.files import ScenarioFile, SensorFile, load
 from ..uses.layout import KeyLayout
 from .expected import expected_shown
 from .feel import Feel, layout_shown
+from .recordings import Recordings
 from .state import State
 
 _TICK_S = 0.02
@@ -44,6 +45,8 @@ class Reader:
         ``stick`` and ``link`` are put there.
     search_every_s : float
         How long to wait before a board is looked for again.
+    recordings : Recordings, optional
+        Of the board, for who asks for them.
     """
 
     def __init__(
@@ -52,9 +55,10 @@ class Reader:
         layout: KeyLayout,
         state: State,
         search_every_s: float = _SEARCH_EVERY_S,
+        recordings: Recordings | None = None,
     ):
         self._open_board, self._layout, self._state = open_board, layout, state
-        self._search_every_s = search_every_s
+        self._search_every_s, self._recordings = search_every_s, recordings
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
@@ -116,12 +120,16 @@ class Reader:
                     self._stopping.wait(_TICK_S)  # a recording that has ended does not wait
                 feel.tick(board.now_s())
                 health.show()
+                if self._recordings:
+                    self._recordings.attend(board)
                 if time.monotonic() - self._heard_s > self._patience_s():
                     raise SpotsError("no readings come")
                 if board.stats.restarts:
                     return  # it has forgotten its settings, or is another one on the same port
         finally:
             feel.release()
+            if self._recordings:
+                self._recordings.leave()
 
     def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
         if frame.sensor != 0:

@@ -12,11 +12,13 @@ import socket
 import sys
 import webbrowser
 from collections.abc import Callable
+from pathlib import Path
 
-from ..connect import VIRTUAL
+from ..connect import RECORDING, VIRTUAL
 from ..errors import SpotsError
 from ..uses.layout import load
 from .reader import Reader, finder
+from .recordings import Recordings
 from .state import State
 
 try:
@@ -44,6 +46,8 @@ class Server:
         0 for any that is free.
     token : str, optional
         A new one, if not given.
+    recordings : Recordings, optional
+        What who has the token may start and stop; the reader has to have the same.
 
     Attributes
     ----------
@@ -56,17 +60,26 @@ class Server:
         If the address is none of this machine's, or the port is taken.
     """
 
-    def __init__(self, state: State, address: str = LOOPBACK, port: int = 0, token=None):
+    def __init__(
+        self,
+        state: State,
+        address: str = LOOPBACK,
+        port: int = 0,
+        token: str | None = None,
+        recordings: Recordings | None = None,
+    ):
         self._state, self._address, self._port = state, address, port
+        self._recordings = recordings
         try:
             at_home = ipaddress.ip_address(address).is_loopback
         except ValueError:
             raise SpotsError(f"'{address}' is no IP address, such as 192.168.1.20") from None
-        self._token = None if at_home else token or secrets.token_urlsafe(16)
+        secret = not at_home or recordings is not None
+        self._token = (token or secrets.token_urlsafe(16)) if secret else None
         self.url = ""
 
     async def __aenter__(self) -> Server:
-        app = App(self._state, Guard(self._address, self._token))
+        app = App(self._state, Guard(self._address, self._token), self._recordings)
         self._runner = web.AppRunner(app.web, access_log=None, shutdown_timeout=1.0)
         await self._runner.setup()
         try:
@@ -92,7 +105,20 @@ class Server:
 def run(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     open_board = finder(options.port, options.sensor, options.scenario, options.seed)
-    serve(State(), options.address, options.http_port, open_board, options.layout, print_address)
+    state, recordings = State(), None
+    if options.record_to is not None:
+        if (options.port or "").startswith(RECORDING):
+            raise SpotsError("--record-to is for a board; --port names a recording")
+        recordings = Recordings(Path(options.record_to), state)
+    serve(
+        state,
+        options.address,
+        options.http_port,
+        open_board,
+        options.layout,
+        print_address,
+        recordings,
+    )
 
 
 def serve(
@@ -102,6 +128,7 @@ def serve(
     open_board,
     layout: str,
     on_start: Callable[[str], None],
+    recordings: Recordings | None = None,
 ) -> None:
     """Serve until Ctrl-C or SIGTERM.
 
@@ -117,11 +144,13 @@ def serve(
         Of keys, by path or name.
     on_start : callable
         Told the URL.
+    recordings : Recordings, optional
+        As for `Server`.
     """
-    reader = Reader(open_board, load(layout), state)
+    reader = Reader(open_board, load(layout), state, recordings=recordings)
 
     async def main():
-        async with Server(state, address, port) as server:
+        async with Server(state, address, port, recordings=recordings) as server:
             ended = _ended_by_sigterm()
             reader.start()
             on_start(server.url)

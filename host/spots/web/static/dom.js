@@ -35,7 +35,7 @@ export function canvas(root, height) {
     element.width = Math.round(width * devicePixelRatio);
     element.height = Math.round(height * devicePixelRatio);
     shown = null;
-    dispatchEvent(new Event("emptied"));
+    dispatchEvent(new Event("redraw"));
   };
   new ResizeObserver(fit).observe(element);
   return (draw, key = {}) => {
@@ -56,7 +56,7 @@ function look() {
 }
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   look();
-  dispatchEvent(new Event("emptied"));
+  dispatchEvent(new Event("redraw"));
 });
 look();
 

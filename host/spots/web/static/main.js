@@ -9,6 +9,7 @@ import { spectrum } from "./panels/spectrum.js";
 import { keyboard } from "./panels/keyboard.js";
 import { stick } from "./panels/stick.js";
 import { twin } from "./panels/twin.js";
+import { recording } from "./panels/recording.js";
 import { link } from "./panels/link.js";
 
 // How often a panel is drawn at most, a second: what answers a finger at every frame, what is
@@ -17,7 +18,7 @@ const ANSWER = Infinity, LOOK = 15, READ = 5;
 const RATES = [
   [strip, ANSWER], [keyboard, ANSWER], [stick, ANSWER],
   [history, LOOK], [spectrum, LOOK], [twin, LOOK],
-  [figures, READ], [board, READ], [link, READ],
+  [figures, READ], [board, READ], [recording, READ], [link, READ],
 ];
 // What waits for its time is drawn with the next message, or so long after the last one.
 const QUIET_MS = 100;
@@ -40,11 +41,11 @@ const receipt = connect(
   },
   (how) => {
     document.body.dataset.link = how;
-    take({ connection: how });
+    take({ connection: how, may_record: false });
     if (how !== "live") letGo();
   },
 );
-addEventListener("emptied", () => take({}));
+addEventListener("redraw", () => take({}));
 
 // What is not told any more is not shown as if it were.
 function letGo() {
