@@ -5,18 +5,16 @@ from __future__ import annotations
 import argparse
 import asyncio
 import ipaddress
-import os
 import secrets
 import signal
 import socket
-import sys
-import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
 from ..connect import RECORDING, VIRTUAL
 from ..errors import SpotsError
 from ..uses.layout import load
+from .browser import print_address, show
 from .reader import Reader, finder
 from .recordings import Recordings
 from .state import State
@@ -172,21 +170,7 @@ def serve(
 def show_demo(sensor: str, scenario: str, seed: int) -> None:
     """Serve the virtual board, and open the page where there is a screen and somebody at it."""
     open_board = finder(VIRTUAL, sensor, scenario, seed)
-    serve(State(), LOOPBACK, 0, open_board, DEMO_LAYOUT, _open_or_print)
-
-
-def _open_or_print(url: str) -> None:
-    print_address(url)
-    screen = sys.platform in ("win32", "darwin") or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-    )
-    if screen and sys.stdout.isatty():
-        webbrowser.open(url)
-
-
-def print_address(url: str) -> None:
-    """Tell where the page is."""
-    print(f"the page is at {url} (Ctrl-C ends it)", flush=True)
+    serve(State(), LOOPBACK, 0, open_board, DEMO_LAYOUT, show)
 
 
 def _ended_by_sigterm() -> asyncio.Event:
