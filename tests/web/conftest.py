@@ -14,7 +14,7 @@ _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-sta
 # cannot be; nothing in a page can keep it from that.
 _REFUSED = "net::ERR_CONNECTION_REFUSED", "status of 409"
 
-# Which reading a page has drawn, and when.
+# Which readings a page has drawn, when, and how many messages were on their way to it at most.
 _RECORD = """
 window.drawn = [];
 document.addEventListener("drawn", ({ detail }) => {
@@ -28,6 +28,21 @@ document.addEventListener("drawn", ({ detail }) => {
   };
   channel.port2.postMessage(null);
 });
+window.underway = 0;
+window.WebSocket = class extends WebSocket {
+  #drawn = 0;
+  constructor(url) {
+    super(url);
+    this.addEventListener("message", ({ data }) => {
+      const number = Number(/"n":(\\d+)/.exec(data)[1]);
+      window.underway = Math.max(window.underway, number - this.#drawn);
+    });
+  }
+  send(number) {
+    super.send(number);
+    this.#drawn = Number(number);
+  }
+};
 """
 
 

@@ -1,6 +1,8 @@
 """How old a reading is when it is on the screen. ``pytest -s`` prints the figures of docs/page.md.
 
-Only gross failure is asserted: what else runs on a machine is none of the page's making.
+Times are not asserted: what else runs on a machine is none of the page's making. What is: a page
+draws readings once and in their order, never has more than two messages underway, and draws on
+while another one stands still.
 """
 
 from __future__ import annotations
@@ -15,10 +17,11 @@ import pytest
 from serving import until
 from spots.uses.layout import load
 from spots.web.reader import Reader, finder
-from spots.web.state import State
+from spots.web.state import Cursor, State
 
-MEASURED = 300  # readings
-GROSS_S = 2.0
+MEASURED = 150  # readings that the first page draws
+SETTLED = 60  # and before that
+MOST_UNDERWAY = 2
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +54,7 @@ def test_from_frame_to_pixel(virtual, serve, open_page, pages, stalled):
     for page in others:
         until(page, "drawn.length > 0")
     wake = [stall(page) for page in others]
+    until(opened[0], f"drawn.length > {SETTLED}")
     for page in opened:
         page.evaluate("drawn.length = 0")
     until(opened[0], f"drawn.length > {MEASURED}")
@@ -59,19 +63,25 @@ def test_from_frame_to_pixel(virtual, serve, open_page, pages, stalled):
     ages_s, sensor_s, rates = [], [], []
     for drawn in found:
         assert len(drawn) > MEASURED / 10
+        times_s = [one["time_s"] for one in drawn]
+        assert times_s == sorted(set(times_s))
         ages_s += [one["shown_s"] - epoch_s - one["arrived_s"] for one in drawn]
         sensor_s += [one["shown_s"] - epoch_s - one["time_s"] for one in drawn]
         rates.append((len(drawn) - 1) / (drawn[-1]["shown_s"] - drawn[0]["shown_s"]))
-    assert np.percentile(ages_s, 50) < GROSS_S
-    print(f"\n{pages} pages and {stalled} stalled, each drawing {np.median(rates):.0f} a second:")
+    board_hz = virtual.since(Cursor(0, 0))[1]["link"]["rate_hz"]
+    print(
+        f"\n{pages} pages and {stalled} stalled, each drawing {np.median(rates):.0f} of "
+        f"{board_hz:.0f} readings a second:"
+    )
     for name, values in (("from frame to pixel", ages_s), ("from light to pixel", sensor_s)):
         p50, p99 = 1000 * np.percentile(values, (50, 99))
         print(f"  {name}: p50 {p50:.1f} ms, p99 {p99:.1f} ms")
+    newest_s = found[0][-1]["time_s"]
     for page, end in zip(others, wake):
-        woken_s = time.time()
         end()
-        page.evaluate("drawn.splice(0, drawn.length - 2)")
-        until(page, f"drawn.filter((one) => one.shown_s > {woken_s}).length > 20")
-        first = [one for one in page.evaluate("drawn") if one["shown_s"] > woken_s]
-        stale = [one for one in first if woken_s - epoch_s - one["arrived_s"] > GROSS_S]
-        assert len(stale) <= 2  # what had been sent before it stalled
+        page.evaluate("drawn.length = 0")
+        until(page, f"drawn.filter((one) => one.time_s > {newest_s}).length > 20")
+        late = [one for one in page.evaluate("drawn") if one["time_s"] <= newest_s]
+        assert len(late) <= MOST_UNDERWAY  # what had been sent before it stood still
+    for page in opened + others:
+        assert 1 <= page.evaluate("underway") <= MOST_UNDERWAY

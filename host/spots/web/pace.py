@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 WINDOW = 2  # messages that a page may not have drawn yet
 SOONEST_S = 1 / 60
-SELDOM_S = 1 / 12
+SELDOM_S = 0.1
 # A page that keeps up has drawn a message at the next frame of its screen or the one after.
-LATE_S = 0.035
+LATE_S = 0.03
 _SLOWER, _FASTER = 1.25, 0.99
 
 

@@ -16,8 +16,8 @@ import { link } from "./panels/link.js";
 // looked at less often, what is read less still.
 const ANSWER = Infinity, LOOK = 15, READ = 5;
 const RATES = [
-  [strip, ANSWER], [keyboard, ANSWER], [stick, ANSWER],
-  [history, LOOK], [spectrum, LOOK], [twin, LOOK],
+  [strip, ANSWER], [keyboard, ANSWER],
+  [history, LOOK], [stick, LOOK], [spectrum, LOOK], [twin, LOOK],
   [figures, READ], [board, READ], [recording, READ], [link, READ],
 ];
 // What waits for its time is drawn with the next message, or so long after the last one.
