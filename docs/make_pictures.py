@@ -16,12 +16,12 @@ from spots.sim.files import ScenarioFile, load
 from spots.sim.scenario import Scenario
 from spots.stage import board_names, device_of
 from spots.uses import play, typing_view, wearable_view
+from spots.uses.calibrated import length_of
 from spots.uses.controller_settings import load as load_controller
 from spots.uses.gestures import Gestures
 from spots.uses.keyboard import KeyEngine
 from spots.uses.keys import push
 from spots.uses.layout import load as load_layout
-from spots.uses.type_keys import length_of
 from spots.uses.typist import TypedText
 from spots.uses.wearable import Mapping
 from spots.view import View

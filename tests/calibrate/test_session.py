@@ -18,10 +18,11 @@ from rich.console import Console
 from sensors import replaced
 
 from spots import SpotsError, cli
-from spots.calibrate import command, file
+from spots.calibrate import command, file, guided
 from spots.calibrate.bound import Bound
 from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
+from spots.calibrate.make import make
 from spots.calibrate.presser import PersonPresser, StagePresser
 from spots.calibrate.presses import Conditions
 from spots.calibrate.session import Session, settings
@@ -346,7 +347,7 @@ def session_of(stage, presser, path, guide, kind="position", **options):
         stage.reader, presser, guide, Session(path), stage.length_um, path.with_suffix(".toml")
     )
     options = argparse.Namespace(**{"plan": "F3,F4,F5,F6,F7,F8", "keep_settings": True, **options})
-    command.calibrate(setup, kind, {"position": 17, "force": 16, "joint": 5}[kind], None, options)
+    guided.calibrate(setup, kind, {"position": 17, "force": 16, "joint": 5}[kind], None, options)
 
 
 def guide():
@@ -406,7 +407,7 @@ def test_power_lost_before_save_leaves_the_calibration_before(sensor, full):
         old = checksum(list(touched.made.lines))
         session = Session(full.session)
         session.points = [p for p in session.points if p.kind != "strain"]
-        new = command.make(session)
+        new = make(session)
         upload(touched.board, new.lines)
         assert touched.board.command("hello")["calibration"] == checksum(list(new.lines)) != old
         touched.board.command("reboot")

@@ -11,6 +11,7 @@ import msgspec
 from ..board import Board
 from ..errors import SpotsError
 from ..frames import Touch
+from .calibrated import length_of
 from .controller_settings import DEFAULT, ForceAxis, PositionAxis, Settings, load, save
 
 _HELD_S = 1.0  # how long a touch is looked at
@@ -47,11 +48,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
         If no touch comes in time, or the touches are no stick. Nothing is written then.
     """
     settings = load(path if Path(path).exists() else DEFAULT)
-    length_um = board.command("hello").get("length_um")
-    if not length_um:
-        raise SpotsError(
-            "the board has no calibration that holds: 'spots calibrate position' first"
-        )
+    length_um = length_of(board)
     board.command("stream touch")
     found = {}
     for step, words in _STEPS.items():

@@ -16,6 +16,7 @@ from ..errors import SpotsError
 from ..frames import Touch
 from ..sim.scenario import Scenario
 from ..view import Pace, live
+from .calibrated import hello_calibrated
 from .controller import Controller
 from .controller_score import ControllerScore
 from .controller_settings import DEFAULT, Settings, load
@@ -117,12 +118,7 @@ def controller_for(board: Board, settings: Settings) -> Controller:
     SpotsError
         If the board has no calibration.
     """
-    info = board.command("hello")
-    if not info.get("length_um"):
-        raise SpotsError(
-            "the board has no calibration that holds, so no touch moves an axis: run "
-            "'spots calibrate position', then 'spots calibrate force'"
-        )
+    info = hello_calibrated(board)
     every_ms = info["exposure_us"] * info["average"] / 1000
     hold_ms = max(settings.hold_ms, _READINGS_HELD * every_ms)
     return Controller(msgspec.structs.replace(settings, hold_ms=hold_ms), info["length_um"])

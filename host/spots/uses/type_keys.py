@@ -12,6 +12,7 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..view import Pace, live
+from .calibrated import length_of
 from .keyboard import KeyEngine, KeySink
 from .keys import push
 from .layout import KeyLayout, load
@@ -108,17 +109,6 @@ def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
         "keys_down": len(typed.down),
         "host_agrees": here.events == there.events,
     }
-
-
-def length_of(board: Board) -> int:
-    """Return the length of a board's strip in um; SpotsError if it knows none."""
-    length_um = board.command("hello").get("length_um")
-    if not length_um:
-        raise SpotsError(
-            "the board has no calibration that holds, so no touch is a key: run "
-            "'spots calibrate position', then 'spots calibrate force'"
-        )
-    return length_um
 
 
 class _Events:

@@ -17,10 +17,10 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Touch
 from ..view import Pace, live
+from .calibrated import length_of
 from .gestures import NAMES, Gesture, Gestures
 from .keyboard import LOST_S, KeySink
 from .outputs import ended_by_signals, open_keyboard
-from .type_keys import length_of
 from .usages import chord_of
 from .wearable_view import picture
 

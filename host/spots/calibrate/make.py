@@ -1,0 +1,76 @@
+"""From the presses of a session to the file of a calibration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactile.calibration import Calibration, CalibrationError
+from tactile.decode import Decode
+
+from ..errors import SpotsError
+from . import file
+from .fit import PLACES_MIN, fit
+from .joint import fit_joint
+from .presses import Noise, Presses
+from .session import Session
+
+_DECODED_SAMPLES = 64  # counts are means: in sums of so many little of them is lost
+
+
+def make(session: Session) -> file.CalibrationFile:
+    """Return the calibration that the presses of a session give.
+
+    Raises
+    ------
+    SpotsError
+        If they give none.
+    """
+    along = {0: session.presses("position")}
+    for strain_ppm in session.strains_ppm:
+        at_strain = session.presses("strain", strain_ppm)
+        if len(at_strain.position_um) >= PLACES_MIN:
+            along[strain_ppm] = at_strain
+    pressed = session.presses("force")
+    lines = fit(along, pressed, Noise.of(*along.values(), pressed), session.conditions)
+    try:
+        Calibration(lines)
+    except CalibrationError as error:
+        raise SpotsError(
+            f"these presses give no calibration ({error}): take more of them"
+        ) from None
+    residuals = [
+        _residual(lines, strain, places, pressed if strain == 0 else None)
+        for strain, places in along.items()
+    ]
+    turned = session.of("joint")
+    joint = fit_joint(turned) if turned else None
+    return file.CalibrationFile.now(session.conditions, lines, residuals, joint)
+
+
+def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses | None) -> file.Residual:
+    decode = Decode()
+    decode.calibration = Calibration(lines, strain_ppm)
+
+    def decoded(presses: Presses) -> np.ndarray:
+        rows = []
+        for counts in presses.counts:
+            sums = [max(round(_DECODED_SAMPLES * count), 0) for count in counts.tolist()]
+            decode.update(sums, _DECODED_SAMPLES, [0] * len(sums), 0)
+            rows.append((decode.position_um, decode.force_mN))
+        return np.array(rows, dtype=float)
+
+    position = decoded(along)[:, 0] - along.position_um
+    force_rms_mN = None
+    if pressed is not None:
+        lit = pressed.lit_everywhere()
+        force_rms_mN = _rms(decoded(lit)[:, 1] - lit.force_mN)
+    return file.Residual(
+        strain_ppm=strain_ppm,
+        position_rms_um=_rms(position),
+        force_rms_mN=force_rms_mN,
+        presses=len(along.position_um) + (0 if pressed is None else len(pressed.force_mN)),
+    )
+
+
+def _rms(values: np.ndarray) -> float:
+    return round(float(np.sqrt(np.mean(values**2))), 1)
