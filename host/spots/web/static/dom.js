@@ -24,40 +24,43 @@ export function list(root, pairs) {
 }
 
 // A canvas as sharp as the screen; `draw(context, width, height)` in CSS pixels. With a key it is
-// drawn only when the key is another one than last time.
+// drawn only when the key is another one than last time. It draws itself again when its size or
+// the colours change.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
   element.style.height = `${height}px`;
   const context = element.getContext("2d");
-  let width = 0, shown = null;
-  const fit = () => {
+  let width = 0, last = () => {}, shown = null;
+  const paint = () => {
+    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    if (width) last(context, width, height);
+  };
+  new ResizeObserver(() => {
     width = element.clientWidth;
     element.width = Math.round(width * devicePixelRatio);
     element.height = Math.round(height * devicePixelRatio);
-    shown = null;
-    dispatchEvent(new Event("redraw"));
-  };
-  new ResizeObserver(fit).observe(element);
+    paint();
+  }).observe(element);
+  painted.push(paint);
   return (draw, key = {}) => {
-    if (!width || key === shown) return;
+    if (key === shown) return;
     shown = key;
-    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
-    context.clearRect(0, 0, width, height);
-    draw(context, width, height);
+    last = draw;
+    paint();
   };
 }
 
 // Colours by name, as the style sheet has them now; asked anew when the scheme changes.
 const names = ["text", "quiet", "edge", "faint", "place", "force"];
+const painted = [];
 export const colours = {};
 function look() {
   const style = getComputedStyle(document.documentElement);
   for (const name of names) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  for (const paint of painted) paint();
 }
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  look();
-  dispatchEvent(new Event("redraw"));
-});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", look);
 look();
 
 export const FULL_FORCE_MN = 10000;

@@ -1,5 +1,6 @@
 // Takes what the server tells, draws it at the next frame of the screen, and says so.
 
+import { placed } from "./dom.js";
 import { connect } from "./link.js";
 import { board } from "./panels/board.js";
 import { figures } from "./panels/figures.js";
@@ -45,7 +46,6 @@ const receipt = connect(
     if (how !== "live") letGo();
   },
 );
-addEventListener("redraw", () => take({}));
 
 // What is not told any more is not shown as if it were.
 function letGo() {
@@ -53,7 +53,10 @@ function letGo() {
 }
 
 function take(parts, events = []) {
+  const touched = placed(state.touch);
   Object.assign(state, parts);
+  // That a press begins or ends is told at once by all.
+  if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;
   for (const panel of panels) {
     const news = panel.news ??= { events: [], touches: [] };

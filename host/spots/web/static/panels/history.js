@@ -37,7 +37,7 @@ export function history(root) {
     paintScale((c, width) => {
       scale(c, width, TOP, "contrast, log₂", above[1], above[0]);
       scale(c, width, TOP + EACH + GAP, "force, N", above[2], "");
-    }, [...above, colours.edge, colours.quiet].join());
+    }, above.join());
     const end_s = ahead_s === null ? 0 : Math.min(now_s - ahead_s, (points.at(-1)?.time_s ?? 0) + STALE_S);
     paintCurves((c, width) => {
       const x = (time_s) => width * (1 - (end_s - time_s) / SPAN_S);
