@@ -9,10 +9,12 @@ from string import Template
 
 from rich.console import Console
 
+from spots import Linkage, Twin
 from spots.demo import open_fast
 from spots.frames import Touch
 from spots.score import Score
-from spots.sim.files import ScenarioFile, load
+from spots.sim.files import LinkageFile, PathFile, ScenarioFile, SensorFile, load
+from spots.sim.linkage import guided
 from spots.sim.scenario import Scenario
 from spots.stage import board_names, device_of
 from spots.uses import play, typing_view, wearable_view
@@ -22,6 +24,8 @@ from spots.uses.gestures import Gestures
 from spots.uses.keyboard import KeyEngine
 from spots.uses.keys import push
 from spots.uses.layout import load as load_layout
+from spots.uses.simulated import START_S, Simulation
+from spots.uses.twin_view import View as TwinView
 from spots.uses.typist import TypedText
 from spots.uses.wearable import Mapping
 from spots.view import View
@@ -37,11 +41,13 @@ HARD_S = 6.5
 TYPED = "hello strip, ty"
 # So long the strip was worn; a finger slides on it.
 WORN_S = 24.6
+# A linkage is in its last letter but one.
+WROTE_S = 10.0
 
 
 def main() -> None:
     """Draw all pictures that no measurement makes."""
-    for path in (demo(), keyboard(), controller(), wearable(), *wirings()):
+    for path in (demo(), keyboard(), controller(), wearable(), twin(), *wirings()):
         print(path)
 
 
@@ -74,6 +80,23 @@ def demo() -> Path:
                 break
         picture = view.picture(board.stats, score)
     return _drawn(picture, "demo.svg", "make demo")
+
+
+def twin() -> Path:
+    """Let a simulated linkage write up to the moment and draw docs/fivebar/twin.svg."""
+    files = load(SensorFile, "default"), load(LinkageFile, "default")
+    motion = guided(load(PathFile, "sust"), START_S)
+    with Simulation(*files, motion, 0, 30_000) as simulation:
+        mechanism = simulation.mechanism
+        linkage = Linkage(mechanism.bar_mm, mechanism.base_mm)
+        one = Twin(linkage, simulation.encoders())
+        for terminal in one.follow(simulation.readings()):
+            if terminal.time_s > WROTE_S:
+                break
+        stats = [board.stats for board in simulation.boards]
+        view = TwinView(one, [board.port for board in simulation.boards])
+        picture = view.picture(stats, WROTE_S)
+    return _drawn(picture, "fivebar/twin.svg", "spots twin --port virtual")
 
 
 def controller() -> Path:

@@ -6,12 +6,13 @@ import asyncio
 import shutil
 from pathlib import Path
 
-from playwright.async_api import async_playwright
+from playwright.async_api import Browser, async_playwright
 
 from spots.uses.layout import load
 from spots.web.reader import Reader, finder
 from spots.web.serve import Server
 from spots.web.state import State
+from spots.web.twin_feed import simulated_readers
 
 _HERE = Path(__file__).parent
 # The last ten seconds are to be full, and a finger to press hard.
@@ -27,11 +28,19 @@ _PICTURES = {
 
 async def main() -> None:
     """Take all of them."""
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        await strip(browser)
+        await linkage(browser)
+        await browser.close()
+
+
+async def strip(browser: Browser) -> None:
+    """Take the page of a strip."""
     state = State()
     reader = Reader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
-    path = shutil.which("chromium") or shutil.which("google-chrome")
-    async with Server(state) as server, async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+    async with Server(state) as server:
         reader.start()
         for name, options in _PICTURES.items():  # one at a time: drawing takes processors too
             context = await browser.new_context(**options, device_scale_factor=1.5)
@@ -44,8 +53,28 @@ async def main() -> None:
             await page.screenshot(path=_HERE / name, full_page=True)
             await context.close()
             print(_HERE / name)
-        await browser.close()
     reader.stop()
+
+
+async def linkage(browser: Browser) -> None:
+    """Take the panel of a linkage that has written all its letters."""
+    state = State()
+    readers = simulated_readers("default", "default", 0, load("digits"), state)
+    async with Server(state) as server:
+        for reader in readers:
+            reader.start()
+        viewport = {"width": 1180, "height": 800}
+        context = await browser.new_context(
+            color_scheme="dark", viewport=viewport, device_scale_factor=1.5
+        )
+        page = await context.new_page()
+        await page.goto(server.url)
+        await asyncio.sleep(_AFTER_S)
+        await page.locator("#twin").screenshot(path=_HERE / "page-twin.png")
+        await context.close()
+        print(_HERE / "page-twin.png")
+    for reader in readers:
+        reader.stop()
 
 
 if __name__ == "__main__":

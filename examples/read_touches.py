@@ -4,7 +4,7 @@ import sys
 
 import spots
 
-port = sys.argv[1] if len(sys.argv) > 1 else None  # None finds the board, "virtual" simulates one
+port = sys.argv[1] if len(sys.argv) > 1 else "virtual"  # a simulated board; None finds yours
 with spots.open(port) as board:
     for touch in board.touches():
         if touch.trusted:

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import spots
 
 DRAW_EVERY_S = 0.1
-path, port = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else None
+path, port = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "virtual"
 figure, (place, force) = plt.subplots(2, sharex=True)
 place.set(ylabel="position / mm", ylim=(0, 100))
 force.set(ylabel="force / N", ylim=(0, 10), xlabel="time / s")

@@ -1,6 +1,7 @@
-"""Print a joint's angle: track_joint.py CALIBRATION.toml [PORT]
+"""Print a joint's angle: track_joint.py [CALIBRATION.toml [PORT]]
 
-Make the file first: spots calibrate position, then force, then joint.
+Make the file first: spots calibrate position, then force, then joint. Without one it is a joint
+of a simulated linkage.
 """
 
 import math
@@ -10,11 +11,18 @@ from pathlib import Path
 import spots
 from spots.calibrate import file
 from spots.connect import prepare
+from spots.uses.twin_source import endless
 
-calibration = file.load(Path(sys.argv[1]))
-encoder = spots.Encoder(calibration.joint)
-with spots.open(sys.argv[2] if len(sys.argv) > 2 else None) as board:
+if len(sys.argv) > 1:
+    calibration = file.load(Path(sys.argv[1]))
+    encoder = spots.Encoder(calibration.joint)
+    board = spots.open(sys.argv[2] if len(sys.argv) > 2 else None)  # None finds it on USB
     prepare(board, calibration.lines)
+else:
+    machine = endless()
+    encoder, board = machine.encoders()[0], machine.open(0)
+
+with board:
     for touch in board.touches():
         angle = encoder.take(touch)
         if angle is not None and angle.velocity_rad_s is not None:

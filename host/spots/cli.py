@@ -47,7 +47,9 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
     demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
     demo.add_argument("--page", action="store_true", help="a page in a web browser, until Ctrl-C")
-    demo.add_argument("--use", help="strip, keyboard, controller or wearable, in this terminal")
+    demo.add_argument(
+        "--use", help="strip, keyboard, controller, wearable, fivebar; in this terminal"
+    )
     _add_simulation(demo)
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
 
@@ -90,7 +92,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_serve(commands) -> None:
     serve = commands.add_parser("serve", help="a live page of a board for web browsers")
-    _add_port(serve)
+    _add_ports(serve)
+    serve.add_argument("--linkage", metavar="FILE.toml", help="of which the board is a joint")
+    _add_simulation(serve)
     serve.add_argument("--layout", default="digits", metavar="FILE.toml", help="of keys; or a name")
     serve.add_argument("--address", default="127.0.0.1", help="show it to others, with a token")
     serve.add_argument("--http-port", type=_http_port, default=8765, help="0 for any")
@@ -186,14 +190,25 @@ def _add_design(commands) -> None:
 
 
 def _add_twin(commands) -> None:
-    parser = commands.add_parser("twin", help="a five-bar linkage's twin, simulated, on a path")
+    parser = commands.add_parser("twin", help="a five-bar linkage's twin, of boards or simulated")
     parser.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
-    parser.add_argument("--path", default="sust", metavar="FILE", help="path file or name")
-    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
-    parser.add_argument("--seed", type=_seed, default=0, help="of the noise")
-    parser.add_argument("--exposure-us", type=_exposure_us, default=30_000, help="of both strips")
-    parser.add_argument("--json", action="store_true", help="only the errors, as one JSON object")
-    parser.add_argument("--picture", metavar="FILE.png", help="draw path and truth")
+    parser.add_argument("--seconds", type=_seconds, help="end after so long")
+    parser.add_argument("--json", action="store_true", help="a line each; simulated: the errors")
+    _add_ports(parser)
+    parser.add_argument(
+        "--record", action="append", default=[], metavar="FILE.spots", help="once for each board"
+    )
+    group = parser.add_argument_group("what the linkage is")
+    group.add_argument("--measure", metavar="POINTS.csv", help="ask where the terminal is")
+    group.add_argument("--calibrate", metavar="POINTS.csv", help="find lengths and mounting")
+    group.add_argument("--place-sigma-mm", type=_sigma_mm, default=0.1, help="of the points (0.1)")
+    group.add_argument("--out", metavar="FILE.toml", help="the linkage file that was found")
+    group = parser.add_argument_group("simulated linkage")
+    group.add_argument("--path", default="sust", metavar="FILE", help="path file or name")
+    group.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    group.add_argument("--seed", type=_seed, default=0, help="of the noise")
+    group.add_argument("--exposure-us", type=_exposure_us, default=30_000, help="of both strips")
+    group.add_argument("--picture", metavar="FILE.png", help="draw path and truth")
     parser.set_defaults(run=_twin)
 
 
@@ -230,6 +245,15 @@ def _add_port(parser: argparse.ArgumentParser) -> None:
     _add_simulation(parser)
 
 
+def _add_ports(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--port",
+        action="append",
+        default=[],
+        help="serial port, 'virtual' or recording:FILE; of a linkage, once for each joint",
+    )
+
+
 def _add_simulation(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("virtual board")
     group.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
@@ -259,6 +283,7 @@ _strain_percent = _number("a strain in percent", 0.01, 50)
 _megabytes = _number("a size in MB", 0.1, 1e6)
 _speed = _number("a speed", 0.001, math.inf)
 _seed = _number("a seed", 0, 2**63, int)
+_sigma_mm = _number("a standard error in mm", 1e-6, 100)
 _http_port = _number("a port for web browsers", 0, 65535, int)
 _exposure_us = _number("an exposure in us", 2000, 200_000, int)
 
@@ -295,7 +320,7 @@ def _demo(options: argparse.Namespace) -> None:
     if options.page or (plain and browser.opens()):
         from .web.serve import show_demo
 
-        show_demo(options.sensor, options.scenario or "demo", options.seed)
+        show_demo(options.use, options.sensor, options.scenario or "demo", options.seed)
         return
     from .demo import demo
 
@@ -471,15 +496,7 @@ def _doctor(options: argparse.Namespace) -> None:
 def _twin(options: argparse.Namespace) -> None:
     from .uses.twin_command import run
 
-    run(
-        options.sensor,
-        options.linkage,
-        options.path,
-        options.seed,
-        options.exposure_us,
-        options.json,
-        options.picture,
-    )
+    run(options)
 
 
 def _command(options: argparse.Namespace) -> None:

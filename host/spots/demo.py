@@ -17,6 +17,8 @@ from .sim.lockstep import LockstepLink
 from .sim.scenario import Scenario
 from .watch import watch
 
+FIVEBAR = "fivebar"
+
 
 class _Hashing:
     """A link that keeps the SHA-256 of all that was read from it."""
@@ -57,15 +59,20 @@ def demo(
     quiet : bool
         Show nothing.
     use : str
-        A key of `USES`.
+        A key of `USES`, or `FIVEBAR`: two boards on a linkage with a path of its own.
 
     Raises
     ------
     SpotsError
         If there is no such use or file, or the virtual board does not run.
     """
+    if use == FIVEBAR:
+        from .uses.twin_command import demonstrate
+
+        return demonstrate(sensor, seed, seconds, fast, quiet)
     if use not in USES:
-        raise SpotsError(f"there is no demo of '{use}': --use takes one of {', '.join(USES)}")
+        known = ", ".join([*USES, FIVEBAR])
+        raise SpotsError(f"there is no demo of '{use}': --use takes one of {known}")
     show, usual = USES[use]
     scenario = scenario or usual
     file = load(ScenarioFile, scenario)

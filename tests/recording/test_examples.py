@@ -42,9 +42,18 @@ def test_read_touches_prints_readings(run, capsys):
     assert 0 < float(words[0][2]) < 85
 
 
+def test_the_gripper_closes_with_the_force_and_opens_in_the_end(run, capsys):
+    run("gripper.py")  # without a port a board is simulated, here and below
+    words = [line.split() for line in capsys.readouterr().out.splitlines()]
+    openings_mm = [float(word[2]) for word in words]
+    assert len(openings_mm) > 10
+    assert openings_mm[0] == openings_mm[-1] == 80
+    assert 0 <= min(openings_mm) < 40
+
+
 def test_record_and_plot_records_and_plots(run, tmp_path):
     path = tmp_path / "run.spots"
-    found = run("record_and_plot.py", path, "virtual")
+    found = run("record_and_plot.py", path)
     frames, recording = replayed(path)
     assert recording.complete
     trusted = [frame for frame in frames if isinstance(frame, Touch) and frame.trusted]

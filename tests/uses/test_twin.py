@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-import runpy
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 
-import spots
 from spots import Encoder, Linkage, SpotsError, Twin, cli
-from spots.board import Board
-from spots.calibrate import file
 from spots.sim.files import LinkageFile, PathFile, SensorFile, load
-from spots.sim.linkage import Mechanism, dwelling, guided
-from spots.sim.lockstep import LockstepLink
+from spots.sim.linkage import Mechanism, closed, guided
 from spots.uses import survey, twin_command
 from spots.uses.fivebar import Limit
 from spots.uses.simulated import START_S, Simulation
@@ -27,7 +20,6 @@ from spots.uses.twin import merged, readings
 from test_encoder import JOINT
 from test_encoder import touch as reading
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 LINKAGE = Linkage(100, 80)
 
 
@@ -65,8 +57,7 @@ def test_a_terminal_is_that_of_one_moment():
     for i in range(20):
         for joint, time_s in ((0, 0.03 * i), (1, 0.03 * i + 0.011)):
             theta = -0.3 + 0.5 * time_s if joint == 0 else -0.6 - 0.2 * time_s
-            terminal = one.take(joint, at(theta, time_s))
-            found += [terminal] if terminal else []
+            found += one.take(joint, at(theta, time_s))
     assert len(found) == 38  # of every reading but the very first and last
     assert list(one.trail) == found
     for terminal in found:
@@ -83,7 +74,7 @@ def test_a_terminal_is_that_of_one_moment():
 def test_the_ellipse_is_that_of_the_covariance():
     one = twin()
     one.take(0, at(-0.3, 0.0))
-    terminal = one.take(1, at(-0.9, 0.0))
+    (terminal,) = one.take(1, at(-0.9, 0.0))
     sigma = math.radians(JOINT.resolution_deg)
     covariance = LINKAGE.covariance(*terminal.theta_rad, sigma**2 * np.eye(2))
     xx, xy, yy = terminal.covariance_mm2
@@ -99,14 +90,14 @@ def test_limits_are_told_and_not_drawn():
     apart = Linkage((100, 45, 45, 100), 80)
     one = twin(linkage=apart)
     one.take(0, at(-1.0, 0.0))
-    terminal = one.take(1, at(-1.0, 0.0))
+    (terminal,) = one.take(1, at(-1.0, 0.0))
     assert terminal.limit == Limit.ELBOWS_APART
     assert terminal.x_mm is terminal.y_mm is terminal.ellipse is terminal.sigma_mm is None
     assert Limit.ELBOWS_APART.sentence in twin_command.line(terminal, 0.0)
     near = twin()
     angle = -math.asin(0.6) + 0.003
     near.take(0, at(angle, 0.0))
-    terminal = near.take(1, at(angle, 0.0))
+    (terminal,) = near.take(1, at(angle, 0.0))
     assert terminal.singular
     assert "near singular" in twin_command.line(terminal, 0.0)
 
@@ -114,12 +105,49 @@ def test_limits_are_told_and_not_drawn():
 def test_over_a_gap_nothing_is_told():
     one = twin()
     one.take(0, at(-0.3, 0.0))
-    assert one.take(1, at(-0.6, 0.0)) is not None
-    assert one.take(1, at(-0.6, 0.03)) is None
-    assert one.take(0, at(-0.3, 1.5)) is None  # where joint 1 was at 0.03 nobody knows
-    assert one.take(1, at(-0.6, 1.5)) is not None
+    assert len(one.take(1, at(-0.6, 0.0))) == 1
+    assert one.take(1, at(-0.6, 0.03)) == []
+    assert one.take(0, at(-0.3, 1.5)) == []  # where joint 1 was at 0.03 nobody knows
+    assert len(one.take(1, at(-0.6, 1.5))) == 1
     dark = at(-0.3, 1.6)._replace(flags=0)
-    assert one.take(0, dark) is None
+    assert one.take(0, dark) == []
+
+
+def test_it_makes_no_difference_which_joint_is_heard_first():
+    moments = [(0, 0.03 * i) for i in range(20)] + [(1, 0.011 + 0.07 * i) for i in range(8)]
+    read = [(joint, at(-0.3 - 0.3 * joint + 0.5 * s, s)) for joint, s in moments]
+    in_time = sorted(read, key=lambda pair: pair[1].time_s)
+    expected = list(twin().follow(in_time))
+    # Of each reading that the other joint's first and last ones enclose, one after the other.
+    assert [terminal.time_s for terminal in expected] == sorted(
+        s for _, s in moments if 0.011 <= s <= 0.011 + 0.07 * 7
+    )
+    assert list(twin().follow(read)) == expected
+    assert list(twin().follow(read[20:] + read[:20])) == expected
+
+
+def test_a_recording_that_is_played_again_is_told_again():
+    one = twin()
+    pairs = [(joint, at(-0.3, 0.03 * i)) for i in range(50) for joint in (0, 1)]
+    first = list(one.follow(pairs))
+    assert len(first) == 50
+    assert list(one.follow(pairs))[-40:] == first[-40:]
+
+
+def test_a_path_that_is_closed_is_gone_along_again(files):
+    sensor, linkage, path = files
+    motion = guided(closed(path), START_S)
+    assert motion.at(motion.seconds) == pytest.approx(motion.at(START_S), abs=0.2)
+    period_s = motion.seconds - START_S
+    for again, later in ((True, 1.0), (False, period_s)):
+        for scenario in Mechanism(linkage, sensor).drive(motion, again):
+
+            def at(time_s, scenario=scenario):
+                (press,) = scenario.presses(time_s)
+                return press.position_mm, scenario.pose(time_s).bend_deg
+
+            assert at(START_S + period_s + 1.0) == pytest.approx(at(START_S + later))
+            assert at(START_S + 1.0) != pytest.approx(at(motion.seconds), abs=0.1)
 
 
 def test_two_encoders_it_is():
@@ -128,10 +156,14 @@ def test_two_encoders_it_is():
 
 
 def test_one_board_with_two_sensors_is_read_by_sensor():
+    pair = [at(-0.3, 0.0), at(-0.6, 0.0)._replace(sensor=1)]
     board = SimpleNamespace(
-        touches=lambda seconds: iter([at(-0.3, 0.0), at(-0.6, 0.0)._replace(sensor=1)])
+        command=lambda line: {},
+        now_s=iter((0.0, 0.0, 1.0)).__next__,
+        frames=lambda seconds: iter(pair),
+        stats=SimpleNamespace(restarts=0),
     )
-    assert [joint for joint, _ in readings([board])] == [0, 1]
+    assert [joint for joint, _ in readings([board], 1.0)] == [0, 1]
 
 
 def test_sust_is_followed(run, files):
@@ -240,61 +272,3 @@ def test_mistakes_are_one_sentence(arguments, words, capsys, monkeypatch):
     err = capsys.readouterr().err
     assert words in err
     assert err.count("\n") == 1
-
-
-class UntilCtrlC(LockstepLink):
-    """A link that somebody has had enough of after a while."""
-
-    def read(self, timeout_s):
-        if self.now_s() > START_S + 2:
-            raise KeyboardInterrupt
-        return super().read(timeout_s)
-
-
-@pytest.fixture
-def rig(files, tmp_path, monkeypatch):
-    """Two calibration files, and ports named 0 and 1 with a strip each that stands at a place."""
-    sensor, linkage, _ = files
-    exact = msgspec.structs.replace(
-        linkage,
-        bar_error_percent=(0.0,) * 4,
-        base_error_percent=0.0,
-        mount_error_deg=(0.0, 0.0),
-    )
-    motion = dwelling([40.0, 60.0], [150.0, 140.0], START_S, 1.0, 0.5)
-    with Simulation(sensor, exact, motion, 0, 30_000) as simulation:
-        mechanism = simulation.mechanism
-        for i, strip in enumerate(simulation.strips):
-            file.save(strip, tmp_path / f"{i}.toml")
-    scenarios = mechanism.drive(motion)
-    monkeypatch.setattr(
-        spots, "open", lambda port: Board(UntilCtrlC(sensor, scenarios[int(port)], int(port)))
-    )
-    return tmp_path, mechanism
-
-
-def run_example(name, monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
-    with pytest.raises(KeyboardInterrupt):
-        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
-
-
-def test_the_example_that_tracks_a_joint(rig, capsys, monkeypatch):
-    folder, mechanism = rig
-    run_example("track_joint.py", monkeypatch, folder / "1.toml", "1")
-    lines = capsys.readouterr().out.splitlines()
-    told = np.array([float(line.split()[0]) for line in lines])
-    true_deg = mechanism.angles_deg([40.0, 60.0], [150.0, 140.0])[1]
-    assert len(told) > 50
-    assert told[5:20] == pytest.approx(true_deg[0], abs=0.25)
-    assert told[-10:] == pytest.approx(true_deg[1], abs=0.25)
-
-
-def test_the_example_of_a_twin(rig, capsys, monkeypatch):
-    folder, _ = rig
-    run_example("twin.py", monkeypatch, folder / "0.toml", "0", folder / "1.toml", "1")
-    lines = capsys.readouterr().out.splitlines()
-    told = np.array([[float(word) for word in line.split()[:2]] for line in lines])
-    assert len(told) > 100
-    assert np.hypot(*(told[10:40] - [40, 150]).T).max() < 0.5
-    assert np.hypot(*(told[-10:] - [60, 140]).T).max() < 0.5

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from ..errors import SpotsError
@@ -98,8 +99,14 @@ class Mechanism:
         angles_deg = self.angles_deg(x_mm, y_mm)
         return ((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
 
-    def drive(self, motion: Motion) -> tuple[JointScenario, JointScenario]:
+    def drive(self, motion: Motion, again: bool = False) -> tuple[JointScenario, JointScenario]:
         """Return what happens to the two strips in a motion.
+
+        Parameters
+        ----------
+        motion : Motion
+        again : bool
+            Whether it begins anew when it is over.
 
         Raises
         ------
@@ -114,14 +121,14 @@ class Mechanism:
                 f"the linkage cannot follow the path: ({motion.x_mm[i]:.1f}, {motion.y_mm[i]:.1f}) "
                 "mm is beyond its bars, or beyond the travel of a joint"
             )
-        return tuple(self.turn(motion.time_s, of_joint) for of_joint in angles_deg)
+        return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
-    def turn(self, time_s: np.ndarray, angle_deg: np.ndarray) -> JointScenario:
+    def turn(self, time_s: np.ndarray, angle_deg: np.ndarray, again: bool = False) -> JointScenario:
         """Return what happens to the strip of a joint that stands at these angles by time."""
         mm_per_deg = math.radians(self._joint.radius_mm)
         lagging_deg = _lag(angle_deg, self._joint.play_deg / 2)
         place_mm = self._first_mm + lagging_deg * mm_per_deg
-        return JointScenario(time_s, place_mm, angle_deg, self._joint.force_mN)
+        return JointScenario(time_s, place_mm, angle_deg, self._joint.force_mN, again)
 
 
 class JointScenario:
@@ -131,22 +138,31 @@ class JointScenario:
     ----------
     time_s, place_mm, bend_deg : numpy.ndarray, shape (n,)
     force_mN : float
+    again : bool
+        Whether it begins anew when it is over; it stays where it is, if not.
     """
 
     still = False
 
-    def __init__(self, time_s, place_mm, bend_deg, force_mN: float):
+    def __init__(self, time_s, place_mm, bend_deg, force_mN: float, again: bool = False):
         self._time_s, self._place_mm, self._bend_deg = time_s, place_mm, bend_deg
         self._force_mN = force_mN
+        self._period_s = float(time_s[-1] - time_s[0]) if again else math.inf
 
     def pose(self, time_s: float) -> Pose:
         """Return how the joint bends the strip."""
-        return Pose(bend_deg=float(np.interp(time_s, self._time_s, self._bend_deg)))
+        return Pose(bend_deg=float(self._at(time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the indenter."""
-        place_mm = float(np.interp(time_s, self._time_s, self._place_mm))
+        place_mm = float(self._at(time_s, self._place_mm))
         return [Press(place_mm, self._force_mN, _WIDTH_MM)]
+
+    def _at(self, time_s: float, values: np.ndarray) -> float:
+        since_s = time_s - self._time_s[0]
+        if since_s > self._period_s:
+            since_s %= self._period_s
+        return np.interp(self._time_s[0] + since_s, self._time_s, values)
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         """Return nothing: a joint is covered."""
@@ -200,6 +216,12 @@ def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motio
     begin_s = start_s + (dwell_s + move_s) * np.arange(count)
     time_s = np.stack([begin_s, begin_s + dwell_s], axis=1).ravel()
     return Motion(time_s, np.repeat(x_mm, 2), np.repeat(y_mm, 2), np.ones(2 * count, bool))
+
+
+def closed(file: PathFile) -> PathFile:
+    """Return a path with a last stroke that leads back to its first point."""
+    back = Stroke(points=[file.stroke[-1].points[-1], file.stroke[0].points[0]])
+    return msgspec.structs.replace(file, stroke=[*file.stroke, back])
 
 
 def _line(stroke: Stroke) -> np.ndarray:

@@ -44,28 +44,82 @@ these at least 30° from it, the usual rule.
 
 ```sh
 python examples/track_joint.py CALIBRATION.toml      # a joint's angle and speed
-python examples/twin.py A.toml /dev/ttyACM0 B.toml /dev/ttyACM1
-spots twin                                           # a simulated linkage writes SUST
-spots twin --json --picture sust.png
+spots twin --linkage arm.toml                        # two boards on USB, found by their ids
+spots twin --linkage arm.toml --port /dev/ttyACM0 --port /dev/ttyACM1
+spots twin --port virtual                            # no hardware: a simulated linkage writes SUST
+spots twin --json --picture sust.png                 # the same in simulated time, against the truth
 ```
+
+![The twin in a terminal: bars, path, and the terminal in figures](fivebar/twin.svg)
+
+On a terminal it is a picture with position, standard error, velocity, and limits and
+singularities by name; elsewhere lines, or with `--json` an object for each terminal. Its keys are
+those of the page's message ([page.md](page.md)), and `velocity_mm_s`, `sigma_mm`, `limit`,
+`singular` and `within` (where the joints were calibrated). The same on the page:
+`spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` turns readings into angles with the line of `spots calibrate joint`. Half the
 play is added or taken off as soon as the position has moved by more than its noise; at rest the
 joint may stand anywhere in its play, and the standard error says so. The speed is by the board's
-clock. `spots.Twin` takes the readings of both joints as they come, live or from recordings
-(`spots.uses.twin.readings`, `merged`), and tells the terminal at the moment of each reading, the
-other joint being taken between two of its own: nothing is extrapolated.
+clock. `spots.Twin` takes the readings of both joints as they come, live or from recordings, and
+tells the terminal at the moment of each reading, the other joint being taken between two of its
+own: nothing is extrapolated, and it makes no difference which board was heard first. The boards'
+clocks are compared with the computer's, see `Touch.time_s`. A board that restarts is given its
+calibration again.
+
+```python
+from spots.uses.twin_source import opened
+
+with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/dev/ttyACM1"])
+    for terminal in source.follow():
+        print(terminal.x_mm, terminal.y_mm, terminal.sigma_mm)
+```
+
+With `--record a.spots --record b.spots` both boards are recorded, and
+`--port recording:a.spots --port recording:b.spots` tells exactly the same terminals again.
+
+The firmware reads one sensor, so a linkage takes two boards. Frames have room for a sensor's
+number: a board of yours that sends two, 0 for joint 1 and 1 for joint 2, is taken with one
+`--port`, and has to hold its calibrations itself.
+
+## The linkage file
+
+```toml
+# arm.toml, as drawn. Inner bar 1, outer bar 1, outer bar 2, inner bar 2.
+bar_mm = [100.0, 100.0, 100.0, 100.0]
+base_mm = 80.0
+assembly = "far"
+
+[[joint]]  # at (0, 0)
+calibration = "a.toml"  # of its strip, with 'spots calibrate joint'; beside this file
+offset_deg = -108.0     # where that calibration has 0, counted as above
+gain = 1.0              # -1.0 for a strip that counts the other way
+
+[[joint]]  # at (base, 0)
+calibration = "b.toml"
+offset_deg = -108.0
+```
+
+A calibration tells its board's id, and so which board is which joint.
 """
 
 _CALIBRATION = """
 ## Lengths that nobody knows
 
-Parts come out wrong, and a protractor is set by eye. `spots.uses.kinematics.calibrate` takes
-what the encoders told at some places and where the terminal was by a grid or machine laid
-anyhow, and finds the four bars, the base, the joints' offsets and gains and the frame of the
-grid, by robust least squares (`pip install 'spots[kinematics]'`). It names places that do not
+Parts come out wrong, and a protractor is set by eye.
+
+```sh
+spots twin --linkage drawn.toml --measure points.csv     # hold the terminal still, type where it is
+spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
+```
+
+From what the encoders told at some places and where the terminal was by a grid or machine laid
+anyhow, this finds the four bars, the base, the joints' offsets and gains and the frame of the
+grid, by robust least squares (`pip install 'spots[kinematics]'`). It names points that do not
 fit, gives standard errors, and says which parameters these places do not tell apart: a picture
-of unknown scale, for example, tells ratios of lengths only.
+of unknown scale, for example, tells ratios of lengths only. `--place-sigma-mm` is how well the
+places are known. The table may come from elsewhere: its columns are `x_mm`, `y_mm`, `joint1_deg`,
+`joint2_deg`, `sigma1_deg` and `sigma2_deg`, the joints by their own calibrations.
 
 ```python
 from spots.uses import kinematics

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import lru_cache
@@ -15,10 +16,12 @@ from ..calibrate.joint import fit_joint
 from ..calibrate.rig import Rig
 from ..connect import prepare
 from ..frames import Touch
-from ..sim.files import LinkageFile, SensorFile
-from ..sim.linkage import Mechanism, Motion, dwelling
+from ..sim.files import LinkageFile, PathFile, SensorFile
+from ..sim.linkage import Mechanism, Motion, closed, dwelling, guided
 from ..sim.lockstep import LockstepLink
+from ..sim.paced import PacedLink
 from .encoder import Encoder
+from .fivebar import Linkage
 from .twin import readings
 
 START_S = 2.0  # by then the boards are open and stream
@@ -109,14 +112,14 @@ class Simulation:
         self.mechanism = Mechanism(linkage, sensor)
         self.motion = motion
         scenarios = self.mechanism.drive(motion)
-        strips, noise = (np.random.SeedSequence((seed, n)).generate_state(2) for n in (0, run + 1))
-        self.strips = [calibrated(sensor, linkage, int(s), exposure_us) for s in strips]
+        noise = _seeds(seed, run + 1)
+        self.strips = _strips(sensor, linkage, seed, exposure_us)
         with ExitStack() as opened:
             self.boards: list[Board] = []
             for i, (strip, scenario, s) in enumerate(zip(self.strips, scenarios, noise)):
                 # Two boards are not switched on at the same moment, and never read at the same.
                 on_s = _APART * i * exposure_us * 1e-6
-                link = LockstepLink(sensor, scenario, int(s), started_s=on_s)
+                link = LockstepLink(sensor, scenario, s, started_s=on_s)
                 self.boards.append(opened.enter_context(Board(link)))
                 prepare(self.boards[-1], strip.lines)
             self._opened = opened.pop_all()
@@ -138,8 +141,73 @@ class Simulation:
 
     def readings(self) -> Iterator[tuple[int, Touch]]:
         """Yield (joint, reading) until the motion is over."""
-        ends_s = self.motion.seconds - min(board.now_s() for board in self.boards)
-        return readings(self.boards, ends_s)
+        left_s = self.motion.seconds - max(board.now_s() for board in self.boards)
+        return readings(self.boards, left_s)
+
+
+class Endless:
+    """A linkage that goes along a path again and again, in real time from now on.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    linkage : LinkageFile
+    path : PathFile
+    seed : int
+    exposure_us : int
+
+    Attributes
+    ----------
+    linkage : Linkage
+        As it truly is.
+    """
+
+    def __init__(
+        self,
+        sensor: SensorFile,
+        linkage: LinkageFile,
+        path: PathFile,
+        seed: int = 0,
+        exposure_us: int = 30_000,
+    ):
+        self._mechanism = Mechanism(linkage, sensor)
+        self._sensor, self._seed = sensor, seed
+        self._scenarios = self._mechanism.drive(guided(closed(path), START_S), again=True)
+        self._strips = _strips(sensor, linkage, seed, exposure_us)
+        self._epoch_s = time.monotonic()
+        self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
+
+    def encoders(self) -> tuple[Encoder, Encoder]:
+        """Return new encoders, mounted as they truly are."""
+        zeros = self._mechanism.zero_rad
+        return tuple(Encoder(strip.joint, zero) for strip, zero in zip(self._strips, zeros))
+
+    def open(self, joint: int) -> Board:
+        """Switch the board of a joint on."""
+        link = LockstepLink(
+            self._sensor,
+            self._scenarios[joint],
+            _seeds(self._seed, 1)[joint],
+            started_s=time.monotonic() - self._epoch_s,
+        )
+        board = Board(PacedLink(link, self._epoch_s))
+        try:
+            prepare(board, self._strips[joint].lines)
+        except BaseException:
+            board.close()
+            raise
+        return board
+
+
+def _strips(
+    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int
+) -> list[CalibrationFile]:
+    return [calibrated(sensor, linkage, s, exposure_us) for s in _seeds(seed, 0)]
+
+
+def _seeds(seed: int, what: int) -> list[int]:
+    """Return a seed for each of the two strips, or for the noise of their boards in a run."""
+    return [int(s) for s in np.random.SeedSequence((seed, what)).generate_state(2)]
 
 
 def visited(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise, repeat
 from typing import NamedTuple
 
@@ -18,10 +18,13 @@ from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage
 
 _GAP_S = 1.0  # between two readings of a joint, that nothing is told about
+_SILENT_S = 3.0  # from which on it is told that a joint tells nothing
 _TRAIL = 4096
+_KEPT = 2048  # angles of a joint that wait for the other one
 _SIGMAS = 3.0  # that a turn's beginning or end has to stand out of the noise
 _NEAR_IN_LINE_RAD = math.radians(10)
 _POLL_S = 0.005
+_FAILING_S = 10.0  # so long may a board that restarted refuse what it is told
 
 
 class Terminal(NamedTuple):
@@ -74,6 +77,28 @@ class Terminal(NamedTuple):
         angle_rad = math.atan2(2 * xy, xx - yy) / 2
         return math.sqrt(middle + half), math.sqrt(max(middle - half, 0.0)), angle_rad
 
+    @property
+    def remark(self) -> str:
+        """What there is to say about it, for people; empty if nothing."""
+        doubts = {"near singular": self.singular, "beyond what was calibrated": not self.within}
+        return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
+
+    def message(self) -> dict:
+        """Return it as a JSON object; docs/page.md says what each key means."""
+        return {
+            "time_s": self.time_s,
+            "x_mm": self.x_mm,
+            "y_mm": self.y_mm,
+            "velocity_mm_s": self.velocity_mm_s,
+            "cov": self.covariance_mm2,
+            "sigma_mm": self.sigma_mm,
+            "theta1_rad": self.theta_rad[0],
+            "theta2_rad": self.theta_rad[1],
+            "limit": self.limit.sentence if self.limit else None,
+            "singular": self.singular,
+            "within": self.within,
+        }
+
 
 class Twin:
     """Follows the terminal of a linkage.
@@ -93,7 +118,8 @@ class Twin:
     -----
     The joints are not read at the same moments. A terminal is that of the moment of one reading
     and of the other joint between two of its readings, so it comes as soon as the other joint's
-    next reading is there, and nothing is extrapolated.
+    next reading is there, and nothing is extrapolated. Which of two readings came first to the
+    program makes no difference: a recording tells the same terminals as the boards did.
     """
 
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
@@ -102,34 +128,64 @@ class Twin:
         self.linkage = linkage
         self.encoders = tuple(encoders)
         self.trail: deque[Terminal] = deque(maxlen=_TRAIL)
-        self._last: list[deque[Angle]] = [deque(maxlen=3), deque(maxlen=3)]
-        self._told_s = -math.inf
+        self._angles: list[deque[Angle]] = [deque(maxlen=_KEPT), deque(maxlen=_KEPT)]
+        self._done_s = -math.inf  # until when all was told that can be
 
-    def take(self, joint: int, touch: Touch) -> Terminal | None:
-        """Take a reading of a joint, 0 or 1, and return the terminal if it can be told anew.
+    def take(self, joint: int, touch: Touch) -> list[Terminal]:
+        """Take a reading of a joint, 0 or 1, and return the terminals that it lets be told.
 
         Readings of one joint come in the order of their time.
         """
         angle = self.encoders[joint].take(touch)
         if angle is None:
-            return None
-        self._last[joint].append(angle)
-        if not all(self._last):
-            return None
-        time_s = min(last[-1].time_s for last in self._last)
-        angles = [_between(last, time_s) for last in self._last]
-        if time_s <= self._told_s or None in angles:
-            return None
-        self._told_s = time_s
-        self.trail.append(self._terminal(time_s, angles))
-        return self.trail[-1]
+            return []
+        own = self._angles[joint]
+        if own and angle.time_s <= own[-1].time_s - _GAP_S:
+            self._forget()  # a recording that is played again
+        elif own and angle.time_s <= own[-1].time_s:
+            own.clear()  # after a restart its board's clock is compared with the host's anew
+        own.append(angle)
+        told = []
+        for time_s in self._moments():
+            angles = [_between(angles, time_s) for angles in self._angles]
+            if None not in angles:
+                told.append(self._terminal(time_s, angles))
+        self.trail.extend(told)
+        return told
 
     def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
         """Take pairs of joint and reading, live or from a recording, and yield the terminals."""
         for joint, touch in readings:
-            terminal = self.take(joint, touch)
-            if terminal is not None:
-                yield terminal
+            yield from self.take(joint, touch)
+
+    def silence(self, now_s: float) -> str:
+        """Return which joints have told nothing for long, for people; empty if none."""
+        silent = [
+            f"joint {number}"
+            for number, angles in enumerate(self._angles, 1)
+            if not angles or angles[-1].time_s < now_s - _SILENT_S
+        ]
+        return f"no angle of {' and '.join(silent)}: is its strip pressed?" if silent else ""
+
+    def _forget(self) -> None:
+        for angles in self._angles:
+            angles.clear()
+        self._done_s = -math.inf
+
+    def _moments(self) -> list[float]:
+        """Return when a joint was read, where the other one's readings reach as far; once each."""
+        if not all(self._angles):
+            return []
+        until_s = min(angles[-1].time_s for angles in self._angles)
+        moments = set()
+        for angles in self._angles:
+            for angle in reversed(angles):
+                if angle.time_s <= self._done_s:
+                    break
+                if angle.time_s <= until_s:
+                    moments.add(angle.time_s)
+        self._done_s = max(self._done_s, until_s)
+        return sorted(moments)
 
     def _terminal(self, time_s: float, angles: list[_Moment]) -> Terminal:
         theta = tuple(angle.angle_rad for angle in angles)
@@ -162,19 +218,23 @@ class _Moment(NamedTuple):
     within: bool
 
 
-def _between(last: deque[Angle], time_s: float) -> _Moment | None:
-    """Return a joint between its last two readings; None if these do not enclose the moment."""
-    new = last[-1]
+def _between(angles: deque[Angle], time_s: float) -> _Moment | None:
+    """Return a joint at a moment up to its last reading; None if no two readings enclose it."""
+    i = len(angles) - 1
+    while i and angles[i - 1].time_s >= time_s:
+        i -= 1
+    new = angles[i]
     if new.time_s == time_s:
         return _Moment(new.angle_rad, new.sigma_rad**2, new.velocity_rad_s, new.within)
-    if len(last) < 2:
+    if i == 0:
         return None
-    old = last[-2]
-    if not old.time_s <= time_s < new.time_s <= old.time_s + _GAP_S:
+    old = angles[i - 1]
+    if new.time_s > old.time_s + _GAP_S:
         return None
     share = (time_s - old.time_s) / (new.time_s - old.time_s)
+    bow_rad = _bow((angles[i - 2], old, new), time_s) if i > 1 else 0.0
     return _Moment(
-        old.angle_rad + share * (new.angle_rad - old.angle_rad) + _bow(last, time_s),
+        old.angle_rad + share * (new.angle_rad - old.angle_rad) + bow_rad,
         (1 - share) ** 2 * (old.sigma_rad**2 - old.systematic_rad**2)
         + share**2 * (new.sigma_rad**2 - new.systematic_rad**2)
         + max(old.systematic_rad, new.systematic_rad) ** 2,
@@ -183,13 +243,11 @@ def _between(last: deque[Angle], time_s: float) -> _Moment | None:
     )
 
 
-def _bow(last: deque[Angle], time_s: float) -> float:
+def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
     """Return how far a parabola through three readings is off the line through the last two.
 
     0 unless it stands out of the noise, which a parabola would only let in.
     """
-    if len(last) < 3:
-        return 0.0
     first, old, new = last
     before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s
     if before_s > _GAP_S:
@@ -208,30 +266,61 @@ def merged(first: Iterable[Touch], second: Iterable[Touch]) -> Iterator[tuple[in
     return heapq.merge(*pairs, key=lambda pair: pair[1].time_s)
 
 
-def readings(boards: list[Board], seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
-    """Yield (joint, reading) of one board with two sensors, or of two boards with one each.
+def readings(
+    boards: list[Board],
+    seconds: float | None = None,
+    restarted: Callable[[Board], None] = lambda board: None,
+) -> Iterator[tuple[int, Touch]]:
+    """Yield (joint, reading) of two boards with a sensor each, or of one board with two.
 
     Parameters
     ----------
     boards : list of Board
         Streaming is switched on.
     seconds : float, optional
-        End after so long by the links' clocks; never, if not given.
+        End after so long by the links' clock; never, if not given.
+    restarted : callable
+        Given a board that has restarted and streams again: it has forgotten all that was not
+        saved. Called again for some seconds if it raises SpotsError.
     """
-    if len(boards) == 1:
-        yield from ((touch.sensor, touch) for touch in boards[0].touches(seconds))
-        return
     for board in boards:
         board.command("stream touch")
-    ends_s = [math.inf if seconds is None else board.now_s() + seconds for board in boards]
+    # Boards of one machine have one clock, though in simulated time one may be ahead of it.
+    begins_s = max(board.now_s() for board in boards)
+    ends_s = math.inf if seconds is None else begins_s + seconds
     # The board that is behind is read next: in real time they take turns, and in simulated time,
     # where each board has a clock of its own, these go on together.
     read_s = [board.now_s() for board in boards]
+    watched = [_Restarts(board, restarted) for board in boards]
     while True:
-        joint = int(np.argmin(read_s))
-        if read_s[joint] >= ends_s[joint]:
+        one = int(np.argmin(read_s))
+        board = boards[one]
+        if read_s[one] >= ends_s:
             return
-        for frame in boards[joint].frames(_POLL_S):
+        for frame in board.frames(_POLL_S):
             if isinstance(frame, Touch):
-                yield joint, frame
-        read_s[joint] = boards[joint].now_s()
+                yield (frame.sensor if len(boards) == 1 else one), frame
+        watched[one].look()
+        read_s[one] = board.now_s()
+
+
+class _Restarts:
+    def __init__(self, board: Board, action: Callable[[Board], None]):
+        self._board, self._action = board, action
+        self._seen = board.stats.restarts
+        self._failing_s: float | None = None
+
+    def look(self) -> None:
+        seen = self._board.stats.restarts
+        if seen == self._seen:
+            return
+        try:
+            self._action(self._board)
+        except SpotsError:
+            # It may have restarted once more.
+            now_s = self._board.now_s()
+            self._failing_s = now_s if self._failing_s is None else self._failing_s
+            if now_s - self._failing_s >= _FAILING_S:
+                raise
+            return
+        self._seen, self._failing_s = seen, None

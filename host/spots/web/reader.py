@@ -45,6 +45,8 @@ class Reader:
         ``stick`` and ``link`` are put there.
     search_every_s : float
         How long to wait before a board is looked for again.
+    on_touch : callable
+        Given each reading of each sensor, by the thread that reads.
     recordings : Recordings, optional
         Of the board, for who asks for them.
     """
@@ -55,10 +57,12 @@ class Reader:
         layout: KeyLayout,
         state: State,
         search_every_s: float = _SEARCH_EVERY_S,
+        on_touch: Callable[[Touch], None] = lambda touch: None,
         recordings: Recordings | None = None,
     ):
         self._open_board, self._layout, self._state = open_board, layout, state
-        self._search_every_s, self._recordings = search_every_s, recordings
+        self._search_every_s = search_every_s
+        self._on_touch, self._recordings = on_touch, recordings
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
@@ -132,6 +136,8 @@ class Reader:
                 self._recordings.leave()
 
     def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
+        if isinstance(frame, Touch):
+            self._on_touch(frame)
         if frame.sensor != 0:
             return
         if isinstance(frame, Touch):

@@ -12,12 +12,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..connect import RECORDING, VIRTUAL
+from ..demo import FIVEBAR
 from ..errors import SpotsError
 from ..uses.layout import load
 from .browser import print_address, show
 from .reader import Reader, finder
 from .recordings import Recordings
 from .state import State
+from .twin_feed import linkage_readers, simulated_readers
 
 try:
     from aiohttp import web
@@ -102,29 +104,35 @@ class Server:
 
 def run(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
-    open_board = finder(options.port, options.sensor, options.scenario, options.seed)
-    state, recordings = State(), None
-    if options.record_to is not None:
-        if (options.port or "").startswith(RECORDING):
-            raise SpotsError("--record-to is for a board; --port names a recording")
-        recordings = Recordings(Path(options.record_to), state)
-    serve(
-        state,
-        options.address,
-        options.http_port,
-        open_board,
-        options.layout,
-        print_address,
-        recordings,
-    )
+    state, layout, ports = State(), load(options.layout), options.port
+    recordings = _recordings(options, state)
+    if options.linkage is None:
+        if len(ports) > 1:
+            raise SpotsError("one --port is shown; a linkage has two, and a --linkage FILE")
+        port = ports[0] if ports else None
+        open_board = finder(port, options.sensor, options.scenario, options.seed)
+        readers = [Reader(open_board, layout, state, recordings=recordings)]
+    elif VIRTUAL in ports:
+        files = options.linkage, options.sensor
+        readers = simulated_readers(*files, options.seed, layout, state)
+    else:
+        readers = linkage_readers(options.linkage, ports, layout, state)
+    serve(state, options.address, options.http_port, readers, print_address, recordings)
+
+
+def _recordings(options: argparse.Namespace, state: State) -> Recordings | None:
+    if options.record_to is None:
+        return None
+    if options.linkage is not None or any(port.startswith(RECORDING) for port in options.port):
+        raise SpotsError("--record-to is for one board, not for a linkage or a recording")
+    return Recordings(Path(options.record_to), state)
 
 
 def serve(
     state: State,
     address: str,
     port: int,
-    open_board,
-    layout: str,
+    readers: list[Reader],
     on_start: Callable[[str], None],
     recordings: Recordings | None = None,
 ) -> None:
@@ -136,24 +144,23 @@ def serve(
     address : str
     port : int
         As for `Server`.
-    open_board : callable
-        As for `Reader`.
-    layout : str
-        Of keys, by path or name.
+    readers : list of Reader
+        Of the state.
     on_start : callable
         Told the URL.
     recordings : Recordings, optional
         As for `Server`.
     """
-    reader = Reader(open_board, load(layout), state, recordings=recordings)
 
     async def main():
         async with Server(state, address, port, recordings=recordings) as server:
             ended = _ended_by_sigterm()
-            reader.start()
+            for reader in readers:
+                reader.start()
             on_start(server.url)
             while not ended.is_set():
-                reader.watch()
+                for reader in readers:
+                    reader.watch()
                 try:
                     await asyncio.wait_for(ended.wait(), _WATCH_EVERY_S)
                 except asyncio.TimeoutError:
@@ -164,13 +171,28 @@ def serve(
     except KeyboardInterrupt:
         pass
     finally:
-        reader.stop()
+        for reader in readers:
+            reader.stop()
 
 
-def show_demo(sensor: str, scenario: str, seed: int) -> None:
-    """Serve the virtual board, and open the page where there is a screen and somebody at it."""
-    open_board = finder(VIRTUAL, sensor, scenario, seed)
-    serve(State(), LOOPBACK, 0, open_board, DEMO_LAYOUT, show)
+def show_demo(use: str, sensor: str, scenario: str, seed: int) -> None:
+    """Serve the virtual board, and open the page where there is a screen and somebody at it.
+
+    Parameters
+    ----------
+    use : str
+        ``fivebar`` shows a simulated linkage; the others are on the page all the time.
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    """
+    state, layout = State(), load(DEMO_LAYOUT)
+    if use == FIVEBAR:
+        readers = simulated_readers("default", sensor, seed, layout, state)
+    else:
+        readers = [Reader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
+    serve(state, LOOPBACK, 0, readers, show)
 
 
 def _ended_by_sigterm() -> asyncio.Event:

@@ -1,11 +1,12 @@
 // A five-bar linkage, its terminal with the error ellipse, and where that has been.
 // The message is described in docs/page.md.
-import { canvas, colours } from "../dom.js";
+import { canvas, colours, make } from "../dom.js";
 
 const HEIGHT = 380, MARGIN = 24, ERRORS = 3;
 
 export function twin(root) {
   let paint = null;
+  const words = root.appendChild(make("p", "remark"));
   // Grows with what was seen, so that the picture stands still.
   const box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
 
@@ -14,6 +15,7 @@ export function twin(root) {
     if (it === undefined) return;
     root.hidden = it === null;
     if (it === null) return;
+    words.textContent = it.note ?? "";
     paint ??= canvas(root, HEIGHT);
     paint((c, width, height) => draw(c, width, height, it, box));
   };

@@ -1,0 +1,179 @@
+"""A linkage on the page: the readings of both joints in, the part ``twin`` of a state out."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from ..board import Board
+from ..connect import prepare
+from ..errors import SpotsError
+from ..frames import Touch
+from ..recording.replay import Replay
+from ..uses import mounted
+from ..uses.layout import KeyLayout
+from ..uses.twin import Terminal, Twin
+from ..uses.twin_source import check, endless
+from ..view import Pace
+from .reader import LOST, SEARCHING, Reader, finder
+from .state import State
+
+_SHOWN_PER_S = 20
+# A trail is sent whole each time: no finer than a page shows it, and so long at most.
+_STEP_MM = 0.5
+_TRAIL = 1000
+
+Opener = Callable[[str | None], Board]
+
+
+class TwinFeed:
+    """Follows a linkage and puts it into a state; its joints may be read by different threads.
+
+    Parameters
+    ----------
+    twin : Twin
+    state : State
+    """
+
+    def __init__(self, twin: Twin, state: State):
+        self._twin, self._state = twin, state
+        self._lock = threading.Lock()
+        self._pace = Pace(_SHOWN_PER_S)
+        self._trail: deque[tuple[float, float]] = deque(maxlen=_TRAIL)
+        self._away = ["", ""]  # why a joint cannot be read
+        linkage = twin.linkage
+        self._shown = {
+            **dict.fromkeys(("x_mm", "y_mm", "theta1_rad", "theta2_rad", "cov")),
+            "base_mm": linkage.base_mm,
+            "bar_mm": linkage.bar_mm,
+        }
+        self._wait("waiting for readings of both joints")
+
+    def take(self, joint: int, touch: Touch) -> None:
+        """Take a reading of a joint, 0 or 1."""
+        with self._lock:
+            self._away[joint] = ""
+            for terminal in self._twin.take(joint, touch):
+                self._extend(terminal)
+                if self._pace.due(terminal.time_s):
+                    self._shown.update(terminal.message())
+                    self._put(terminal.remark)
+            silence = self._twin.silence(touch.time_s)
+            if silence and self._pace.due(touch.time_s):
+                self._wait("".join(self._away) or silence)
+
+    def lost(self, joint: int, why: str) -> None:
+        """Say that a joint cannot be read, and why."""
+        with self._lock:
+            self._away[joint] = f"joint {joint + 1}: {why}"
+            self._wait(self._away[joint])
+
+    def _wait(self, note: str) -> None:
+        self._shown.update(x_mm=None, y_mm=None)
+        self._put(note)
+
+    def _extend(self, terminal: Terminal) -> None:
+        if terminal.limit:
+            return
+        x_mm, y_mm = self._trail[-1] if self._trail else (float("inf"), 0.0)
+        if max(abs(terminal.x_mm - x_mm), abs(terminal.y_mm - y_mm)) >= _STEP_MM:
+            self._trail.append((round(terminal.x_mm, 2), round(terminal.y_mm, 2)))
+
+    def _put(self, note: str) -> None:
+        self._state.put("twin", {**self._shown, "trail": list(self._trail), "note": note})
+
+
+class _Aside(State):
+    """Of a board that is not shown itself, only that it is away is told."""
+
+    def __init__(self, feed: TwinFeed, joint: int):
+        super().__init__()
+        self._feed, self._joint = feed, joint
+
+    def put(self, name, value):
+        if name == "board" and value["state"] in (SEARCHING, LOST):
+            self._feed.lost(self._joint, value["message"] or "looking for its board")
+
+
+def linkage_readers(
+    linkage: str, ports: list[str], layout: KeyLayout, state: State
+) -> list[Reader]:
+    """Return a reader for each board of a linkage file; the first one's strip is shown, too.
+
+    Parameters
+    ----------
+    linkage : str
+        A linkage file.
+    ports : list of str
+        Of joint 1 and joint 2, or of one board with two sensors; found, if not given.
+    layout : KeyLayout
+    state : State
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or there are more than two ports.
+    """
+    path = Path(linkage)
+    arm = mounted.load(path)
+    strips = arm.strips(path)
+    if len(ports) > 2:
+        raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
+    feed = TwinFeed(Twin(arm.linkage, arm.encoders(strips)), state)
+    if len(ports) == 1:
+        found = finder(ports[0], "default", "demo", 0)
+        return [Reader(found, layout, state, on_touch=lambda touch: feed.take(touch.sensor, touch))]
+    # One after the other: a board that is being asked who it is is busy for everyone else.
+    searching = threading.Lock()
+
+    def opener(joint: int) -> Opener:
+        strip, port = strips[joint], ports[joint] if ports else None
+        search = finder(port, "default", "demo", 0)
+
+        def open_board(_) -> Board:
+            with searching:
+                board = search(None if port else strip.board)
+                try:
+                    check(strip, board.info, joint + 1, board.port)
+                    if not isinstance(board, Replay):
+                        prepare(board, strip.lines)
+                except BaseException:
+                    board.close()
+                    raise
+                return board
+
+        return open_board
+
+    return _readers(feed, [opener(joint) for joint in (0, 1)], layout, state)
+
+
+def simulated_readers(
+    linkage: str, sensor: str, seed: int, layout: KeyLayout, state: State
+) -> list[Reader]:
+    """Return readers of the two virtual boards of a simulated linkage that writes SUST.
+
+    Parameters
+    ----------
+    linkage, sensor : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    layout : KeyLayout
+    state : State
+    """
+    machine = endless(sensor, linkage, seed=seed)
+    feed = TwinFeed(Twin(machine.linkage, machine.encoders()), state)
+    openers = [lambda _, joint=joint: machine.open(joint) for joint in (0, 1)]
+    return _readers(feed, openers, layout, state)
+
+
+def _readers(
+    feed: TwinFeed, openers: list[Opener], layout: KeyLayout, state: State
+) -> list[Reader]:
+    def reader(joint: int, of_board: State) -> Reader:
+        return Reader(openers[joint], layout, of_board, on_touch=partial(feed.take, joint))
+
+    return [reader(0, state), reader(1, _Aside(feed, 1))]

@@ -1,0 +1,371 @@
+"""The twin of boards: live, recorded, restarted; its linkage file; what the command shows."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import runpy
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+import spots
+from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots.board import Board
+from spots.calibrate import file
+from spots.frames import LinkStats
+from spots.sim.faults import Faults
+from spots.sim.files import Faults as FaultsFile
+from spots.sim.files import LinkageFile, Moments, PathFile, PowerFaults, load
+from spots.sim.linkage import Mechanism, guided
+from spots.sim.lockstep import LockstepLink
+from spots.uses import mounted, twin_command, twin_source
+from spots.uses.mounted import Mounted, Mounting
+from spots.uses.simulated import START_S, calibrated
+from spots.uses.twin_view import View
+from test_encoder import JOINT
+from test_encoder import touch as reading
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+EXPOSURE_US = 30_000
+BROWN_OUT = FaultsFile(power=PowerFaults(brown_outs=Moments(at_s=[4.0], last_ms=200)))
+
+
+class Machine:
+    """A simulated linkage on its path, whose boards are on the ports named 0 and 1.
+
+    Attributes
+    ----------
+    arm : Path
+        Its linkage file, with the true lengths.
+    """
+
+    def __init__(self, sensor, folder):
+        linkage = load(LinkageFile, "default")
+        self._sensor = sensor
+        self.strip = calibrated(sensor, linkage, 0, EXPOSURE_US)
+        self.mechanism = mechanism = Mechanism(linkage, sensor)
+        self.motion = guided(load(PathFile, "sust"), START_S)
+        self._scenarios = mechanism.drive(self.motion)
+        file.save(self.strip, folder / "strip.toml")
+        self.arm = folder / "arm.toml"
+        joints = [
+            Mounting(calibration="strip.toml", offset_deg=math.degrees(zero))
+            for zero in mechanism.zero_rad
+        ]
+        arm = Mounted(bar_mm=mechanism.bar_mm, base_mm=mechanism.base_mm, joint=joints)
+        mounted.save(arm, self.arm)
+        self.faults = {}
+
+    def link(self, port):
+        number = int(port)
+        faults = self.faults.get(number)
+        faults = Faults(faults, 3600.0) if faults else None
+        return LockstepLink(
+            self._sensor, self._scenarios[number], number, started_s=0.012 * number, faults=faults
+        )
+
+    def open(self, port):
+        return Board(self.link(port))
+
+
+@pytest.fixture(scope="module")
+def built(sensor, tmp_path_factory):
+    return Machine(sensor, tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture
+def machine(built, monkeypatch):
+    built.faults = {}
+    monkeypatch.setattr(twin_source, "open", built.open)
+    return built
+
+
+def told(arm, ports, record=(), seconds=None):
+    with twin_source.opened(arm, ports, record) as source:
+        terminals = list(source.twin.follow(source.readings(seconds)))
+        return terminals, source.stats()
+
+
+def test_boards_tell_where_the_terminal_is_and_their_recordings_tell_the_same(machine, tmp_path):
+    paths = [tmp_path / "a.spots", tmp_path / "b.spots"]
+    live, _ = told(machine.arm, ["0", "1"], paths, 4.0)
+    assert len(live) > 200
+    time_s, x_mm, y_mm = np.array([(t.time_s, t.x_mm, t.y_mm) for t in live]).T
+    true_x, true_y = machine.motion.at(time_s)
+    assert np.hypot(x_mm - true_x, y_mm - true_y)[time_s > START_S].max() < 0.5
+    assert np.ptp(x_mm) > 10
+    again, _ = told(machine.arm, [f"recording:{path}" for path in paths])
+    assert again == live
+    some, _ = told(machine.arm, [f"recording:{path}" for path in paths], seconds=2.0)
+    assert some == live[: len(some)]
+    assert 0.4 * len(live) < len(some) < 0.6 * len(live)
+
+
+def test_a_board_that_restarts_gets_its_calibration_again_and_so_does_the_recording(
+    machine, tmp_path
+):
+    machine.faults = {1: BROWN_OUT}
+    paths = [tmp_path / "a.spots", tmp_path / "b.spots"]
+    live, stats = told(machine.arm, ["0", "1"], paths, 8.0)
+    assert [one.restarts for one in stats] == [0, 1]
+    time_s = np.array([t.time_s for t in live])
+    assert (time_s < 4).sum() > 100
+    assert (time_s > 7).sum() > 50
+    true_x, true_y = machine.motion.at(time_s)
+    off_mm = np.hypot([t.x_mm for t in live] - true_x, [t.y_mm for t in live] - true_y)
+    assert off_mm[time_s > START_S].max() < 0.5
+    again, _ = told(machine.arm, [f"recording:{path}" for path in paths])
+    assert again == live
+
+
+def test_a_board_that_refuses_after_a_restart_is_asked_again_for_a_while():
+    refused = []
+
+    def restarted(board):
+        refused.append(board.now_s())
+        raise SpotsError("the board refuses")
+
+    stats, clock = LinkStats(), iter(np.arange(0, 100, 0.5))
+    board = SimpleNamespace(
+        command=lambda line: {},
+        now_s=lambda: float(next(clock)),
+        frames=lambda seconds: iter(()),
+        stats=stats,
+    )
+    pairs = twin_source.readings([board], None, restarted)
+    stats.restarts = 0
+    board.frames = lambda seconds: setattr(stats, "restarts", 1) or iter(())
+    with pytest.raises(SpotsError, match="the board refuses"):
+        next(pairs)
+    assert refused[-1] - refused[0] >= 10
+
+
+@pytest.mark.parametrize("ports", [("0", "1"), ()])
+def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
+    # As long as somebody looks on: the boards' clocks go on without end.
+    source = twin_source.Source
+    monkeypatch.setattr(source, "follow", lambda it: it.twin.follow(it.readings(3.0)))
+    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    arguments = [machine.arm, *ports] if ports else []
+    monkeypatch.setattr(sys, "argv", ["twin.py", *map(str, arguments)])
+    runpy.run_path(str(EXAMPLES / "twin.py"), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    told = np.array([[float(word) for word in line.split()[:2]] for line in lines])
+    assert len(told) > 10
+    # On the path, wherever a busy machine found it.
+    for of_axis, path_mm in zip(told.T, (machine.motion.x_mm, machine.motion.y_mm)):
+        assert of_axis.min() > path_mm.min() - 1
+        assert of_axis.max() < path_mm.max() + 1
+    assert np.ptp(told, axis=0).max() > 3
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_the_example_that_tracks_a_joint(virtual, machine, capsys, monkeypatch):
+    touches = Board.touches
+    monkeypatch.setattr(Board, "touches", lambda board: touches(board, 3.0))
+    monkeypatch.setattr(spots, "open", machine.open)
+    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    arguments = [] if virtual else [machine.arm.parent / "strip.toml", "1"]
+    monkeypatch.setattr(sys, "argv", ["track_joint.py", *map(str, arguments)])
+    runpy.run_path(str(EXAMPLES / "track_joint.py"), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    told_deg = np.array([float(line.split()[0]) for line in lines])
+    assert len(told_deg) > 20
+    path_deg = machine.mechanism.angles_deg(machine.motion.x_mm, machine.motion.y_mm)
+    of_joint = path_deg[0] + math.degrees(machine.mechanism.zero_rad[0]) if virtual else path_deg[1]
+    assert told_deg.min() > of_joint.min() - 0.3
+    assert told_deg.max() < of_joint.max() + 0.3
+    assert np.ptp(told_deg) > 3
+    if not virtual:
+        assert told_deg[:5] == pytest.approx(of_joint[0], abs=0.25)
+
+
+def test_lines_for_programs(machine, capsys):
+    arguments = ["twin", "--linkage", str(machine.arm), "--port", "0", "--port", "1"]
+    assert cli.main([*arguments, "--seconds", "2", "--json"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert len(lines) > 80
+    assert lines[-1].keys() == {
+        *("time_s", "x_mm", "y_mm", "velocity_mm_s", "cov", "sigma_mm"),
+        *("theta1_rad", "theta2_rad", "limit", "singular", "within"),
+    }
+    assert lines[-1]["limit"] is None
+    assert len(lines[-1]["velocity_mm_s"]) == 2
+
+
+def test_lines_for_people(machine, capsys):
+    arguments = ["twin", "--linkage", str(machine.arm), "--port", "0", "--port", "1"]
+    assert cli.main([*arguments, "--seconds", "2"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 6 <= len(lines) <= 9
+    assert all("terminal" in line and "mm/s" in line for line in lines[1:])
+
+
+def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monkeypatch):
+    names, closed, given = ["B", "C", "A"], [], []
+
+    class There:
+        def __init__(self, name):
+            self.info, self.port, self.stats = {"id": name}, f"port {name}", LinkStats()
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *exception):
+            closed.append(self.port)
+
+        def command(self, line):
+            return self.info
+
+        def now_s(self):
+            return 0.0
+
+        def close(self):
+            closed.append(self.port)
+
+    strips = [SimpleNamespace(board=name, joint=JOINT, lines=(name,)) for name in "AB"]
+    monkeypatch.setattr(Mounted, "strips", lambda self, path: strips)
+    monkeypatch.setattr(twin_source, "find", lambda: ([There(name) for name in names], []))
+    monkeypatch.setattr(
+        twin_source, "prepare", lambda board, lines: given.append((board.port, *lines))
+    )
+    with twin_source.opened(machine.arm) as source:
+        assert source.names == ["port A", "port B"]
+        assert given == [("port A", "A"), ("port B", "B")]
+        assert closed == ["port C"]
+    names.remove("A")
+    with pytest.raises(SpotsError, match=r"no board A, .* there is B, C"), ExitStack() as stack:
+        stack.enter_context(twin_source.opened(machine.arm))
+    assert closed.count("port B") == 2
+
+
+def test_the_picture_names_what_is_wrong():
+    linkage = Linkage((100, 45, 45, 100), 80)
+    twin = Twin(linkage, (Encoder(JOINT), Encoder(JOINT)))
+    view = View(twin, ["here", "there"])
+
+    def seen(now_s=0.1):
+        console = Console(width=90, record=True, file=io.StringIO())
+        console.print(view.picture([LinkStats(), LinkStats(lost=3)], now_s))
+        return console.export_text()
+
+    assert "no angle of joint 1 and joint 2" in seen()
+    for i, angle in enumerate((0.1, 0.11, 0.12, -1.0)):
+        position_um = (math.degrees(angle) + 20) / 0.002
+        for joint in (0, 1):
+            twin.take(joint, reading(position_um, i, time_s=0.03 * i))
+        if angle == 0.12:
+            text = seen()
+            assert f"{twin.trail[-1].x_mm:.2f}  {twin.trail[-1].y_mm:.2f} mm" in text
+            assert "mm/s" in text
+            assert "one sigma" in text
+            assert "●" in text
+            assert "lost 3" in text
+            assert "no angle" not in text
+    text = seen()
+    assert twin.trail[-1].limit.sentence in text
+    assert "●" not in text
+    twin.take(1, reading(position_um, 50, time_s=4.0))
+    assert "no angle of joint 1: is its strip pressed?" in seen(4.0)
+
+
+HEAD = "bar_mm = [100, 100, 100, 100]\nbase_mm = 80\n"
+JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("bar_mm = [100", "linkage file .*arm.toml: "),
+        (HEAD + JOINTS + "[grip]\n", "unknown field `grip`"),
+        ("base_mm = 80\n" + JOINTS, "missing required field `bar_mm`"),
+        (HEAD + "[[joint]]\ncalibration = 'a'\noffset_deg = 0\n", "there are 1 .*linkage has two"),
+        (HEAD.replace("80", "800") + JOINTS, "more than the others together reach"),
+        (HEAD + "assembly = 'up'\n" + JOINTS, "'far' or 'near', not 'up'"),
+        (HEAD + JOINTS + "gain = 0\n", r"a gain is about 1, .* - at `\$.joint\[1\]`"),
+        (HEAD + JOINTS + "offset_deg = nan\n", "arm.toml: "),
+        (HEAD + JOINTS.replace("strip", "none"), "joint 1: there is no file .*none.toml"),
+        (HEAD + JOINTS.replace("strip", "bare"), "joint 1: .*bare.toml holds no joint: run"),
+    ],
+)
+def test_a_linkage_file_that_is_wrong_says_where(text, words, machine, tmp_path, capsys):
+    file.save(machine.strip, tmp_path / "strip.toml")
+    file.save(msgspec.structs.replace(machine.strip, joint=None), tmp_path / "bare.toml")
+    arm = tmp_path / "arm.toml"
+    arm.write_text(text)
+    with pytest.raises(SpotsError, match=words):
+        told(arm, ["0", "1"])
+    assert cli.main(["twin", "--linkage", str(arm), "--port", "0", "--port", "1"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_linkage_file_is_written_as_it_is_read(tmp_path):
+    joints = [
+        Mounting(calibration='odd "name".toml', offset_deg=-107.9, gain=-1.01),
+        Mounting(calibration="b/c.toml", offset_deg=3.0),
+    ]
+    arm = Mounted(bar_mm=(101.0, 99.25, 100.0, 99.0), base_mm=80.7, assembly="near", joint=joints)
+    mounted.save(arm, tmp_path / "arm.toml", "two\nlines")
+    assert mounted.load(tmp_path / "arm.toml") == arm
+    assert mounted.is_mounted(tmp_path / "arm.toml")
+    assert not mounted.is_mounted("default")
+    with pytest.raises(SpotsError, match="cannot write"):
+        mounted.save(arm, tmp_path / "no" / "arm.toml")
+    with pytest.raises(SpotsError, match=r"cannot read the linkage file nope.toml"):
+        mounted.load("nope.toml")
+
+
+def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_path):
+    paths = [tmp_path / "a.spots", tmp_path / "b.spots"]
+    told(machine.arm, ["0", "1"], paths, 0.1)
+    ports = [f"recording:{path}" for path in paths]
+    info = {"id": "feed", "calibration": "0000"}
+    with pytest.raises(SpotsError, match=r"joint 2, x: this is board feed, .* order of the joints"):
+        twin_source.check(machine.strip, info, 2, "x")
+    lines = (*machine.strip.lines[:-1], machine.strip.lines[-1] + " ")
+    other = msgspec.structs.replace(machine.strip, lines=lines)
+    file.save(other, tmp_path / "strip.toml")
+    arm = tmp_path / "arm.toml"
+    arm.write_text(machine.arm.read_text())
+    with pytest.raises(SpotsError, match=r"joint 1, .*a.spots: recorded with calibration"):
+        told(arm, ports)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--port", "0", "--port", "1", "--port", "0"], "two joints: name two ports, or one"),
+        (["--port", "0", "--port", "1", "--record", "a"], "there are 2 boards"),
+        (["--port", "recording:a", "--port", "1"], "recordings are played with recordings"),
+        (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
+        (["--port", "recording:a", "--measure", "p.csv"], "--measure is for boards"),
+        (["--port", "virtual"], "arm.toml is of boards: a simulated linkage goes with"),
+        (["--port", "0", "--port", "1", "--picture", "a.png"], "--picture draws a simulated"),
+    ],
+)
+def test_options_that_do_not_go_together(arguments, words, machine, capsys):
+    assert cli.main(["twin", "--linkage", str(machine.arm), *arguments]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_boards_options_are_refused_by_a_simulation(capsys):
+    assert cli.main(["twin", "--record", "a.spots"]) == 2
+    assert "are for boards: name them with --port" in capsys.readouterr().err
+
+
+def test_a_simulated_linkage_is_followed_in_real_time(machine, monkeypatch, capsys):
+    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    figures = twin_command.demonstrate("default", 0, 1.0, fast=False, quiet=True)
+    assert figures["terminals"] > 10
+    assert figures["lost"] == 0
+    capsys.readouterr()

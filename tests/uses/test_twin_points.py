@@ -1,0 +1,153 @@
+"""From places where the terminal was to a linkage file, by the command line."""
+
+from __future__ import annotations
+
+import csv
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots.uses import mounted, twin_points
+from test_encoder import JOINT
+from test_encoder import touch as reading
+from test_kinematics import FOUND, places
+
+DRAWN = """bar_mm = [100, 100, 100, 100]
+base_mm = 80
+[[joint]]
+calibration = "strips/a.toml"
+offset_deg = -108
+[[joint]]
+calibration = "strips/b.toml"
+offset_deg = -108
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A linkage as drawn, and measured points of the true one, of which one is wrong."""
+    (tmp_path / "drawn.toml").write_text(DRAWN)
+    angles, seen = places(40, noise=1.0)
+    seen[:, 7] += 3.0
+    table = np.vstack([seen, np.degrees(angles), np.full((2, 40), math.degrees(2e-4))]).T
+    with open(tmp_path / "points.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["note", *twin_points.COLUMNS])
+        writer.writerows([["", *row] for row in table.tolist()])
+    return tmp_path
+
+
+def calibrate(folder, *arguments):
+    return cli.main(
+        [
+            *("twin", "--linkage", str(folder / "drawn.toml")),
+            *("--calibrate", str(folder / "points.csv"), "--place-sigma-mm", "0.02", *arguments),
+        ]
+    )
+
+
+def test_points_become_a_linkage_file(files, capsys):
+    (files / "found").mkdir()
+    out = files / "found" / "arm.toml"
+    assert calibrate(files, "--out", str(out)) == 0
+    report = capsys.readouterr().out
+    assert "from 40 points" in report
+    assert "points that do not fit, by line of the file: 9\n" in report
+    assert "rank 12 of 12" in report
+    arm = mounted.load(out)
+    assert arm.bar_mm == pytest.approx([FOUND[f"bar{i}_mm"] for i in (1, 2, 3, 4)], abs=0.2)
+    assert arm.base_mm == pytest.approx(FOUND["base_mm"], abs=0.2)
+    assert arm.offset_rad == pytest.approx((FOUND["offset1_rad"], FOUND["offset2_rad"]), abs=0.01)
+    assert arm.gain == pytest.approx((FOUND["gain1"], FOUND["gain2"]), abs=0.005)
+    # Named from where the file is.
+    assert [joint.calibration for joint in arm.joint] == ["../strips/a.toml", "../strips/b.toml"]
+    assert "# bar1_mm " in out.read_text()
+    # It tells where the terminal was, but for where the grid lies.
+    angles, seen = places(20, seed=5)
+    theta = [o + g * a for o, g, a in zip(arm.offset_rad, arm.gain, angles)]
+    x_mm, y_mm = arm.linkage.forward(*theta)
+    x_mm, y_mm = x_mm - x_mm.mean(), y_mm - y_mm.mean()
+    off = np.hypot(x_mm, y_mm) - np.hypot(*(seen - seen.mean(axis=1, keepdims=True)))
+    assert abs(off).max() < 0.1
+
+
+def test_without_a_name_nothing_is_written(files, capsys):
+    before = sorted(files.iterdir())
+    assert calibrate(files) == 0
+    assert "nothing was written: --out" in capsys.readouterr().out
+    assert sorted(files.iterdir()) == before
+
+
+def test_what_points_cannot_tell_is_named(files, capsys):
+    rows = (files / "points.csv").read_text().splitlines()
+    # All on one line of equal angle: joint 1 hardly turned.
+    kept = [rows[0]]
+    for row in rows[1:]:
+        cells = row.split(",")
+        if abs(float(cells[3]) - 80) < 12:
+            kept.append(row)
+    assert len(kept) > 7
+    (files / "points.csv").write_text("\n".join(kept))
+    assert calibrate(files) == 0
+    assert "these places do not tell" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x_mm,y_mm\n1,2\n", "points.csv has no column joint1_deg, joint2_deg, sigma1_deg"),
+        ("", "points.csv has no column x_mm"),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,six\n", "line 2: sigma2_deg is a number, "),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5\n", "line 2: sigma2_deg is a number, not ''"),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,0\n", "line 2: sigma2_deg .* more than 0"),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 places tell 2 numbers"),
+        (None, "there is no file .*points.csv: .* --measure"),
+    ],
+)
+def test_a_table_that_is_wrong_says_where(text, words, files, capsys):
+    points = files / "points.csv"
+    points.unlink() if text is None else points.write_text(text)
+    with pytest.raises(SpotsError, match=words):
+        twin_points.fit(points, files / "drawn.toml", 0.02, None)
+    assert calibrate(files) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_points_are_measured_one_by_one(tmp_path):
+    twin = Twin(Linkage(100, 80), (Encoder(JOINT, 1.0), Encoder(JOINT)))
+    angles_deg = [40.0, 55.0]
+
+    def readings(seconds):
+        for joint in (0, 1):  # from before the question, when the linkage stood elsewhere
+            yield joint, reading(10_000, 0, time_s=0.99)
+        for i in range(20):
+            for joint, angle in enumerate(angles_deg):
+                if angle is not None:
+                    place_um = (angle + 20) / 0.002 + (-1) ** i
+                    yield joint, reading(place_um, i, time_s=1 + 0.03 * i)
+
+    source = SimpleNamespace(twin=twin, readings=readings, now_s=lambda: 1.0)
+    points = tmp_path / "points.csv"
+    said = []
+
+    def measure(*answers):
+        replies = iter([*answers, ""])
+        return twin_points.measure(source, points, lambda question: next(replies), said.append)
+
+    assert measure("40 150", "forty 150", "40") == 1
+    assert said.count("two numbers in mm, such as: 40 150") == 2
+    angles_deg[:] = 41.0, None
+    assert measure("41 150") == 1
+    assert "joint 2 tells nothing" in said[-1]
+    angles_deg[:] = 42.0, 57.0
+    assert measure("42 150.5") == 2
+    with open(points, newline="") as file:
+        rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+    assert [row["x_mm"] for row in rows] == [40, 42]
+    # By the joints' own calibrations, whatever the mounting.
+    assert [row["joint1_deg"] for row in rows] == pytest.approx([40, 42], abs=0.001)
+    assert [row["joint2_deg"] for row in rows] == pytest.approx([55, 57], abs=0.001)
+    assert rows[0]["sigma1_deg"] == pytest.approx(JOINT.resolution_deg / math.sqrt(20), abs=1e-5)

@@ -1,0 +1,166 @@
+"""A linkage on the page: fed by two boards, with a word on what is wrong."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import pytest
+from playwright.sync_api import expect
+
+from serving import apart, until
+from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots.board import Board
+from spots.sim.paced import PacedLink
+from spots.uses.layout import load as load_layout
+from spots.web import twin_feed
+from spots.web.state import State
+from test_encoder import JOINT
+from test_encoder import touch as reading
+from test_twin_live import Machine
+
+LONG_MS = 60_000
+LINKAGE = Linkage(100, 80)
+
+# Pixels in the colour of the trail.
+DRAWN = """() => {
+  const c = document.querySelector('#twin canvas');
+  if (!c || !c.width) return 0;
+  const [r, g, b] = [0x1f, 0x7a, 0x8c];
+  const data = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+  let found = 0;
+  for (let i = 0; i < data.length; i += 4)
+    found += data[i] === r && data[i + 1] === g && data[i + 2] === b;
+  return found;
+}"""
+
+
+def at(theta_rad, i):
+    return reading((math.degrees(theta_rad) + 20) / 0.002, i, time_s=0.03 * i)
+
+
+@pytest.fixture(scope="module")
+def machine(sensor, tmp_path_factory):
+    return Machine(sensor, tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture
+def running():
+    """Return a function that starts readers, which end with the test."""
+    started = []
+
+    def start(readers):
+        for one in readers:
+            started.append(one)
+            one.start()
+
+    yield start
+    for one in started:
+        one.stop(timeout_s=30)
+
+
+def part(state):
+    _, news = state.since(state.begin()._replace(version=0))
+    return news.get("twin")
+
+
+def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, serve, open_page):
+    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    state = State()
+    running(twin_feed.simulated_readers("default", "default", 0, load_layout("digits"), state))
+    page = open_page(serve(state).url)
+    expect(page.locator("#twin")).to_be_visible(timeout=LONG_MS)
+    # The strip of joint 1 is on the page as any other, and the trail gets longer.
+    expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+    until(page, f"({DRAWN})() > 20")
+    before = page.evaluate(DRAWN)
+    until(page, f"({DRAWN})() > {before} + 100")
+    assert part(state)["base_mm"] == pytest.approx(80.72)
+
+
+def test_boards_of_a_linkage_file_are_waited_for(machine, monkeypatch, running):
+    there = {"0"}
+
+    def finder(port, *_):
+        def open_board(board_id):
+            if port not in there:
+                raise SpotsError(f"no board on {port}, plug it in")
+            return Board(PacedLink(machine.link(port), time.monotonic()))
+
+        return open_board
+
+    monkeypatch.setattr(twin_feed, "finder", finder)
+    state = State()
+    layout = load_layout("digits")
+    readers = twin_feed.linkage_readers(str(machine.arm), ["0", "1"], layout, state)
+    assert part(state)["note"] == "waiting for readings of both joints"
+    running(readers)
+    awaited(lambda: part(state)["note"] == "joint 2: no board on 1, plug it in")
+    assert part(state)["x_mm"] is None
+    there.add("1")
+    awaited(lambda: part(state)["x_mm"] is not None)
+    assert part(state)["note"] == ""
+    with pytest.raises(SpotsError, match="name two ports, or one"):
+        twin_feed.linkage_readers(str(machine.arm), ["0", "1", "2"], layout, state)
+
+
+def test_one_board_with_two_sensors_is_fed_by_sensor(machine, monkeypatch, running):
+    took = []
+    monkeypatch.setattr(twin_feed.TwinFeed, "take", lambda self, joint, touch: took.append(joint))
+    layout = load_layout("digits")
+    (reader,) = twin_feed.linkage_readers(str(machine.arm), ["0"], layout, State())
+    for sensor in (0, 1):
+        reader._on_touch(at(-0.3, 0)._replace(sensor=sensor))
+    assert took == [0, 1]
+
+
+def awaited(condition, timeout_s=60.0):
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "it never came"
+        time.sleep(0.02)
+
+
+def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, open_page):
+    state = State()
+    feed = twin_feed.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), state)
+    assert part(state)["note"] == "waiting for readings of both joints"
+    for i in range(100):
+        for joint in (0, 1):
+            feed.take(joint, at(-0.3 - 0.001 * i, i))
+    shown = part(state)
+    steps = [math.dist(a, b) for a, b in zip(shown["trail"], shown["trail"][1:])]
+    assert 3 < len(steps) < 60
+    assert min(steps) >= 0.49
+    assert max(steps) < 1
+    page = open_page(serve(state).url)
+    words = page.locator("#twin .remark")
+    expect(words).to_have_text("")
+    for i in range(100, 110):
+        for joint in (0, 1):
+            feed.take(joint, at(-1.5, i))
+    expect(words).to_have_text("the elbows are farther apart than the outer bars reach")
+    assert part(state)["x_mm"] is None
+    assert part(state)["trail"] == shown["trail"]
+    for i in range(250, 260):
+        feed.take(0, at(-0.3, i))
+    expect(words).to_have_text("no angle of joint 2: is its strip pressed?")
+    feed.lost(1, "it was unplugged")
+    expect(words).to_have_text("joint 2: it was unplugged")
+    feed.take(0, at(-0.3, 270))
+    assert part(state)["note"] == "joint 2: it was unplugged"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--port", "a", "--port", "b"], "one --port is shown; a linkage has two"),
+        (["--linkage", "nope.toml"], "cannot read the linkage file nope.toml"),
+        (["--linkage", "nope", "--port", "virtual"], "cannot read the linkage file nope: give"),
+    ],
+)
+def test_mistakes_are_told_before_a_page_is_served(arguments, words, capsys):
+    assert apart(cli.main, ["serve", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
