@@ -77,7 +77,7 @@ class Bench:
         self.link = None
         self.there = True
         self.asked_for = []
-        self.reader = Reader(self._open, load(layout), self.state, 0.05, self.recordings)
+        self.reader = Reader(self._open, load(layout), self.state, 0.05, recordings=self.recordings)
         self.reader.start()
 
     def _open(self, board_id):
