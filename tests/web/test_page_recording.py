@@ -152,7 +152,10 @@ def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
 
 @pytest.mark.parametrize(
     ("port", "folder", "says"),
-    [("virtual", "nowhere", "there is no folder"), ("recording:run.spots", ".", "is for one board")],
+    [
+        ("virtual", "nowhere", "there is no folder"),
+        ("recording:run.spots", ".", "is for one board"),
+    ],
 )
 def test_a_mistake_is_one_sentence(capsys, tmp_path, port, folder, says):
     arguments = ["serve", "--http-port", "0", "--port", port, "--record-to", str(tmp_path / folder)]
