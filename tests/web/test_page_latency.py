@@ -25,7 +25,7 @@ from spots.web.state import Cursor, State
 MEASURED = 150  # readings that the first page draws
 SETTLED = 60  # and before that
 MOST_UNDERWAY = 2
-RECORDED_S = 120.0  # longer than a test takes
+RECORDED_S = 90.0  # longer than a test takes
 
 
 @pytest.fixture(scope="module")
