@@ -57,12 +57,16 @@ class Board:
     calibration : list of str or None
         The lines of its calibration, where it got them from this object: a board tells only
         their checksum.
+    read_only : bool
+        Whether `command` can change nothing: of recordings, and of boards on other machines.
 
     Raises
     ------
     SpotsError
         If nothing answers, or the answer is not that of a board of this protocol version.
     """
+
+    read_only = False
 
     def __init__(self, link: Link):
         self._link = link
@@ -218,6 +222,11 @@ class Board:
         self._link = recorder
         return recorder
 
+    def tap(self, wrap: Callable[[Link], Link]) -> Link:
+        """Put a link around the board's own, through which all is read from now on."""
+        self._link = wrap(self._link)
+        return self._link
+
     def when_closed(self, action: Callable[[], None]) -> None:
         """Do something after the port was let go."""
         self._on_close = action
@@ -225,6 +234,8 @@ class Board:
     def _connect(self) -> None:
         self.info = self._hello()
         self._map_clocks()
+        # Of a stream that an earlier program did not end: their times were not known yet.
+        self._frames.clear()
 
     def _hello(self) -> dict:
         self._link.write(b"\n")  # ends whatever half a line an earlier program left
@@ -245,7 +256,6 @@ class Board:
             )
         # What came before the reply may have begun in the middle of a frame.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
-        self._frames.clear()
         return reply.content
 
     def _map_clocks(self) -> None:

@@ -15,6 +15,8 @@ from .errors import SpotsError
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; a mistake of the user's is one sentence and exit code 2."""
     options = _parser().parse_args(arguments)
+    if getattr(options, "zenoh_config", None):
+        os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name for it
     try:
         options.run(options)
     except SpotsError as error:
@@ -54,6 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
 
     _add_serve(commands)
+    _add_zenoh(commands)
 
     _add_uses(commands)
 
@@ -100,6 +103,26 @@ def _add_serve(commands) -> None:
     serve.add_argument("--http-port", type=_http_port, default=8765, help="0 for any")
     serve.add_argument("--record-to", metavar="FOLDER", help="let who has the token record")
     serve.set_defaults(run=_serve)
+
+
+def _add_zenoh(commands) -> None:
+    publish = commands.add_parser("publish", help="a board for other machines, over Zenoh")
+    _add_port(publish)
+    publish.add_argument("--seconds", type=_seconds, help="end after so long")
+    publish.set_defaults(run=_publish)
+
+    subscribe = commands.add_parser("subscribe", help="print what boards elsewhere feel, by Zenoh")
+    subscribe.add_argument(
+        "expression",
+        nargs="?",
+        default="spots/*/*/touch",
+        metavar="EXPR",
+        help="of keys, such as spots/**; the touches of all boards if not given",
+    )
+    subscribe.add_argument("--json", action="store_true", help="every sample, a JSON object a line")
+    subscribe.add_argument("--seconds", type=_seconds, help="end after so long")
+    _add_zenoh_config(subscribe)
+    subscribe.set_defaults(run=_subscribe)
 
 
 def _add_uses(commands) -> None:
@@ -241,8 +264,15 @@ def _add_recordings(commands) -> None:
 
 
 def _add_port(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--port", help="serial port, or 'virtual'; found if not given")
+    parser.add_argument(
+        "--port", help="serial port, 'virtual', recording:FILE or zenoh:ID; found if not given"
+    )
+    _add_zenoh_config(parser)
     _add_simulation(parser)
+
+
+def _add_zenoh_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--zenoh-config", metavar="FILE", help="of Zenoh; else $ZENOH_CONFIG")
 
 
 def _add_ports(parser: argparse.ArgumentParser) -> None:
@@ -250,8 +280,9 @@ def _add_ports(parser: argparse.ArgumentParser) -> None:
         "--port",
         action="append",
         default=[],
-        help="serial port, 'virtual' or recording:FILE; of a linkage, once for each joint",
+        help="serial port, 'virtual', recording:FILE or zenoh:ID; of a linkage, one a joint",
     )
+    _add_zenoh_config(parser)
 
 
 def _add_simulation(parser: argparse.ArgumentParser) -> None:
@@ -342,6 +373,18 @@ def _demo(options: argparse.Namespace) -> None:
 
 def _serve(options: argparse.Namespace) -> None:
     from .web.serve import run
+
+    run(options)
+
+
+def _publish(options: argparse.Namespace) -> None:
+    from .remote.publish import run
+
+    run(options)
+
+
+def _subscribe(options: argparse.Namespace) -> None:
+    from .remote.subscribe import run
 
     run(options)
 

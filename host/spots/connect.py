@@ -17,6 +17,7 @@ from .recording.replay import open_recording
 
 VIRTUAL = "virtual"
 RECORDING = "recording:"
+ZENOH = "zenoh:"
 
 
 def open(
@@ -28,8 +29,9 @@ def open(
     ----------
     port : str, optional
         A serial port; ``"virtual"`` starts a simulated board in real time; ``"recording:FILE"``
-        plays one back, see `recording.replay.open_recording`; if not given, every USB serial port
-        is asked ``hello``, and exactly one has to answer.
+        plays one back, see `recording.replay.open_recording`; ``"zenoh:ID"`` is the board that
+        `spots publish` publishes on another machine, ``"zenoh:"`` the only one; if not given,
+        every USB serial port is asked ``hello``, and exactly one has to answer.
     sensor, scenario : str
         Files of the virtual board, by path or name.
     seed : int
@@ -44,6 +46,10 @@ def open(
         return open_virtual(sensor, scenario, seed)[0]
     if port is not None and port.startswith(RECORDING):
         return open_recording(port[len(RECORDING) :])
+    if port is not None and port.startswith(ZENOH):
+        from .remote.board import open_remote  # Zenoh only where it is used
+
+        return open_remote(port[len(ZENOH) :])
     if port is not None:
         return Board(SerialLink(port))
     found, reasons = find()

@@ -26,6 +26,13 @@ ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
 _SEQUENCES = 1 << 16
 NOTE = 15
 
+
+def whole(data: bytes) -> int:
+    """Return how many bytes are whole frames, or noise that is longer than any frame."""
+    size = data.rfind(b"\0") + 1
+    return len(data) if not size and len(data) > ENCODED_MAX else size
+
+
 _DOUBTFUL = (
     decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
 )

@@ -11,7 +11,7 @@ from .frames import Touch
 from .score import Score
 from .view import Pace, View, live, plain
 
-_PLAIN_LINES_PER_S = 4
+PLAIN_LINES_PER_S = 4
 
 
 def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None = None) -> None:
@@ -24,7 +24,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None 
     board.command("stream touch spectrum" if drawing else "stream touch")
     view = View(board.command("hello"), board.port)
     started_s = board.now_s()
-    pace = Pace() if drawing else Pace(_PLAIN_LINES_PER_S)
+    pace = Pace() if drawing else Pace(PLAIN_LINES_PER_S)
     try:
         with live(console) if drawing else nullcontext() as display:
             for frame in board.frames(seconds):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from ..frames import ENCODED_MAX
+from ..frames import whole
 from ..link import Link
 from .disk import Disk
 from .header import VERSION, Header, encoded
@@ -119,9 +119,7 @@ class Recorder:
 
     def _keep(self, data: bytes) -> None:
         self._tail += data
-        size = self._tail.rfind(b"\0") + 1
-        if not size and len(self._tail) > ENCODED_MAX:
-            size = len(self._tail)  # no frame is that long: noise, kept as it is
+        size = whole(self._tail)
         if not size:
             return
         piece, self._tail = self._tail[:size], self._tail[size:]

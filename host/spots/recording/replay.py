@@ -61,6 +61,8 @@ class Replay(Board):
         1 for the original pace, infinity for as fast as it can be read.
     """
 
+    read_only = True
+
     def __init__(self, recording: Recording, speed: float = 1.0):
         self._recording = recording
         super().__init__(_Player(recording, speed))

@@ -1,4 +1,4 @@
-"""What every use asks a board first: where its strip ends, which only a calibration knows."""
+"""What uses have to do with a board first: ask where its strip ends, tell it how to feel."""
 
 from __future__ import annotations
 
@@ -26,3 +26,9 @@ def hello_calibrated(board: Board) -> dict:
 def length_of(board: Board) -> int:
     """Return the length of a board's strip in um; raises as `hello_calibrated` does."""
     return hello_calibrated(board)["length_um"]
+
+
+def tell_board(board: Board, line: str) -> None:
+    """Send a command to a board that takes some; others feel with what they were set to."""
+    if not board.read_only:
+        board.command(line)

@@ -165,6 +165,25 @@ def check(strip: CalibrationFile, info: dict, number: int, name: str) -> None:
         )
 
 
+def give(board: Board, strip: CalibrationFile) -> None:
+    """Give a board its joint's calibration.
+
+    Raises
+    ------
+    SpotsError
+        If it does not take it, or can only be read and has another.
+    """
+    if not board.read_only:
+        prepare(board, strip.lines)
+        return
+    used, needed = board.info.get("calibration"), checksum(list(strip.lines))
+    if used != needed:
+        raise SpotsError(
+            f"{board.port} can only be read and uses calibration {used}, its joint has {needed}: "
+            "upload that where the board is plugged in"
+        )
+
+
 def _live(twin: Twin, boards: list[Board], restarted=lambda board: None) -> Source:
     return Source(
         twin,
@@ -197,7 +216,7 @@ def _prepare(boards: list[Board], strips: list[CalibrationFile], only: Board | N
     for number, (board, strip) in enumerate(zip(boards, strips), 1):
         if only in (None, board):
             check(strip, board.command("hello"), number, board.port)
-            prepare(board, strip.lines)
+            give(board, strip)
 
 
 def _record(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:

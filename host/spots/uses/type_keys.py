@@ -12,7 +12,7 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..view import Pace, live
-from .calibrated import length_of
+from .calibrated import length_of, tell_board
 from .keyboard import KeyEngine, KeySink
 from .keys import push
 from .layout import KeyLayout, load
@@ -57,7 +57,7 @@ def type_on(
         If the board has no calibration, is lost, or the keyboard takes no more.
     """
     engine = KeyEngine(layout, length_of(board), keyboard)
-    board.command("set baseline=1")
+    tell_board(board, "set baseline=1")
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     try:
@@ -68,7 +68,7 @@ def type_on(
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0
-                board.command("rest")
+                tell_board(board, "rest")
     except KeyboardInterrupt:
         pass
     finally:

@@ -17,7 +17,7 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Touch
 from ..view import Pace, live
-from .calibrated import length_of
+from .calibrated import length_of, tell_board
 from .gestures import NAMES, Gesture, Gestures
 from .keyboard import LOST_S, KeySink
 from .outputs import ended_by_signals, open_keyboard
@@ -112,7 +112,7 @@ def play(
     """
     gestures, found = Gestures(), []
     length_um = length_of(board)
-    board.command("set baseline=1")
+    tell_board(board, "set baseline=1")
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     pace, touch, heard_s = Pace(), None, board.now_s()
@@ -130,7 +130,7 @@ def play(
                     gestures.release()
                 if gestures.rests:
                     gestures.rests = 0
-                    board.command("rest")
+                    tell_board(board, "rest")
                 if drawing and pace.due(board.now_s()):
                     view = picture(touch, length_um, found, mapping.names, board.stats)
                     display.update(view, refresh=True)

@@ -9,14 +9,12 @@ from functools import partial
 from pathlib import Path
 
 from ..board import Board
-from ..connect import prepare
 from ..errors import SpotsError
 from ..frames import Touch
-from ..recording.replay import Replay
 from ..uses import mounted
 from ..uses.layout import KeyLayout
 from ..uses.twin import Terminal, Twin
-from ..uses.twin_source import check, endless
+from ..uses.twin_source import check, endless, give
 from ..view import Pace
 from .reader import LOST, SEARCHING, Reader, finder
 from .state import State
@@ -138,8 +136,7 @@ def linkage_readers(
                 board = search(None if port else strip.board)
                 try:
                     check(strip, board.info, joint + 1, board.port)
-                    if not isinstance(board, Replay):
-                        prepare(board, strip.lines)
+                    give(board, strip)
                 except BaseException:
                     board.close()
                     raise

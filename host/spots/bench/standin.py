@@ -1,0 +1,112 @@
+"""A board that costs little: the firmware's frames at a rate, and what a host asks for."""
+
+from __future__ import annotations
+
+import json
+import time
+
+from tactile import PROTOCOL
+from tactile.frame import Framer
+
+CLOSING_UM = -1
+_IDLE_S = 0.05
+
+
+class StandIn:
+    """A link with a board behind it that has nothing but a clock, to which its frames are true.
+
+    It sends a touch and a spectrum together. `t_us` is the machine's monotonic clock, so that any
+    process of the machine can tell how old a frame is.
+
+    Parameters
+    ----------
+    board_id : str
+    rate_Hz : float
+        Of readings.
+
+    Attributes
+    ----------
+    fast : bool
+        Whether it keeps to that rate, or idles.
+    closing : bool
+        Whether readings are at `CLOSING_UM` from now on.
+    said : list of str
+        The lines that it was told.
+    closed_at : int or None
+        The sequence number of the first closing frame.
+    """
+
+    flags, contrast, brightness, position_um, force_mN = 1, 3 << 18, 12 << 20, 42_500, 3_000
+
+    def __init__(self, board_id: str, rate_Hz: float):
+        self.name = f"stand-in {board_id}"
+        self.fast = self.closing = False
+        self.said: list[str] = []
+        self.closed_at: int | None = None
+        self._id, self._period_s = board_id, 1 / rate_Hz
+        self._port = _Port()
+        self._framer = Framer(self._port, self._port)
+        self._streams: list[str] = []
+        self._due_s = 0.0
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def read(self, timeout_s: float) -> bytes:
+        if not self._port.out:
+            due_s = self._due_s if self._streams else float("inf")
+            time.sleep(max(0.0, min(timeout_s, due_s - self.now_s())))
+            if self.now_s() >= due_s:
+                self._due_s = (due_s or self.now_s()) + (self._period_s if self.fast else _IDLE_S)
+                self._send_reading()
+        data, self._port.out = self._port.out, b""
+        return data
+
+    def write(self, data: bytes) -> None:
+        for line in data.decode().split("\n"):
+            if line:
+                self.said.append(line)
+                self._port.set_time()
+                self._framer.text(json.dumps(self._reply(*line.split())).encode())
+
+    def reopen(self) -> None:
+        """Nothing: it goes nowhere."""
+
+    def close(self) -> None:
+        self._streams = []
+
+    def _reply(self, name: str, *words: str) -> dict:
+        if name == "stream":
+            self._streams = [word for word in words if word != "off"]
+            return {"re": name, "stream": list(words)}
+        replies = {
+            "hello": {"protocol": PROTOCOL, "board": "stand-in", "runtime": "none", "id": self._id},
+            "get": {"gain": 9},
+            "sync": {"t_us": self._port.t_us, "stream": self._streams},
+        }
+        return {"re": name, **replies.get(name, {"error": "no such command"})}
+
+    def _send_reading(self) -> None:
+        self._port.set_time()
+        if self.closing and self.closed_at is None:
+            self.closed_at, self.position_um = self._port.count, CLOSING_UM
+        self._framer.touch(0, self)
+        self._framer.spectrum(0, self.flags, 9, (1000, 2000, 3000, 4000, 5000, 6000))
+
+
+class _Port:
+    """What `Framer` writes to, and the time it writes."""
+
+    def __init__(self):
+        self.out = b""
+        self.count = 0
+        self.set_time()
+
+    def set_time(self) -> None:
+        self.t_us = time.monotonic_ns() // 1000 & 0xFFFFFFFF
+        self.low, self.high = self.t_us & 0xFFFF, self.t_us >> 16
+
+    def write(self, buffer: bytes, size: int) -> bool:
+        self.out += buffer[:size]
+        self.count += 1
+        return True

@@ -1,0 +1,56 @@
+"""Messages between the thread that gets them and the one that reads them, in bounded memory."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Any
+
+WAITING_BYTES_MAX = 1 << 19
+
+
+class Mailbox:
+    """Keeps the newest messages; whoever reads too slowly misses the oldest.
+
+    Attributes
+    ----------
+    changed : threading.Condition
+        Notified with every message, and by whoever changes what a reader waits for besides.
+    dropped : int
+        Messages that nobody read.
+    """
+
+    def __init__(self):
+        self.changed = threading.Condition()
+        self.dropped = 0
+        self._messages: deque[tuple[Any, bytes]] = deque()
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def put(self, label: Any, data: bytes) -> None:
+        """Add a message and what it is labelled with."""
+        with self.changed:
+            self._messages.append((label, data))
+            self._bytes += len(data)
+            while self._bytes > WAITING_BYTES_MAX:
+                self._take()
+                self.dropped += 1
+            self.changed.notify_all()
+
+    def take(self) -> tuple[Any, bytes]:
+        """Return the oldest message; IndexError if there is none."""
+        with self.changed:
+            return self._take()
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        with self.changed:
+            self._messages.clear()
+            self._bytes = 0
+
+    def _take(self) -> tuple[Any, bytes]:
+        label, data = self._messages.popleft()
+        self._bytes -= len(data)
+        return label, data

@@ -1,0 +1,193 @@
+"""``spots publish``: what a board sends, for everyone on the network who may read it."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import secrets
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict
+
+import zenoh
+
+from ..board import Board
+from ..connect import open_named
+from ..errors import SpotsError
+from ..frames import Frame, whole
+from ..link import Link
+from ..uses.outputs import ended_by_signals
+from .samples import encode, sample
+from .session import READ_ONLY, is_published, key, open_session
+
+FRAMES_ENCODING = "application/octet-stream;spots-frames"
+_JSON = zenoh.Encoding.APPLICATION_JSON
+_TURN_S = 0.05  # questions do not wait longer while a board is silent
+_HEALTH_EVERY_S = 1.0
+_QUESTIONS = 16  # that wait; the oldest are dropped
+
+
+class Tap:
+    """A link that hands on what is read through it and keeps a copy, in whole frames.
+
+    Parameters
+    ----------
+    link : link.Link
+    """
+
+    def __init__(self, link: Link):
+        self.name, self.now_s = link.name, link.now_s
+        self.write, self.close = link.write, link.close
+        self._link = link
+        self._copy = b""
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        self._copy += data
+        return data
+
+    def reopen(self) -> None:
+        self._link.reopen()
+
+    def take(self) -> bytes:
+        """Return the whole frames that have come since the last time."""
+        size = whole(self._copy)
+        frames, self._copy = self._copy[:size], self._copy[size:]
+        return frames
+
+
+class Publisher:
+    """Publishes a board until it is closed. All that comes from afar are three questions.
+
+    Parameters
+    ----------
+    board : Board
+        Read by nobody else meanwhile.
+    session : zenoh.Session
+
+    Attributes
+    ----------
+    board_id : str
+
+    Raises
+    ------
+    SpotsError
+        If the board is not here, has no proper id, or is published already.
+    """
+
+    def __init__(self, board: Board, session: zenoh.Session):
+        if board.read_only:
+            raise SpotsError(f"{board.port} is no board that is plugged in: it is not published")
+        self._board, self._session = board, session
+        self.board_id = board.info["id"]
+        if not re.fullmatch("[0-9A-Za-z_-]+", self.board_id):
+            raise SpotsError(f"the board on {board.port} has no id to be published under")
+        if is_published(session, self.board_id):
+            raise SpotsError(f"the board {self.board_id} is published already")
+        self._tap: Tap = board.tap(Tap)
+        self._run = secrets.token_hex(4)
+        self._outlets: dict[str, Callable] = {}
+        self._frames = self._outlet("frames", encoding=FRAMES_ENCODING)
+        self._health = self._outlet("link", encoding=_JSON)
+        self._health_due_s = 0.0
+        self._questions = deque(
+            (
+                command,
+                session.declare_queryable(
+                    key(self.board_id, name), zenoh.handlers.RingChannel(_QUESTIONS)
+                ),
+            )
+            for command, name in READ_ONLY.items()
+        )
+        board.command("stream touch spectrum")
+        # Last: who sees it may ask and listen.
+        self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
+
+    def run(self, seconds: float | None = None) -> None:
+        """Publish what comes, until the time is over.
+
+        Raises
+        ------
+        SpotsError
+            If the board is lost.
+        """
+        now_s = self._board.now_s
+        end_s = None if seconds is None else now_s() + seconds
+        while end_s is None or now_s() < end_s:
+            for frame in self._board.frames(_TURN_S):
+                self._publish(frame)
+                self._answer_one()
+            self._send()
+            self._answer_one()
+            self._tell_health()
+
+    def close(self) -> None:
+        """Say that the board is gone."""
+        self._token.undeclare()
+        questions = (queryable for _, queryable in self._questions)
+        for entity in (*self._outlets.values(), *questions):
+            entity.undeclare()
+
+    def _publish(self, frame: Frame) -> None:
+        self._send()
+        utc_s = time.time() - self._board.now_s() + frame.time_s
+        kind = type(frame).__name__.lower()
+        self._outlet(frame.sensor, kind, encoding=_JSON).put(encode(sample(frame, utc_s)))
+        self._tell_health()
+
+    def _send(self) -> None:
+        # Bytes are sent after the board object has looked at them: that it began anew is known.
+        data = self._tap.take()
+        if data:
+            run = f"{self._run}.{self._board.stats.restarts}"
+            self._frames.put(data, attachment=run)
+
+    def _outlet(self, *name: str | int, encoding) -> zenoh.Publisher:
+        outlet = self._outlets.get(name)
+        if outlet is None:
+            outlet = self._outlets[name] = self._session.declare_publisher(
+                key(self.board_id, *name),
+                encoding=encoding,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+        return outlet
+
+    def _tell_health(self) -> None:
+        now_s = self._board.now_s()
+        if now_s >= self._health_due_s:
+            self._health_due_s = now_s + _HEALTH_EVERY_S
+            self._health.put(encode({"utc_s": time.time(), **asdict(self._board.stats)}))
+
+    def _answer_one(self) -> None:
+        # One at a time, of each kind in turn: however many ask, readings go on and so do others.
+        for _ in range(len(self._questions)):
+            command, queryable = self._questions[0]
+            self._questions.rotate(-1)
+            query = queryable.try_recv()
+            if query is None:
+                continue
+            with query:
+                try:
+                    reply = self._board.command(command)
+                except SpotsError as error:
+                    query.reply_err(str(error))
+                else:
+                    query.reply(queryable.key_expr, encode(reply), encoding=_JSON)
+            return
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run ``spots publish`` with the options that `cli` parsed."""
+    with ended_by_signals(), open_session() as session, open_named(options) as board:
+        publisher = Publisher(board, session)
+        print(f"published as spots/{publisher.board_id} (Ctrl-C ends it)", flush=True)
+        try:
+            publisher.run(options.seconds)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            publisher.close()
+            stats = board.stats
+            print(f"{stats.frames} frames, lost {stats.lost}, bad {stats.bad_crc}", file=sys.stderr)

@@ -1,0 +1,106 @@
+"""A Zenoh session, the names of what is published there, and which boards are."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+
+import zenoh
+
+from ..errors import SpotsError
+
+# Zenoh's own name for where its configuration is.
+CONFIG_VARIABLE = "ZENOH_CONFIG"
+# What is asked of a board from afar, and under which name its publisher answers.
+READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
+
+_PATIENCE_S = 3.0
+_OTHERS_S = 0.5  # so long after the first board others may still come
+
+
+def key(board_id: str, *rest: str | int) -> str:
+    """Return the name of something of a board: ``spots/<board>/…``."""
+    return "/".join(("spots", board_id, *map(str, rest)))
+
+
+def open_session() -> zenoh.Session:
+    """Open a session as the file says that ZENOH_CONFIG names, else as Zenoh does by itself.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file, it is no configuration, or no session can be opened with it.
+    """
+    path = os.environ.get(CONFIG_VARIABLE)
+    if path and not os.path.isfile(path):
+        raise SpotsError(f"there is no Zenoh configuration {path}")
+    try:
+        config = zenoh.Config.from_file(path) if path else zenoh.Config()
+    except zenoh.ZError as error:
+        raise SpotsError(f"{path} is no Zenoh configuration: {_first_line(error)}") from None
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = path or "its usual settings; --zenoh-config takes others"
+        raise SpotsError(f"Zenoh does not start with {where}: {_first_line(error)}") from None
+
+
+def find(session: zenoh.Session, wanted: str) -> str:
+    """Wait until a board is published and return its id.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+    wanted : str
+        The id; empty for the only board that there is.
+
+    Raises
+    ------
+    SpotsError
+        If there is none in time, or more than one and none was named.
+    """
+    alive: set[str] = set()
+    changed = threading.Condition()
+
+    def note(sample: zenoh.Sample) -> None:
+        with changed:
+            board_id = str(sample.key_expr).split("/")[1]
+            (alive.add if sample.kind == zenoh.SampleKind.PUT else alive.discard)(board_id)
+            changed.notify_all()
+
+    tokens = key(wanted or "*", "alive")
+    watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
+    try:
+        with changed:
+            changed.wait_for(lambda: alive, _PATIENCE_S)
+            if not wanted:
+                changed.wait_for(lambda: len(alive) > 1, _OTHERS_S)
+            found = sorted(alive)
+    finally:
+        watch.undeclare()
+    if not found:
+        what = f"no board {wanted} is" if wanted else "no board is"
+        raise SpotsError(f"{what} published on Zenoh: run 'spots publish' where it is plugged in")
+    if len(found) > 1:
+        names = ", ".join(f"zenoh:{board_id}" for board_id in found)
+        raise SpotsError(f"more than one board is published, name one of: {names}")
+    return found[0]
+
+
+def direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
+    """Return a handler that runs in Zenoh's own threads.
+
+    The usual one starts a thread of Python, for which a program would wait at its end if a board
+    was not closed. The callback must not wait, nor call Zenoh.
+    """
+    return zenoh.handlers.Callback(callback, indirect=False)
+
+
+def is_published(session: zenoh.Session, board_id: str) -> bool:
+    """Return whether someone publishes a board, as far as the session knows yet."""
+    return any(reply.ok for reply in session.liveliness().get(key(board_id, "alive")))
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0].split(" at ")[0].rstrip(". ")

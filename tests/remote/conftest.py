@@ -1,0 +1,14 @@
+"""A network for each test; what is opened by name calls its hub."""
+
+import pytest
+
+from net import DEADLINE_S, Net
+from spots.remote import session
+
+
+@pytest.fixture
+def net(tmp_path, monkeypatch):
+    made = Net(tmp_path)
+    monkeypatch.setattr(session, "_PATIENCE_S", DEADLINE_S)
+    monkeypatch.setenv("ZENOH_CONFIG", str(made.leaf))
+    return made

@@ -1,0 +1,317 @@
+"""A board on another machine: read as any other, never told anything, found again."""
+
+import json
+import socket
+import threading
+from itertools import islice
+from types import SimpleNamespace
+
+import pytest
+from boards import refused
+
+import spots
+from net import Restarting, publishing, session, stand_in, wait_until
+from spots import Board, Key, Spectrum, SpotsError, Touch
+from spots import board as board_module
+from spots.bench.standin import StandIn
+from spots.cli import main
+from spots.errors import PortLostError
+from spots.remote import mailbox
+from spots.remote import session as session_module
+from spots.remote.link import ZenohLink
+from spots.remote.publish import Publisher
+from spots.uses.twin_source import give
+from tactile import PROTOCOL
+from tactile.settings import checksum
+
+READ_ONLY = {"hello", "get", "sync", "stream touch spectrum"}
+HOSTILE = ("set gain=3", "keys on", "save", "reboot", "cal clear", "stream2", "layout clear")
+
+
+def take(board, count):
+    return list(islice(board.frames(), count))
+
+
+def test_a_late_joiner_reads_all_from_then_on(net):
+    link = stand_in()
+    with publishing(net.hub, link):
+        wait_until(lambda: link._port.count > 50)
+        with spots.open("zenoh:") as board:
+            assert board.port == "zenoh:a1"
+            assert board.info["board"] == "stand-in"
+            touches = list(islice(board.touches(), 100))
+            frames = take(board, 100)
+            latest = board.read_latest()
+    assert touches[0].sequence > 50
+    assert [touch.sequence for touch in touches] == list(
+        range(touches[0].sequence, touches[0].sequence + 200, 2)
+    )
+    assert {type(frame) for frame in frames} == {Touch, Spectrum}
+    assert (touches[0].position_um, touches[0].force_mN) == (42_500, 3_000)
+    assert latest.sequence > frames[-1].sequence
+    assert board.stats.lost == board.stats.bad_crc == board.stats.restarts == 0
+    # The stand-in's clock is that of this machine.
+    for touch in touches:
+        error_s = touch.time_s % (2**32 / 1e6) - touch.t_us / 1e6
+        assert abs(error_s) <= board._clock.uncertainty_s + 2e-6
+
+
+class Typing(StandIn):
+    def _send_reading(self):
+        super()._send_reading()
+        self._framer.key(0, 7, 30, 2, True)
+
+
+def test_keys_go_out_as_frames_and_as_samples(net):
+    with session(net.leaf) as other, publishing(net.hub, stand_in(kind=Typing)):
+        heard = []
+        keys = other.declare_subscriber("spots/a1/0/key", lambda s: heard.append(s.payload))
+        with spots.open("zenoh:a1") as board:
+            board.command("stream touch")
+            (key,) = (frame for frame in take(board, 3) if isinstance(frame, Key))
+        wait_until(lambda: heard)
+        keys.undeclare()
+    assert (key.page, key.usage, key.modifiers, key.pressed) == (7, 30, 2, True)
+    told = json.loads(heard[0].to_bytes())
+    assert (told["page"], told["usage"], told["modifiers"], told["pressed"]) == (7, 30, 2, True)
+
+
+def test_of_several_boards_one_is_named(net):
+    with publishing(net.hub, stand_in("a1"), stand_in("b2")):
+        with pytest.raises(SpotsError, match=r"more than one .* zenoh:a1, zenoh:b2"):
+            spots.open("zenoh:")
+        with spots.open("zenoh:b2") as board:
+            assert board.info["id"] == "b2"
+
+
+def test_no_command_that_could_change_anything_is_taken(net):
+    link = stand_in()
+    with publishing(net.hub, link), spots.open("zenoh:a1") as board, session(net.leaf) as hostile:
+        wait_until(lambda: list(hostile.get("spots/a1/info")))
+        for line in HOSTILE:
+            with pytest.raises(SpotsError, match="it is read from afar"):
+                board.command(line)
+            name = line.split()[0]
+            for place in (name, "command", "info", "get", "sync", "frames", "link", "alive"):
+                list(hostile.get(f"spots/a1/{place}?{name}=1", payload=line))
+                hostile.put(f"spots/a1/{place}", line)
+        assert board.command("get")["gain"] == 9
+    assert set(link.said) == READ_ONLY
+
+
+def test_streaming_is_what_the_reader_says(net):
+    with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
+        assert board.command("sync")["stream"] == []
+        assert board.command("stream touch")["stream"] == ["touch"]
+        take(board, 20)
+        assert board.command("sync")["stream"] == ["touch"]
+        board.command("stream off")
+        list(board.frames(0))
+        assert list(board.frames(0.1)) == []
+        board.command("stream touch spectrum")
+        take(board, 20)
+        assert board.stats.lost == 0  # what nobody listened to is not lost
+        with pytest.raises(SpotsError, match="stream takes"):
+            board.command("stream everything")
+
+
+def test_a_board_that_restarts_behind_its_publisher(net):
+    link = stand_in(kind=Restarting)
+    with publishing(net.hub, link), spots.open("zenoh:a1") as board:
+        touches = board.touches()
+        before = list(islice(touches, 100))[-1]
+        link.restarting = True
+        after = next(touch for touch in touches if touch.sequence < before.sequence)
+        wait_until(lambda: next(touches).sequence > after.sequence + 50)
+        assert board.stats.restarts == 1
+        assert board.stats.lost == 0
+        assert after.time_s > before.time_s
+
+
+def test_a_publisher_that_is_gone_is_a_lost_port_and_may_come_back(net):
+    with spots_open_while(net) as (board, publisher_ends):
+        touches = board.touches()
+        next(touches)
+        publisher_ends()
+        threading.Timer(0.3, publisher_ends.again).start()
+        wait_until(lambda: next(touches) and board.stats.restarts == 1)
+        assert board.stats.lost == 0
+
+
+def test_a_publisher_that_stays_away_ends_the_reading(net, monkeypatch):
+    monkeypatch.setattr(board_module, "_GONE_S", 0.3)
+    with spots_open_while(net) as (board, publisher_ends):
+        touches = board.touches()
+        next(touches)
+        publisher_ends()
+        with pytest.raises(SpotsError, match="zenoh:a1 is published no more"):
+            list(touches)
+
+
+class spots_open_while:  # noqa: N801
+    """A reader and a publisher that one can end and start again."""
+
+    def __init__(self, net):
+        self._net = net
+        self.again()
+
+    def again(self):
+        self._publishing = publishing(self._net.hub, stand_in())
+        self._publishing.__enter__()
+
+    def __call__(self):
+        self._publishing.__exit__(None, None, None)
+        self._publishing = None
+
+    def __enter__(self):
+        self._board = spots.open("zenoh:a1")
+        return self._board, self
+
+    def __exit__(self, *exception):
+        self._board.close()
+        if self._publishing:
+            self()
+
+
+def test_without_streaming_the_loss_is_told_at_once(net):
+    with spots_open_while(net) as (board, publisher_ends):
+        publisher_ends()
+        with pytest.raises(PortLostError, match="published no more"):
+            list(board.frames(30))
+
+
+def test_a_reader_that_is_too_slow_counts_what_it_missed(net, monkeypatch):
+    monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 2000)
+    link = stand_in(rate_Hz=1000)
+    with publishing(net.hub, link), spots.open("zenoh:a1") as board:
+        board.command("stream touch spectrum")
+        (first,) = take(board, 1)
+        count = link._port.count
+        wait_until(lambda: link._port.count > count + 500)
+        assert board._far._mail._bytes <= 2000
+        frames = [first, *take(board, 300)]
+        assert board.stats.lost > 0
+        gaps = sum(b.sequence - a.sequence - 1 for a, b in zip(frames, frames[1:]))
+        assert frames[-1].sequence - first.sequence + 1 == len(frames) + gaps
+        take(board, len(board._frames))
+        assert board.stats.lost >= gaps > 0
+
+
+def test_recording_a_board_from_afar(net, tmp_path):
+    path = tmp_path / "far.spots"
+    with publishing(net.hub, stand_in()):
+        assert main(["record", str(path), "--port", "zenoh:", "--seconds", "0.3"]) == 0
+    with spots.open_recording(path, float("inf")) as recording:
+        assert sum(1 for _ in recording.touches()) > 5
+    with session(net.hub) as own, pytest.raises(SpotsError, match="no board that is plugged in"):
+        Publisher(spots.open(f"recording:{path}"), own)
+
+
+def test_a_question_that_gets_lost_is_asked_again(net, monkeypatch):
+    answers, real = [], ZenohLink.ask
+
+    def ask(link, command, timeout_s):
+        answers.append(None if command == "sync" and len(answers) % 2 else True)
+        return answers[-1] and real(link, command, timeout_s)
+
+    monkeypatch.setattr(ZenohLink, "ask", ask)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
+        assert next(board.touches()).force_mN == 3000
+    assert answers.count(None) > 5
+
+
+def test_a_linkage_from_afar_needs_boards_that_hold_its_calibration(net, calibration):
+    strip = SimpleNamespace(lines=calibration)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
+        with pytest.raises(SpotsError, match="zenoh:a1 can only be read and uses calibration None"):
+            give(board, strip)
+        board.info["calibration"] = checksum(calibration)
+        give(board, strip)
+
+
+def test_a_board_is_published_once(net):
+    with publishing(net.hub, stand_in()), session(net.leaf) as own:
+        wait_until(lambda: list(own.liveliness().get("spots/a1/alive")))
+        with pytest.raises(SpotsError, match="a1 is published already"):
+            Publisher(Board(stand_in()), own)
+
+
+def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net):
+    link = stand_in(kind=Restarting)
+    refusals = []
+
+    class Publishing(Publisher):
+        def _answer_one(self):
+            if refusals:
+                refusals.pop()
+                link.restarting = True
+                for command, queryable in self._questions:
+                    query = queryable.try_recv()
+                    if query is not None:
+                        with query:
+                            query.reply_err(f"no {command}")
+                return
+            super()._answer_one()
+
+    with publishing(net.hub, link, kind=Publishing), spots.open("zenoh:a1") as board:
+        touches = board.touches()
+        next(touches)
+        refusals += range(50)
+        wait_until(lambda: next(touches) and board.stats.restarts >= 1 and not refusals)
+        assert next(touches).force_mN == 3000
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (b"\xff nonsense", "does not answer 'hello'"),
+        (b"[1, 2]", "does not answer 'hello'"),
+        (json.dumps({"protocol": 99}).encode(), "speaks protocol 99"),
+        (json.dumps({"protocol": PROTOCOL}).encode(), "no reply to 'sync'"),
+        (None, "does not answer 'hello'"),
+    ],
+)
+def test_a_publisher_that_is_none_of_ours(net, answer, told, monkeypatch):
+    monkeypatch.setattr(board_module, "_HELLO_TIMEOUT_S", 0.5)
+    with session(net.hub) as hostile:
+        if answer is not None:
+            for name in ("info", "sync"):
+                place = f"spots/x/{name}"
+                hostile.declare_queryable(place, lambda q: q.reply(q.key_expr, answer))
+        token = hostile.liveliness().declare_token("spots/x/alive")
+        with token, pytest.raises(SpotsError, match=told):
+            spots.open("zenoh:x")
+
+
+def test_mistakes_are_one_sentence(net, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(session_module, "_PATIENCE_S", 0.1)
+    bad = tmp_path / "bad.json5"
+    bad.write_text("{ mode: 'everywhere' }")
+    taken = tmp_path / "taken.json5"
+    for arguments, told in {
+        ("monitor", "--port", "zenoh:"): "no board is published on Zenoh: run 'spots publish'",
+        ("monitor", "--port", "zenoh:a1"): "no board a1 is published on Zenoh",
+        ("subscribe", "//"): "'//' is no key expression",
+        ("subscribe", "--zenoh-config", "nowhere"): "there is no Zenoh configuration nowhere",
+        ("subscribe", "--zenoh-config", str(bad)): "is no Zenoh configuration",
+    }.items():
+        monkeypatch.setenv("ZENOH_CONFIG", str(net.leaf))
+        assert told in refused(capsys, *arguments)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        place = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        taken.write_text(json.dumps({"listen": {"endpoints": [place]}}))
+        assert "Zenoh does not start with" in refused(
+            capsys, "subscribe", "--zenoh-config", str(taken)
+        )
+
+
+def test_more_than_may_wait_is_dropped_and_counted(monkeypatch):
+    monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 10)
+    mail = mailbox.Mailbox()
+    for i in range(5):
+        mail.put(i, b"1234")
+    assert mail.dropped == 3
+    assert [mail.take()[0] for _ in range(len(mail))] == [3, 4]
+    mail.put(5, bytes(11))
+    assert len(mail) == 0
+    assert mail.dropped == 4

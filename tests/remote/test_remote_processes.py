@@ -1,0 +1,133 @@
+"""Across processes: a publisher killed outright, readers that stand still, every frame counted."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from itertools import islice
+
+import pytest
+from boards import running
+
+import spots
+from net import DEADLINE_S, publishing, stand_in, wait_until
+from spots import board as board_module
+from spots.bench import remote as bench
+
+
+def spawn(net_file, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "spots", *arguments, "--zenoh-config", str(net_file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_every_frame_of_several_boards_is_accounted_for():
+    figures = bench.run(boards=4, publishers=2, readers=3, rate_Hz=50, seconds=0.5, rounds=1)
+    for mode in bench.MODES:
+        counts = figures[mode]
+        assert counts["sent"] > 3 * 4 * 2 * 10
+        assert counts["received"] + counts["lost"] == counts["sent"]
+        assert counts["received"] > 0
+    assert set(figures["frames_to_tcp"]) >= {"latency_ms_p50", "publisher_us", "reader_us"}
+
+
+def test_a_ledger_that_does_not_add_up_is_no_result():
+    counts = {"sent": 10, "received": 8, "lost": 1}
+    with pytest.raises(AssertionError, match="not accounted for"):
+        bench._summary([counts])
+
+
+def test_a_publisher_killed_outright_and_back(net, monkeypatch):
+    monkeypatch.setattr(board_module, "_GONE_S", DEADLINE_S)
+    with running("") as start:
+        port = start["port"]
+        publisher = spawn(net.hub, "publish", "--port", port)
+        assert publisher.stdout.readline().startswith("published as spots/")
+        with spots.open("zenoh:") as board:
+            touches = board.touches()
+            list(islice(touches, 20))
+            settings = board.command("get")
+            publisher.kill()
+            publisher.communicate()
+            again = spawn(net.hub, "publish", "--port", port)
+            wait_until(lambda: next(touches) and board.stats.restarts == 1)
+            list(islice(touches, 20))
+            assert board.stats.lost == board.stats.bad_crc == 0
+            with pytest.raises(spots.SpotsError, match="read from afar"):
+                board.command("set exposure_us=20000")
+            now = board.command("get")
+            assert (now["exposure_us"], now["keys"]) == (settings["exposure_us"], 0)
+        again.send_signal(signal.SIGINT)
+        out, told = again.communicate(timeout=DEADLINE_S)
+        assert out.startswith("published as spots/")
+        assert "lost 0, bad 0" in told
+        assert again.returncode == 0
+
+
+def test_a_reader_that_stands_still_holds_up_nobody(net):
+    # Small buffers: what the network keeps is soon full. Who waited would wait for ever.
+    hub = json.loads(net.hub.read_text())
+    hub["listen"]["endpoints"][0] += "#so_sndbuf=4096;so_rcvbuf=4096"
+    never = {"congestion_control": {"block": {"wait_before_close": 10**9}}}
+    hub["transport"] = {"link": {"tx": {"queue": never}}}
+    net.hub.write_text(json.dumps(hub))
+    link = stand_in(rate_Hz=100_000)
+    with publishing(net.hub, link):
+        reader = spawn(net.leaf, "subscribe", "--json")
+        first = json.loads(reader.stdout.readline())
+        reader.send_signal(signal.SIGSTOP)
+        try:
+            begun = link._port.count
+            wait_until(lambda: link._port.count > begun + 10_000)
+        finally:
+            reader.send_signal(signal.SIGCONT)
+        sequences = [first["sequence"]]
+        while len(sequences) < 2 or sequences[-1] - sequences[-2] <= 3:
+            sequences.append(json.loads(reader.stdout.readline())["sequence"])
+        reader.kill()
+        reader.communicate()
+
+
+def test_subscribe_prints_as_monitor_does(net):
+    wanted = {" 42.500 mm   3.000 N", "spectrum  flags 1  gain_code 9", "link  frames "}
+    with publishing(net.hub, stand_in()):
+        reader = spawn(net.leaf, "subscribe", "spots/**")
+        while wanted:
+            line = reader.stdout.readline()
+            assert line.startswith("a1  ")
+            wanted -= {part for part in wanted if part in line}
+        reader.send_signal(signal.SIGINT)
+        _, told = reader.communicate(timeout=DEADLINE_S)
+    assert told == "listening to spots/** (Ctrl-C ends it)\n"
+    assert reader.returncode == 0
+
+
+def test_what_has_no_zenoh_is_told_how_to_get_it():
+    program = (
+        "import sys; sys.modules['zenoh'] = None; import spots.cli; sys.exit(spots.cli.main())"
+    )
+    for arguments in (["subscribe"], ["publish"], ["monitor", "--port", "zenoh:"]):
+        run = subprocess.run(
+            [sys.executable, "-c", program, *arguments],
+            capture_output=True,
+            text=True,
+            env=os.environ,
+        )
+        assert run.returncode == 2
+        assert run.stderr.endswith("another package: pip install 'spots[zenoh]'\n")
+        assert run.stderr.count("\n") == 1
+
+
+def test_a_program_that_does_not_close_its_board_ends(net):
+    program = "import spots; print(next(spots.open('zenoh:a1').touches()).force_mN)"
+    with publishing(net.hub, stand_in()):
+        run = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, timeout=DEADLINE_S
+        )
+    assert (run.returncode, run.stdout) == (0, "3000\n")

@@ -1,0 +1,115 @@
+"""docs/zenoh.md: the program and the configurations in it do what it says."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import trustme
+
+import spots
+from net import DEADLINE_S, publishing, session, stand_in, wait_until
+from spots import Key, Spectrum, Touch
+from spots.remote import session as session_module
+from spots.remote.samples import sample
+from spots.remote.session import open_session
+
+TEXT = (Path(__file__).parents[2] / "docs" / "zenoh.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
+
+
+def test_the_subscriber_needs_nothing_of_ours(net):
+    (program,) = (block for block in blocks("python") if "import zenoh" in block)
+    assert "spots." not in program
+    assert len(program.strip().splitlines()) <= 10
+    with publishing(net.hub, stand_in()):
+        run = subprocess.Popen(
+            [sys.executable, "-c", program],
+            env=os.environ | {"ZENOH_CONFIG": str(net.leaf)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            assert run.stdout.readline() == "spots/a1/0/touch 42500 3000\n"
+        finally:
+            run.kill()
+            run.communicate()
+
+
+def test_every_field_is_in_the_table():
+    table = TEXT[TEXT.index("| field |") : TEXT.index("With nothing but")]
+    told = {}
+    for row in table.splitlines()[2:]:
+        if row.startswith("|"):
+            names, kinds, _ = row.strip("|").split("|")
+            for name in re.findall("`([^`]+)`", names):
+                told[name] = kinds
+    frames = Touch(*range(8)), Spectrum(0, 0, 0, 0, 0, (0,) * 6), Key(*range(7))
+    for frame in frames:
+        kind = type(frame).__name__.lower()
+        for name in sample(frame, 0.0):
+            assert kind in told[name] or "all" in told[name]
+
+
+@pytest.fixture
+def certified(tmp_path):
+    """The document's two configurations, on this machine and with certificates."""
+    authority = trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    for name in ("board-host", "reader", "intruder"):
+        issued = authority.issue_cert("127.0.0.1", common_name=name)
+        issued.private_key_pem.write_to_path(tmp_path / f"{name}.key")
+        for part in issued.cert_chain_pems:
+            part.write_to_path(tmp_path / f"{name}.pem", append=True)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        place = f"127.0.0.1:{free.getsockname()[1]}"
+    publisher, reader = (block for block in blocks("json5") if "enable_mtls" in block)
+    for name, text in {
+        "board-host": publisher,
+        "intruder": publisher.replace("board-host", "intruder"),
+        "reader": reader,
+    }.items():
+        text = text.replace("reader.local:7447", place)
+        text = re.sub(r'"([\w-]+\.(pem|key))"', rf'"{tmp_path}/\1"', text)
+        (tmp_path / f"{name}.json5").write_text(text)
+    return tmp_path
+
+
+def test_only_one_machine_may_publish(certified, monkeypatch):
+    monkeypatch.setenv("ZENOH_CONFIG", str(certified / "reader.json5"))
+    heard = []
+    with open_session() as reader, session(certified / "intruder.json5") as intruder:
+        reader.declare_subscriber("spots/**", lambda sample: heard.append(bytes(sample.payload)))
+        wait_until(lambda: len(reader.info.peers_zid()) == 1)
+        with (
+            intruder.liveliness().declare_token("spots/b2/alive"),
+            intruder.declare_queryable("spots/*/info", lambda q: q.reply(q.key_expr, b"wrong")),
+            publishing(certified / "board-host.json5", stand_in()),
+        ):
+            wait_until(lambda: heard)
+            intruder.put("spots/a1/frames", b"wrong")
+            intruder.put("spots/b2/0/touch", b"wrong")
+            count = len(heard)
+            wait_until(lambda: len(heard) > count + 200)
+            alive = [str(one.ok.key_expr) for one in reader.liveliness().get("spots/*/alive")]
+            (info,) = (bytes(one.ok.payload) for one in reader.get("spots/a1/info"))
+    assert b"wrong" not in heard
+    assert alive == ["spots/a1/alive"]
+    assert b"stand-in" in info
+
+
+def test_a_board_is_read_through_these_configurations(certified, monkeypatch):
+    monkeypatch.setenv("ZENOH_CONFIG", str(certified / "reader.json5"))
+    monkeypatch.setattr(session_module, "_PATIENCE_S", DEADLINE_S)
+    far = publishing(certified / "board-host.json5", stand_in())
+    with far, spots.open("zenoh:a1") as board:
+        assert next(iter(board.touches())).position_um == 42_500
+        assert board.command("get")["gain"] == 9
