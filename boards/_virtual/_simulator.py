@@ -5,6 +5,7 @@ all is well), the simulator's clock in us (4 bytes, modulo 2**30), then the byte
 Allocates nothing, so that the firmware's own promise to allocate nothing can be tested here.
 """
 
+import gc
 import os
 
 import utime
@@ -19,6 +20,7 @@ SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
 LINES = const(0x4C)  # SCL and SDA let go of (1) or pulled (0), 1; answers the level of SDA
 FEED = const(0x44)  # until when a watchdog waits from now on, in ms, 3 bytes, low first
 HID = const(0x48)  # USB interface, size of the report or 0 to ask for room, 0
+MEMORY = const(0x4D)  # bytes free, 3 bytes, low first; simulated time only, and has no answer
 HOST = const(0x55)  # 0, 0, 0; fails unless a USB host is there and awake
 
 _READS = (READ, RECEIVE, LINES)
@@ -34,6 +36,7 @@ SCL = const(0)
 SDA = const(1)
 
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
+_sleeps = 0
 now_us = 0
 
 
@@ -73,10 +76,21 @@ def sleep_us(us):
     if not simulated_time:
         utime.sleep_us(us)
         return
+    _tell_memory()
     while us > 0:
         part = min(us, 0xFFFFFF)
         call(SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
         us -= part
+
+
+def _tell_memory():
+    # Not in a reply: how much is free differs from run to run, and bytes must not.
+    global _sleeps
+    _sleeps += 1
+    if _sleeps & 0xFF == 0:
+        free = gc.mem_free()
+        _fill(_header, MEMORY, free & 0xFF, free >> 8 & 0xFF, free >> 16)
+        _send(_header, 4)
 
 
 def _receive(buffer, size):

@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from tactile import PROTOCOL
 from tactile.command import LINE_MAX, NAME_MAX
+from tactile.decode import DROPPED
 
-from .clockmap import ClockMap
-from .errors import PortLostError, SpotsError
-from .frames import Decoder, Frame, LinkStats, Note, Text, Touch
+from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
+from .errors import PortLostError, RefusedError, SpotsError
+from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
 from .link import Link
 from .recording.recorder import Recorder
 
@@ -21,27 +23,51 @@ _REPLY_S = {"auto": 120.0, "dark": 30.0}
 _USUAL_REPLY_S = 2.0
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
-# Round trips that begin at different moments of the board's loop: steps of the golden ratio
-# spread evenly over any period.
-_SYNC_ROUND_TRIPS = 12
-_SYNC_SPREAD_S = 0.01
-_GOLDEN = 0.618034
 _POLL_S = 0.1
-# A board that streams and is silent for so long is asked whether it has restarted.
-_SILENCE_S = 0.5
-# So long may its port be gone meanwhile; a board takes some seconds to be a USB device again.
+# A board that streams and is silent for so long, and for so many readings, is asked whether it
+# has restarted. A question or its answer may be damaged: another one follows, soon at first.
+_SILENCE_S = 0.15
+_SILENT_READINGS = 3
+_ANSWER_S = 0.1
+_ASK_LATER_S = 0.05  # more from one question without an answer to the next
+_ASK_EVERY_S = 0.5  # but no more than this
+_STREAM_TRIES = 3
+_SYNC_TIMEOUT_S = 0.5
+# Without a reading for so long, and for so many of them, a board that streams has stalled.
+_STALLED_S = 0.5
+# So long may its port be gone; a board takes some seconds to be a USB device again.
 _GONE_S = 10.0
-_REOPEN_EVERY_S = 0.1
+# It is looked for so often at first, and half as often each time, but no less than that.
+_REOPEN_S = 0.1
+_REOPEN_MOST_S = 1.0
+_WHO_S = 0.3  # to hear who answers on a port that came back
+_WHO_TRIES = 5
 # A consumer that falls behind by more than this many frames loses the oldest.
 _QUEUE_FRAMES = 1 << 16
+
+# States of a link. Whoever has no board yet is searching for one.
+SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
+LOST, REFUSED = "lost", "refused"
+
+
+@dataclass
+class _Gone:
+    # A port that is away, by the clock of the process.
+    since_s: float
+    due_s: float
+    wait_s: float
+    is_open: bool = False
+    asked: int = 0  # who is there
+    refused: bool = False
 
 
 class Board:
     """A connected board. Close it, or use it in a ``with`` block.
 
     A board that restarts (a brown-out, a crash) has forgotten that it was streaming, and its port
-    may go away for a while. `frames` and what builds on it open the port again, notice the
-    silence, ask, and tell it again; see `stats.restarts`.
+    may go away for a while and come back under another name. `frames` and what builds on it open
+    it again, notice the silence, ask, and tell it again; see `state` and `stats.restarts`. Another
+    board in its place is refused.
 
     Parameters
     ----------
@@ -54,6 +80,8 @@ class Board:
         The board's answer to ``hello``.
     log : collections.deque of dict
         Its last log lines.
+    patience_s : float
+        How long its port may be away while it streams, before `frames` raises PortLostError.
     calibration : list of str or None
         The lines of its calibration, where it got them from this object: a board tells only
         their checksum.
@@ -71,16 +99,24 @@ class Board:
     def __init__(self, link: Link):
         self._link = link
         self._decoder = Decoder()
-        self._clock = ClockMap()
+        self._clocks = ClockSync()
         self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
         self._replies: deque[Text] = deque(maxlen=64)
         self._streams: list[str] = []  # what the board was told to stream
-        self._gone_s: float | None = None  # since when its port is gone
+        self._gone: _Gone | None = None
         self._resuming = False
-        self._heard_s = link.now_s()
+        self._missing = False  # frames before the next one were dropped here
+        self._every_s = 0.0  # from one reading to the next
+        self._ask_s = link.now_s()  # when to ask, if nothing comes
+        self._asked = 0  # questions since it was heard, the first of them at
+        self._asked_s = 0.0
+        self._stalled_s = float("inf")
         self._on_close: Callable[[], None] | None = None
+        self._on_state: Callable[[str], None] | None = None
+        self._told_state = CONNECTED
         self.calibration: list[str] | None = None
         self.log: deque[dict] = deque(maxlen=100)
+        self.patience_s = _GONE_S
         try:
             self._connect()
         except BaseException:
@@ -97,6 +133,24 @@ class Board:
     def stats(self) -> LinkStats:
         """Health of the link since the board was opened."""
         return self._decoder.stats
+
+    @property
+    def state(self) -> str:
+        """``connected``, or why nothing comes.
+
+        ``stalled``: the port is there and the board, or its sensor, is silent; ``lost``: the port
+        is away and looked for; ``refused``: another board is in its place.
+        """
+        if self._gone is not None:
+            return REFUSED if self._gone.refused else LOST
+        if self._streams and self.now_s() > self._stalled_s:
+            return STALLED
+        return CONNECTED
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much faster its clock runs than the host's, known after a minute of readings."""
+        return self._clocks.clock.drift_ppm
 
     @property
     def port(self) -> str:
@@ -133,6 +187,9 @@ class Board:
             raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
         if reply.content["re"] == "stream":
             self._streams = [kind for kind in reply.content["stream"] if kind != "off"]
+            self._come()
+        if "exposure_us" in reply.content:
+            self._every_s = reply.content["exposure_us"] * reply.content.get("average", 1) * 1e-6
         return reply.content
 
     def frames(self, seconds: float | None = None) -> Iterator[Frame]:
@@ -146,11 +203,12 @@ class Board:
         end_s = None if seconds is None else self.now_s() + seconds
         while True:
             while self._frames:
-                yield self._frames.popleft()
+                yield self._next_frame()
             if end_s is not None and self.now_s() >= end_s:
                 return
             left_s = _POLL_S if end_s is None else min(_POLL_S, end_s - self.now_s())
             self._pump_or_resume(max(left_s, 0))
+            self._tell_state()
 
     def touches(self, seconds: float | None = None) -> Iterator[Touch]:
         """Tell the board to stream readings, and nothing else, and yield them."""
@@ -213,7 +271,7 @@ class Board:
         info = self.command("hello")
 
         def describe() -> dict:
-            clock = self._clock.state()
+            clock = self._clocks.clock.state()
             return {"info": info, "clock": clock, "calibration": self.calibration}
 
         recorder = Recorder(
@@ -231,8 +289,13 @@ class Board:
         """Do something after the port was let go."""
         self._on_close = action
 
+    def when_state_changes(self, action: Callable[[str], None]) -> None:
+        """Tell ``action(state)`` from now on, while frames are waited for; see `state`."""
+        self._on_state = action
+
     def _connect(self) -> None:
         self.info = self._hello()
+        self._every_s = self.info.get("exposure_us", 0) * self.info.get("average", 1) * 1e-6
         self._map_clocks()
         # Of a stream that an earlier program did not end: their times were not known yet.
         self._frames.clear()
@@ -243,7 +306,13 @@ class Board:
             reply = self._exchange("hello", _HELLO_TIMEOUT_S)
             if reply is not None:
                 break
-        else:
+        info = self._checked(reply)
+        # What came before the reply may have begun in the middle of a frame.
+        self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
+        return info
+
+    def _checked(self, reply: Text | None) -> dict:
+        if reply is None:
             raise SpotsError(
                 f"what is on {self.port} does not answer 'hello': it is not one of our boards, "
                 "or its firmware is not running"
@@ -254,62 +323,124 @@ class Board:
                 f"the board on {self.port} speaks protocol {version}, this program {PROTOCOL}: "
                 "update whichever is older"
             )
-        # What came before the reply may have begun in the middle of a frame.
-        self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         return reply.content
 
     def _map_clocks(self) -> None:
-        for i in range(_SYNC_ROUND_TRIPS):
-            self._idle(i * _GOLDEN % 1 * _SYNC_SPREAD_S)
+        for i in range(TRIPS):
+            self._idle(i * GOLDEN % 1 * SPREAD_S)
             self._sync()
+        self._clocks.keep(self.now_s())
 
     def _sync(self) -> None:
         sent_s = self.now_s()
-        reply = self.command("sync", _SILENCE_S)
-        self._clock.round_trip(sent_s, reply["t_us"], self.now_s())
+        reply = self.command("sync", _SYNC_TIMEOUT_S)
+        self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
 
     def _pump_or_resume(self, timeout_s: float) -> None:
-        if self._gone_s is not None:
-            self._reopen(timeout_s)
+        if self._gone is not None:
+            self._reconnect(timeout_s)
             return
         try:
-            self._pump(timeout_s)
+            if not self._streams:
+                self._pump(timeout_s)
+                return
+            due_s = min(self._ask_s, self._clocks.due_s)
+            self._pump(max(0.0, min(timeout_s, due_s - self.now_s())))
             self._resume()
+            self._ask_time()
         except PortLostError:
             if not self._streams:
                 raise
-            self._gone_s = time.monotonic()
+            now_s = time.monotonic()
+            self._gone = _Gone(now_s, now_s, _REOPEN_S)
 
-    def _reopen(self, timeout_s: float) -> None:
+    def _tell_state(self) -> None:
+        state = self.state
+        if state != self._told_state:
+            self._told_state = state
+            if self._on_state:
+                self._on_state(state)
+
+    def _ask_time(self) -> None:
+        if question := self._clocks.ask(self.now_s()):
+            self._link.write(question)
+
+    def _reconnect(self, timeout_s: float) -> None:
         # A try, no more: who holds keys down has to be back in time to let go of them.
+        gone, now_s = self._gone, time.monotonic()
+        if now_s < gone.due_s:
+            time.sleep(min(timeout_s, gone.due_s - now_s))
+            return
         try:
-            self._link.reopen()
-            self._gone_s = None
-        except SpotsError:
-            if time.monotonic() - self._gone_s >= _GONE_S:
+            if not gone.is_open:
+                self._link.reopen()
+                gone.is_open, gone.asked = True, 0
+                self._decoder.feed(b"\0")  # the frame that was cut off ends here
+            reply = self._exchange("hello", _WHO_S)
+            gone.asked += 1
+            if reply is None and gone.asked < _WHO_TRIES:
+                return  # its firmware may be starting
+            self.info = self._recognised(self._checked(reply))
+        except SpotsError as error:
+            if time.monotonic() - gone.since_s >= self.patience_s:
                 raise
-            time.sleep(min(timeout_s, _REOPEN_EVERY_S))
+            refused = isinstance(error, RefusedError)
+            if refused and not gone.refused:  # once, not a flood
+                self.log.append({"log": "error", "text": str(error)})
+            gone.is_open, gone.refused = False, refused
+            gone.due_s = time.monotonic() + gone.wait_s
+            gone.wait_s = min(2 * gone.wait_s, _REOPEN_MOST_S)
+            return
+        self._gone = None
+        self._ask_s = self.now_s()  # whether it has begun anew
+        self._come()
+
+    def _recognised(self, info: dict) -> dict:
+        if info.get("id") != self.info.get("id"):
+            self._link.let_go()
+            raise RefusedError(
+                f"the board on {self.port} is {info.get('id')} and not {self.info.get('id')}, "
+                "which is waited for: plug that one in again"
+            )
+        return info
+
+    def _heard(self) -> None:
+        self._asked = 0
+        self._ask_s = self.now_s() + max(_SILENCE_S, _SILENT_READINGS * self._every_s)
+
+    def _come(self) -> None:
+        self._stalled_s = self.now_s() + max(_STALLED_S, _SILENT_READINGS * self._every_s)
 
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
-        if not self._streams or self.now_s() - self._heard_s < _SILENCE_S:
+        if self.now_s() < self._ask_s:
             return
-        sent_s = self._heard_s = self.now_s()
         lost = self.stats.lost
-        reply = self._exchange("sync", _SILENCE_S)
-        if reply is None or reply.content.get("stream") != []:
-            return  # nobody there, or damaged: after the next silence again; or it has no news
+        if self._asked == 0:
+            self._asked_s = self.now_s()
+        self._asked += 1
+        reply = self._exchange("sync", _ANSWER_S)
+        if reply is None:
+            self._ask_s = self.now_s() + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
+            return  # nobody there, or damaged
+        if reply.content.get("stream") != []:
+            return  # it has no news, or its firmware does not tell
         if not self._resuming:
-            self._resuming = True
-            self.stats.restarts += 1
+            # Which question it answers nobody knows, but none before the first one.
+            self._begin_anew(self._asked_s, reply, lost)
+        for _ in range(_STREAM_TRIES):
+            try:
+                self.command("stream " + " ".join(self._streams), _ANSWER_S)
+                return
+            except SpotsError:
+                self._ask_s = self.now_s()  # damaged, either way
+
+    def _begin_anew(self, sent_s: float, reply: Text, lost: int) -> None:
+        self._resuming = bool(self._streams)
+        self.stats.restarts += 1
         self.stats.lost = lost  # it counts its frames from 0 again
-        self._clock = ClockMap()
-        self._clock.round_trip(sent_s, reply.content["t_us"], self.now_s())
-        try:
-            self.command("stream " + " ".join(self._streams), _SILENCE_S)
-            self._map_clocks()
-        except SpotsError:
-            pass  # as above
+        self._clocks.begin_anew(sent_s, reply.content.get("t_us", reply.t_us), self.now_s())
+        self._ask_s = self.now_s()
 
     def _idle(self, seconds: float) -> None:
         end_s = self.now_s() + seconds
@@ -318,30 +449,53 @@ class Board:
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
         name = line.split()[0][:NAME_MAX]
+        lost = self.stats.lost
         self._replies.clear()
         self._link.write(line.encode() + b"\n")
-        end_s = self.now_s() + timeout_s
+        sent_s = self.now_s()
+        end_s = sent_s + timeout_s
         while self.now_s() < end_s:
             self._pump(min(_POLL_S, timeout_s))
             while self._replies:
                 reply = self._replies.popleft()
                 if reply.content.get("re") == name:
+                    if self._clocks.clock.began_anew(sent_s, reply.t_us, self.now_s()):
+                        self._begin_anew(sent_s, reply, lost)
                     return reply
         return None
 
     def _pump(self, timeout_s: float) -> None:
         frames = self._decoder.feed(self._link.read(timeout_s))
         if frames:
-            self._heard_s = self.now_s()
+            self._heard()
         for frame in frames:
             if not isinstance(frame, Note):
-                self._take(self._clock.timed(frame))
+                self._take(self._clocks.clock.timed(frame))
+        self._clocks.learn()
 
     def _take(self, frame: Frame) -> None:
         if not isinstance(frame, Text):
-            self._resuming = False
-            self._frames.append(frame)
+            self._take_reading(frame)
         elif "log" in frame.content:
             self.log.append(frame.content)
         else:
+            if frame.content.get("re") == "sync":
+                self._clocks.answered(frame.t_us, self.now_s())
             self._replies.append(frame)
+
+    def _take_reading(self, frame: Frame) -> None:
+        if self._gone is not None:
+            return  # nobody knows yet whose it is
+        self._resuming = False
+        self._come()
+        if len(self._frames) == self._frames.maxlen:
+            self.stats.overrun += 1
+            self._missing = True
+        self._frames.append(frame)
+
+    def _next_frame(self) -> Frame:
+        frame = self._frames.popleft()
+        if self._missing and not isinstance(frame, Key):
+            self._missing = False
+            return frame._replace(flags=frame.flags | DROPPED)
+        return frame

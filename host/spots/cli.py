@@ -158,7 +158,9 @@ def _add_uses(commands) -> None:
 def _add_soak(commands) -> None:
     parser = commands.add_parser("soak", help="hours of faults in simulated time, and a ledger")
     parser.add_argument("--hours", type=_hours, default=1.0, help="of simulated time (1)")
-    parser.add_argument("--faults", default="fire", metavar="FILE", help="scenario file or name")
+    parser.add_argument(
+        *("--faults", "--scenario"), default="fire", metavar="FILE", help="scenario file or name"
+    )
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
     parser.add_argument("--seed", type=_seed, default=0, help="of noise and faults")
     parser.add_argument("--json", action="store_true", help="one JSON object")

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from .frames import Frame, Text
 
 _WRAP = 1 << 32
+_TRIPS = 64
+# Trips that lie closer together tell nothing of a drift; no pair of crystals drifts more.
+_DRIFT_US = 30_000_000
+_DRIFT_MOST = 300e-6
+_HALVINGS = 60
+# A board's time that is off by more than the clocks can be is that of a board that began anew.
+_OFF_S = 1.0
 
 
 class ClockMap:
@@ -12,18 +21,28 @@ class ClockMap:
 
     A command sent at host time a is answered at board time t, and the answer is there at b: that
     moment lies between a and b. Each round trip bounds the offset between the clocks from both
-    sides; the bounds of all of them together leave less than the shortest one alone.
+    sides; the bounds of all of them together leave less than the shortest one alone. Clocks drift,
+    so that the offset is a line: the one with the most room between the bounds of the latest
+    trips.
     """
 
     def __init__(self):
         self._last_us = 0
+        self._trips: deque[tuple[int, float, float]] = deque(maxlen=_TRIPS)
         self._low_s = float("-inf")
         self._high_s = float("inf")
+        self._at_us = 0  # the bounds are those of the offset at this board time
+        self._slope = 0.0
 
     @property
     def uncertainty_s(self) -> float:
         """Half of what the bounds leave open."""
-        return (self._high_s - self._low_s) / 2
+        return abs(self._high_s - self._low_s) / 2
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much faster the board's clock runs than the host's."""
+        return -1e6 * self._slope
 
     def unwrap(self, t_us: int) -> int:
         """Return `t_us` (modulo 2**32) as a count that does not wrap, if asked within 35 min."""
@@ -33,13 +52,22 @@ class ClockMap:
 
     def state(self) -> dict:
         """Return all that it knows, so that `resume` maps later times to the same floats."""
-        return {"last_us": self._last_us, "low_s": self._low_s, "high_s": self._high_s}
+        return {
+            "last_us": self._last_us,
+            "low_s": self._low_s,
+            "high_s": self._high_s,
+            "at_us": self._at_us,
+            "slope": self._slope,
+        }
 
     @classmethod
-    def resume(cls, last_us: int, low_s: float, high_s: float) -> ClockMap:
+    def resume(
+        cls, last_us: int, low_s: float, high_s: float, at_us: int = 0, slope: float = 0.0
+    ) -> ClockMap:
         """Return a map with the `state` of another one."""
         clock = cls()
         clock._last_us, clock._low_s, clock._high_s = last_us, low_s, high_s
+        clock._at_us, clock._slope = at_us, slope
         return clock
 
     def timed(self, frame: Frame) -> Frame:
@@ -50,13 +78,56 @@ class ClockMap:
 
     def round_trip(self, sent_s: float, t_us: int, received_s: float) -> None:
         """Learn from a round trip."""
-        board_s = self.unwrap(t_us) * 1e-6
-        self._low_s = max(self._low_s, sent_s - board_s)
-        self._high_s = min(self._high_s, received_s - board_s)
+        board_us = self.unwrap(t_us)
+        board_s = board_us * 1e-6
+        self._trips.append((board_us, sent_s - board_s, received_s - board_s))
+        self._at_us = board_us
+        self._slope = self._best_slope()
+        self._low_s, self._high_s = self._bounds(self._slope)
 
     def host_s(self, t_us: int) -> float | None:
         """Return the host time of a board time, or None before any round trip."""
         board_us = self.unwrap(t_us)
         if self._high_s == float("inf"):
             return None
-        return board_us * 1e-6 + (self._low_s + self._high_s) / 2
+        return board_us * 1e-6 + self._offset_s(board_us)
+
+    def began_anew(self, sent_s: float, t_us: int, received_s: float) -> bool:
+        """Return whether a time told between two moments cannot be that of the same start."""
+        if self._high_s == float("inf"):
+            return False
+        told_s = t_us * 1e-6
+        turn_s = _WRAP * 1e-6
+        offset_s = self._offset_s(self._last_us)
+        middle_s = (sent_s + received_s) / 2
+        off_s = (middle_s - offset_s - told_s + turn_s / 2) % turn_s - turn_s / 2
+        since_s = max(0.0, received_s - offset_s - self._at_us * 1e-6)
+        return abs(off_s) > _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
+
+    def _offset_s(self, board_us: int) -> float:
+        middle_s = (self._low_s + self._high_s) / 2
+        return middle_s + self._slope * ((board_us - self._at_us) * 1e-6)
+
+    def _bounds(self, slope: float) -> tuple[float, float]:
+        lines = [
+            (low_s - (rise_s := slope * ((us - self._at_us) * 1e-6)), high_s - rise_s)
+            for us, low_s, high_s in self._trips
+        ]
+        return max(low_s for low_s, _ in lines), min(high_s for _, high_s in lines)
+
+    def _best_slope(self) -> float:
+        if self._trips[-1][0] - self._trips[0][0] < _DRIFT_US:
+            return 0.0
+        # What the bounds leave is a concave function of the slope.
+        low, high = -_DRIFT_MOST, _DRIFT_MOST
+        for _ in range(_HALVINGS):
+            third = (high - low) / 3
+            if self._room_s(low + third) < self._room_s(high - third):
+                low += third
+            else:
+                high -= third
+        return (low + high) / 2
+
+    def _room_s(self, slope: float) -> float:
+        low_s, high_s = self._bounds(slope)
+        return high_s - low_s

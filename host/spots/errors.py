@@ -10,3 +10,7 @@ class SpotsError(Exception):
 
 class PortLostError(SpotsError):
     """The port went away, as that of a board with USB of its own does when it restarts."""
+
+
+class RefusedError(SpotsError):
+    """Another board is where one's own was."""

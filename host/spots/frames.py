@@ -59,7 +59,7 @@ class Touch(NamedTuple):
         Force of the press.
     time_s : float or None
         The same moment on the host's monotonic clock, where the link knows it. The clocks are
-        compared when the board is opened; crystals drift apart by some 3 ms a minute.
+        compared when the board is opened, and now and then while it streams.
     """
 
     sensor: int
@@ -179,6 +179,8 @@ class LinkStats:
         All bytes received.
     restarts : int
         How often `Board` found that the board had begun anew.
+    overrun : int
+        Frames that `Board` dropped, since the program did not take them in time.
     """
 
     frames: int = 0
@@ -186,6 +188,7 @@ class LinkStats:
     bad_crc: int = 0
     bytes: int = 0
     restarts: int = 0
+    overrun: int = 0
 
 
 class Decoder:

@@ -10,7 +10,7 @@ from typing import Protocol
 import serial
 from serial.tools import list_ports
 
-from .errors import PortLostError, SpotsError
+from .errors import PortLostError, RefusedError, SpotsError
 
 try:
     import termios
@@ -35,7 +35,18 @@ class Link(Protocol):
         """Send bytes."""
 
     def reopen(self) -> None:
-        """Open the port again that raised PortLostError; only of links that do."""
+        """Open again the port that raised PortLostError; only of links that do.
+
+        Raises
+        ------
+        RefusedError
+            If another device has its name, and it is nowhere else.
+        SpotsError
+            If it is not there, or cannot be opened.
+        """
+
+    def let_go(self) -> None:
+        """Close it until it is opened again; only of links that `reopen`."""
 
     def close(self) -> None:
         """Let the port go."""
@@ -60,21 +71,44 @@ class SerialLink:
     def __init__(self, port: str):
         self.name = port
         self._serial = None
-        self.reopen()
+        self._turn = 0
+        # A port of the same number is that of the same device, whatever the port is called.
+        self._is_usb = port in (numbers := _usb_numbers())
+        self._number = numbers.get(port)
+        self._open()
 
     def reopen(self) -> None:
-        """Open the port, again if need be; raises SpotsError as the constructor does."""
+        """Open the port again, under whichever name its device has now."""
+        self.let_go()
+        names = self._names()
+        self._turn += 1  # of several ports of the device, the next one
+        self.name = names[self._turn % len(names)]
+        self._open()
+
+    def let_go(self) -> None:
         self.close()
-        port = self.name
+
+    def _names(self) -> list[str]:
+        if not self._is_usb:
+            return [self.name]
+        numbers = _usb_numbers()
+        names = [name for name, number in numbers.items() if number == self._number]
+        if names:
+            return names
+        if self.name in numbers:
+            raise RefusedError(f"another device is on {self.name} now")
+        raise SpotsError(f"there is no port {self.name}; 'spots ports' lists those that there are")
+
+    def _open(self) -> None:
         try:
             # The speed means nothing to USB; a number keeps UART bridges happy.
             self._serial = serial.Serial(
-                port, 115_200, exclusive=True, write_timeout=self._WRITE_TIMEOUT_S
+                self.name, 115_200, exclusive=True, write_timeout=self._WRITE_TIMEOUT_S
             )
             self._serial.reset_input_buffer()
         except (*_FAILURES, ValueError) as error:
             self.close()
-            raise SpotsError(_why_not(port, error)) from None
+            raise SpotsError(_why_not(self.name, error)) from None
 
     def now_s(self) -> float:
         return time.monotonic()
@@ -106,6 +140,10 @@ class SerialLink:
 def usb_ports() -> list:
     """Return pyserial's `ListPortInfo` of the serial ports that are USB devices."""
     return sorted(port for port in list_ports.comports() if port.vid is not None)
+
+
+def _usb_numbers() -> dict[str, str | None]:
+    return {port.device: port.serial_number for port in usb_ports()}
 
 
 def usb_boards() -> list[list[str]]:

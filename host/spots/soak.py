@@ -1,151 +1,113 @@
 """Hours of a scenario with faults in simulated time, and a ledger of every frame.
 
 What the board sent is tapped before its bytes are damaged, and compared with what a program gets.
+Three keyboards are watched: one on this computer that is fed with readings, the KEY frames, and
+the board's own on USB. A soak takes no more memory the longer it lasts.
 """
 
 from __future__ import annotations
 
 import json
-from collections import Counter, deque
+from collections.abc import Iterator
 
-import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from tactile.decode import LED_OFF
-
+from .audit import Audit, Keys, Memory, Recoveries, Tap, usages_of
 from .board import Board
 from .calibrate.stage import calibrate
 from .connect import prepare
 from .errors import SpotsError
-from .frames import Decoder, Frame, Touch
-from .link import Link
-from .sim.faults import WAYS, Faults, FaultyLink, Ledger
+from .frames import Key, Touch
+from .sim.faults import WAYS, Faults, FaultyLink
 from .sim.files import ScenarioFile, SensorFile, load
 from .sim.lockstep import LockstepLink
 from .sim.scenario import Scenario
+from .uses.keyboard import KeyEngine
+from .uses.layout import load as load_layout
 
-# What interrupts readings, and for how long after its begin an interruption may begin.
-_INTERRUPTS = ("power.", "i2c.", "clock.")
-_ONSET_S = 0.15
-_BEFORE_S = 0.03
-
-
-class Tap:
-    """A link that shows what is read from it to ``look(data, now_s)``."""
-
-    def __init__(self, link: Link, look):
-        self._link = link
-        self._look = look
-        self.name, self.now_s, self.write = link.name, link.now_s, link.write
-        self.close = link.close
-
-    def read(self, timeout_s: float) -> bytes:
-        data = self._link.read(timeout_s)
-        self._look(data, self.now_s())
-        return data
+_TICK_S = 0.05
+_LAYOUT = "digits"  # the ten zones that a board has without a layout
+_RECOVERED_S = 1.0  # the longest that readings may stay away after a fault has ended
+_HOUR_S = 3600.0
+_KEYBOARD_PAGE, _KEYBOARD = 7, 0  # HID usage page, USB interface
 
 
-class Audit:
-    """Compares the frames that were sent with those that arrived.
+class Watch:
+    """The keyboards of a soak and its memory, looked at as it goes.
 
     Parameters
     ----------
-    touched : collections.deque of int
-        Numbers of the bytes that were damaged, ascending; those that were looked at are removed.
-
-    Attributes
-    ----------
-    sent, delivered : collections.Counter
-        Frames by type.
-    lost : collections.Counter
-        Frames by cause: ``damaged``, or ``undamaged``, which there must not be.
-    wrong : list of Frame
-        Frames that arrived and were not sent so, or not in this order.
-    arrivals_s : list of float
-        When readings arrived, those with the LED off left out.
+    board : board.Board
+    bare : sim.lockstep.LockstepLink
+    faults : sim.faults.Faults
+    file : sim.files.ScenarioFile
+    mark_s : float
+        When memory is what it should be at the end.
     """
 
-    def __init__(self, touched: deque[int]):
-        self._touched = touched
-        self._clean, self._heard = Decoder(), Decoder()
-        self._pending: deque[tuple[Frame, int, int]] = deque()
-        self._rest, self._at = b"", 0
-        self.sent, self.delivered, self.lost = Counter(), Counter(), Counter()
-        self.wrong: list[Frame] = []
-        self.arrivals_s: list[float] = []
+    def __init__(self, board, bare, faults, file, mark_s):
+        self._board, self._bare, self._faults = board, bare, faults
+        self._began_s, self._mark_s = board.now_s(), mark_s
+        self.keys = {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
+        self.memory = Memory()
+        self.free_bytes: list[int] = []  # of the board: least until the mark, least after it
+        length_um = board.command("hello")["length_um"]
+        self._engine = KeyEngine(load_layout(_LAYOUT), length_um, self.keys["host"])
+        self._gaps = self._told_gaps()
+        self._brown_outs = 0
 
-    @property
-    def cut(self) -> int:
-        """Frames that the board did not send to their end, as when its power fails."""
-        return self._clean.stats.bad_crc
+    def run(self, seconds: float) -> None:
+        """Take what comes for so long."""
+        board = self._board
+        end_s = board.now_s() + seconds
+        while board.now_s() < end_s:
+            for frame in board.frames(min(_TICK_S, end_s - board.now_s())):
+                self._take(frame)
+            self._look()
 
-    def send(self, data: bytes, now_s: float) -> None:
-        """Take bytes as the board sent them."""
-        *pieces, self._rest = (self._rest + data).split(b"\0")
-        for piece in pieces:
-            end = self._at + len(piece)
-            for frame in self._clean.feed(piece + b"\0"):
-                self.sent[type(frame).__name__] += 1
-                self._pending.append((frame, self._at, end))
-            self._at = end + 1
+    def settle(self, most_s: float) -> None:
+        """Go on until no key is down any more."""
+        end_s = self._board.now_s() + most_s
+        while any(keys.down for keys in self.keys.values()) and self._board.now_s() < end_s:
+            self.run(_TICK_S)
 
-    def receive(self, data: bytes, now_s: float) -> None:
-        """Take bytes as they arrived."""
-        for frame in self._heard.feed(data):
-            i = next((i for i, sent in enumerate(self._pending) if sent[0] == frame), None)
-            if i is None:
-                self.wrong.append(frame)
-                continue
-            self._lose(i)
-            self._pending.popleft()
-            self.delivered[type(frame).__name__] += 1
-            if isinstance(frame, Touch) and not frame.flags & LED_OFF:
-                self.arrivals_s.append(now_s)
+    def _take(self, frame) -> None:
+        gaps = self._told_gaps()
+        if gaps != self._gaps:  # see docs/protocol.md: a KEY does not come again
+            self._gaps = gaps
+            self.keys["frames"].release()
+        if isinstance(frame, Touch):
+            self._engine.take(frame, self._board.now_s())
+        elif isinstance(frame, Key):
+            self.keys["frames"].key(frame.page, frame.usage, frame.modifiers, frame.pressed)
 
-    def finish(self) -> None:
-        """Count as lost what has not arrived by now."""
-        self._lose(len(self._pending))
+    def _told_gaps(self) -> tuple[int, int]:
+        return self._board.stats.lost, self._board.stats.restarts
 
-    def _lose(self, count: int) -> None:
-        for _ in range(count):
-            _, start, end = self._pending.popleft()
-            # The delimiter before it belongs to it, too: without that one, it is joined to
-            # whatever came before.
-            while self._touched and self._touched[0] < start - 1:
-                self._touched.popleft()
-            hurt = bool(self._touched) and self._touched[0] <= end
-            self.lost["damaged" if hurt else "undamaged"] += 1
+    def _look(self) -> None:
+        self._engine.tick(self._board.now_s())
+        brown_outs = self._faults.ledger.counts["power.brown_outs"]
+        if brown_outs != self._brown_outs:  # it left the bus, and its computer let go of its keys
+            self._brown_outs = brown_outs
+            self.keys["usb"].release()
+        for interface, report in self._bare.usb.reports:
+            if interface == _KEYBOARD:
+                self.keys["usb"].report(_KEYBOARD_PAGE, usages_of(report))
+        self._bare.usb.reports.clear()
+        for keys in self.keys.values():
+            keys.look()
+        self._note_free()
+        now_s = self._board.now_s()
+        if now_s - self._began_s >= self._mark_s and not self.memory.marks:
+            self.memory.mark()
 
-
-def recoveries(ledger: Ledger, arrivals_s: list[float]) -> dict[str, dict]:
-    """Return, by kind of fault, how long after its begin readings arrived again.
-
-    Returns
-    -------
-    dict
-        ``count``, ``median_s`` and ``longest_s`` by kind; those after which nothing arrived any
-        more are left out.
-    """
-    arrivals = np.array(arrivals_s)
-    times: dict[str, list[float]] = {}
-    for kind, begin_us, _ in ledger.spells:
-        begin_s = begin_us * 1e-6
-        i = np.searchsorted(arrivals, begin_s - _BEFORE_S)
-        j = np.searchsorted(arrivals, begin_s + _ONSET_S, side="right")
-        if not kind.startswith(_INTERRUPTS) or j >= len(arrivals) or i == j:
-            continue
-        gaps = np.diff(arrivals[i : j + 1])
-        again_s = arrivals[i + 1 + gaps.argmax()]
-        times.setdefault(kind, []).append(max(0.0, again_s - begin_s))
-    return {
-        kind: {
-            "count": len(took),
-            "median_s": round(float(np.median(took)), 3),
-            "longest_s": round(max(took), 3),
-        }
-        for kind, took in sorted(times.items())
-    }
+    def _note_free(self) -> None:
+        free_bytes = self._bare.free_bytes
+        if free_bytes is not None:
+            i = len(self.memory.marks)
+            self.free_bytes += [free_bytes] * (i + 1 - len(self.free_bytes))
+            self.free_bytes[i] = min(self.free_bytes[i], free_bytes)
 
 
 def soak(
@@ -173,23 +135,30 @@ def soak(
     if file.faults is None:
         raise SpotsError(f"the scenario {scenario} has no [faults]; try 'fire'")
     faults = Faults(file.faults, file.seconds, seed)
-    audit = Audit(faults.to_host.touched)
     bare = LockstepLink(strip, Scenario(file), seed, faults=faults)
+    recoveries = Recoveries(faults.ledger.spells)
+    audit = Audit(faults.to_host.touched, recoveries.arrived)
     link = Tap(FaultyLink(Tap(bare, audit.send), faults), audit.receive)
-    seconds = 3600 * hours
+    seconds = _HOUR_S * hours
     with Board(link) as board:
         prepare(board, calibrate(strip))
+        board.command("set keys=1")
         board.command("save")  # or a restart would cost the calibration
+        watch = Watch(board, bare, faults, file, min(_HOUR_S, seconds / 2))
         began_s = link.now_s()
+        board.command("stream touch")
         with Progress(console=console or Console(stderr=True), transient=True) as progress:
             task = progress.add_task("simulated time", total=seconds)
-            for touch in board.touches(seconds):
-                if touch.sequence % 256 == 0:
-                    progress.update(task, completed=link.now_s() - began_s)
+            while (left_s := began_s + seconds - link.now_s()) > 0:
+                watch.run(min(1.0, left_s))
+                progress.update(task, completed=link.now_s() - began_s)
+        watch.settle(file.seconds)
         audit.finish()
+        recoveries.finish(link.now_s())
         lasted_s = link.now_s() - began_s
         rate_hz = 1e6 / board.info["exposure_us"] / board.info["average"]
         stats = board.stats
+    watch.memory.mark()
     damaged = sum(faults.ledger.counts[f"to_host.{way}"] for way in WAYS)
     return {
         "scenario": scenario,
@@ -204,13 +173,18 @@ def soak(
             "undamaged": audit.lost["undamaged"],
             "cut_by_the_board": audit.cut,
         },
-        "wrong": len(audit.wrong),
-        "wrong_frames": [str(frame) for frame in audit.wrong],
+        "wrong": audit.wrong,
+        "wrong_frames": [str(frame) for frame in audit.wrong_frames],
         "refused_pieces": stats.bad_crc,
         "restarts_noticed": stats.restarts,
-        "readings_percent": round(100 * len(audit.arrivals_s) / (lasted_s * rate_hz), 2),
+        "readings_percent": round(100 * audit.readings / (lasted_s * rate_hz), 2),
         "faults": dict(sorted(faults.ledger.counts.items())),
-        "recoveries": recoveries(faults.ledger, audit.arrivals_s),
+        "recoveries": recoveries.summary(),
+        "keys": {
+            name: {**keys.summary(), "down_at_the_end": keys.down}
+            for name, keys in watch.keys.items()
+        },
+        "memory": {"board_free_bytes": watch.free_bytes, "host": watch.memory.marks},
     }
 
 
@@ -224,11 +198,27 @@ def run(hours: float, scenario: str, seed: int, sensor: str, as_json: bool) -> N
     """
     ledger = soak(hours, scenario, seed, sensor)
     print(json.dumps(ledger) if as_json else _table(ledger))
-    if ledger["wrong"] or ledger["lost"]["undamaged"]:
-        raise SpotsError(
-            f"{ledger['wrong']} wrong frames were delivered, {ledger['lost']['undamaged']} were "
-            "lost without damage; there must be none of either"
-        )
+    broken = list(broken_promises(ledger))
+    if broken:
+        raise SpotsError("there must be none of these: " + "; ".join(broken))
+
+
+def broken_promises(ledger: dict) -> Iterator[str]:
+    """Yield what a ledger has that there must not be."""
+    if ledger["wrong"]:
+        yield f"{ledger['wrong']} wrong frames were delivered"
+    if ledger["lost"]["undamaged"]:
+        yield f"{ledger['lost']['undamaged']} frames were lost without damage"
+    for name, keys in ledger["keys"].items():
+        stuck = keys["stuck"] + keys["down_at_the_end"]
+        if stuck:
+            yield f"{stuck} keys of the keyboard '{name}' were stuck"
+    for kind, took in ledger["recoveries"].items():
+        if took["longest_s"] >= _RECOVERED_S:
+            yield (
+                f"after {kind} at {took['longest_at_s']:g} s readings stayed away for "
+                f"{took['longest_s']:g} s"
+            )
 
 
 def _table(ledger: dict) -> str:
@@ -242,8 +232,10 @@ def _table(ledger: dict) -> str:
         f"cut short by the board {lost['cut_by_the_board']}",
         f"readings   {ledger['readings_percent']:g} % of those that a board without faults sends",
         f"restarts   {ledger['restarts_noticed']} noticed",
+        *(_keys_line(name, keys) for name, keys in ledger["keys"].items()),
+        *_memory_lines(ledger["memory"]),
         "",
-        f"{'fault':<26}{'count':>8}{'median s':>10}{'longest s':>11}   until readings arrive again",
+        f"{'fault':<26}{'count':>8}{'median s':>10}{'longest s':>11}   from its end to readings",
     ]
     for kind, count in ledger["faults"].items():
         row = f"{kind:<26}{count:>8}"
@@ -252,3 +244,21 @@ def _table(ledger: dict) -> str:
             row += f"{took['median_s']:>10.3f}{took['longest_s']:>11.3f}"
         lines.append(row)
     return "\n".join(lines)
+
+
+def _keys_line(name: str, keys: dict) -> str:
+    return (
+        f"keys {name:<7}presses {keys['presses']}, releases {keys['releases']}, "
+        f"stuck {keys['stuck']}, down at the end {keys['down_at_the_end']}"
+    )
+
+
+def _memory_lines(memory: dict) -> Iterator[str]:
+    mark, end = memory["host"]
+    yield (
+        f"memory     host: peak {mark['peak_kB']} kB and {mark['objects']} objects at the mark, "
+        f"{end['peak_kB']} kB and {end['objects']} at the end"
+    )
+    if memory["board_free_bytes"]:
+        least = " and then ".join(map(str, memory["board_free_bytes"]))
+        yield f"           board: at least {least} bytes free"

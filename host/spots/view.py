@@ -12,6 +12,7 @@ from rich.text import Text
 
 from tactile import decode
 
+from .board import CONNECTED
 from .frames import Frame, LinkStats, Spectrum, Touch
 from .score import Score
 
@@ -44,9 +45,15 @@ class View:
         The board's ``hello``.
     port : str
         Its port.
+
+    Attributes
+    ----------
+    state : str
+        Of the link, see `board.Board.state`; shown where it is not connected.
     """
 
     def __init__(self, info: dict, port: str):
+        self.state = CONNECTED
         self._info = info
         self._port = port
         self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
@@ -67,6 +74,8 @@ class View:
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
         parts += [self._bars(), Text(), *_facts(stats, score)]
+        if self.state != CONNECTED:
+            parts.append(Text(f"link {self.state}", style="yellow"))
         title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
         return Panel(Group(*parts), title=title, width=_TRACE_COLUMNS + 16, padding=(1, 2))
 

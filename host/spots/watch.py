@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import nullcontext
 
 from rich.console import Console
@@ -25,8 +26,18 @@ def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None 
     view = View(board.command("hello"), board.port)
     started_s = board.now_s()
     pace = Pace() if drawing else Pace(PLAIN_LINES_PER_S)
+    board.patience_s = math.inf
     try:
         with live(console) if drawing else nullcontext() as display:
+
+            def show_state(state: str) -> None:
+                view.state = state
+                if drawing:
+                    display.update(view.picture(board.stats, score), refresh=True)
+                elif not quiet:
+                    print(f"{board.now_s() - started_s:8.3f} s  link {state}", flush=True)
+
+            board.when_state_changes(show_state)
             for frame in board.frames(seconds):
                 now_s = board.now_s()
                 view.take(frame)

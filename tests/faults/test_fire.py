@@ -6,12 +6,12 @@ from collections import deque
 import pytest
 
 from fault_streams import frames
+from spots.audit import Audit, Keys, Recoveries, usages_of
 from spots.cli import main
 from spots.connect import open_virtual
 from spots.errors import SpotsError
-from spots.sim.faults import Ledger
-from spots.sim.files import DATA
-from spots.soak import Audit, recoveries
+from spots.sim.files import DATA, ScenarioFile, load
+from spots.soak import broken_promises
 
 
 def run(capsys, *arguments):
@@ -45,8 +45,15 @@ def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched
     assert sent == delivered + ledger["lost"]["damaged"]
     assert ledger["restarts_noticed"] == ledger["faults"]["power.brown_outs"] == 2
     assert ledger["recoveries"]["power.brown_outs"]["count"] == 2
+    assert all(took["longest_s"] < 1 for took in ledger["recoveries"].values())
     assert ledger["readings_percent"] > 85
-    assert ledger == run(capsys, "soak", "--hours", str(61 / 3600), "--seed", "3")
+    for keys in ledger["keys"].values():
+        assert keys["presses"] == keys["releases"] > 20
+        assert keys["stuck"] == keys["down_at_the_end"] == 0
+    assert min(ledger["memory"]["board_free_bytes"]) > 100_000
+    again = run(capsys, "soak", "--hours", str(61 / 3600), "--seed", "3")
+    assert len(ledger["memory"].pop("host")) == len(again["memory"].pop("host")) == 2
+    assert ledger == again
 
 
 def test_damage_on_the_way_does_not_change_what_the_board_sends(capsys, quiet_fire, monkeypatch):
@@ -110,30 +117,115 @@ def test_the_audit_finds_a_loss_without_damage():
 def test_the_audit_finds_a_wrong_frame_and_one_out_of_its_order():
     streams = Streams()
     other = frames(1, seed=9, texts=False)
-    assert len(streams.audit(b"".join(streams.pieces + other)).wrong) == 1
+    assert streams.audit(b"".join(streams.pieces + other)).wrong == 1
     a, b, *rest = streams.pieces
-    assert len(streams.audit(b"".join([b, a, *rest])).wrong) == 1
-    assert len(streams.audit(b"".join([a, a, b, *rest])).wrong) == 1
+    assert streams.audit(b"".join([b, a, *rest])).wrong == 1
+    assert streams.audit(b"".join([a, a, b, *rest])).wrong == 1
 
 
-def test_a_soak_with_a_wrong_frame_ends_with_a_sentence(monkeypatch):
+FINE = {
+    "wrong": 0,
+    "lost": {"undamaged": 0},
+    "keys": {"host": {"stuck": 0, "down_at_the_end": 0}},
+    "recoveries": {"power.brown_outs": {"longest_s": 0.999, "longest_at_s": 3.0}},
+}
+
+
+@pytest.mark.parametrize(
+    ("worse", "said"),
+    [
+        ({}, None),
+        ({"wrong": 2}, "2 wrong frames were delivered"),
+        ({"lost": {"undamaged": 3}}, "3 frames were lost without damage"),
+        ({"keys": {"usb": {"stuck": 1, "down_at_the_end": 1}}}, "2 keys of the keyboard 'usb'"),
+        (
+            {"recoveries": {"i2c.sda_low": {"longest_s": 1.0, "longest_at_s": 3.0}}},
+            "after i2c.sda_low at 3 s readings stayed away for 1 s",
+        ),
+    ],
+)
+def test_a_soak_that_breaks_a_promise_ends_with_a_sentence(monkeypatch, worse, said):
     from spots import soak
 
-    ledger = {"wrong": 2, "lost": {"undamaged": 0}}
-    monkeypatch.setattr(soak, "soak", lambda *arguments: ledger)
-    with pytest.raises(SpotsError, match="2 wrong frames were delivered"):
+    assert len(list(broken_promises({**FINE, **worse}))) == (said is not None)
+    monkeypatch.setattr(soak, "soak", lambda *arguments: {**FINE, **worse})
+    if said is None:
         soak.run(1.0, "fire", 0, "default", True)
+    else:
+        with pytest.raises(SpotsError, match=said):
+            soak.run(1.0, "fire", 0, "default", True)
 
 
-def test_recoveries_are_from_the_begin_of_a_fault_to_the_next_reading():
-    ledger = Ledger()
-    arrivals_s = [0.01 * i for i in range(100)] + [1.8 + 0.01 * i for i in range(100)]
-    ledger.spells += [("power.brown_outs", 1e6, 1.1e6), ("to_host.bursts", 1e6, 2e6)]
-    ledger.spells += [("i2c.sda_low", 0.5e6, 9e6), ("clock.stalls", 9e6, 9.1e6)]
-    found = recoveries(ledger, arrivals_s)
-    assert set(found) == {"power.brown_outs", "i2c.sda_low"}
-    assert found["power.brown_outs"] == {"count": 1, "median_s": 0.8, "longest_s": 0.8}
-    assert found["i2c.sda_low"]["longest_s"] <= 0.16
+def recovered(spells, arrivals_s):
+    found = Recoveries([(kind, 1e6 * begin, 1e6 * end) for kind, begin, end in spells])
+    for now_s in arrivals_s:
+        found.arrived(now_s)
+    found.finish(arrivals_s[-1] + 0.01)
+    return found.summary()
+
+
+def every_10_ms(*spans_s):
+    spans = (range(round(100 * begin_s), round(100 * end_s)) for begin_s, end_s in spans_s)
+    return [0.01 * i for span in spans for i in span]
+
+
+def test_recoveries_are_from_the_end_of_a_fault_to_the_next_reading():
+    arrivals_s = every_10_ms((0, 1), (1.8, 3), (3.06, 9))
+    spells = [("power.brown_outs", 1.0, 1.15), ("to_host.bursts", 1.0, 2.0)]
+    spells += [("i2c.sda_low", 3.0, 33.0), ("clock.stalls", 5.0, 5.1)]
+    found = recovered(spells, arrivals_s)
+    assert set(found) == {"power.brown_outs", "i2c.sda_low", "clock.stalls"}
+    brown_out = {"count": 1, "median_s": 0.65, "longest_s": 0.65, "longest_at_s": 1.0}
+    assert found["power.brown_outs"] == brown_out
+    assert found["i2c.sda_low"]["longest_s"] == pytest.approx(0.06, abs=0.011)
+    assert found["clock.stalls"]["longest_s"] == 0
+
+
+def test_a_fault_that_comes_while_readings_are_away_is_of_the_same_outage():
+    arrivals_s = every_10_ms((0, 1), (2.5, 3))
+    found = recovered([("power.brown_outs", 1.0, 1.15), ("i2c.nack_bursts", 2.0, 2.2)], arrivals_s)
+    assert {took["longest_s"] for took in found.values()} == {0.3}
+
+
+def test_readings_that_never_come_again_are_told():
+    found = recovered([("power.brown_outs", 1.0, 1.15)], [*every_10_ms((0, 1)), 60.0])
+    assert found["power.brown_outs"]["longest_s"] == 58.85
+
+
+class Fingers:
+    def __init__(self):
+        self.now_s = 0.0
+        self.keys = Keys(load(ScenarioFile, "fire"), lambda: self.now_s)
+
+    def at(self, now_s, *event):
+        self.now_s = now_s
+        if event:
+            self.keys.key(7, event[0], 0, event[1])
+        self.keys.look()
+        return self.keys.stuck
+
+
+def test_a_key_that_outlives_its_finger_by_a_second_is_stuck():
+    fingers = Fingers()
+    fingers.at(60.62, 30, True)  # that finger goes at 60.74
+    assert fingers.at(61.73) == 0
+    assert fingers.at(61.75) == 1
+    assert fingers.at(62.0, 30, False) == 1
+    fingers.at(120.1, 31, True)  # of the last finger of the turn before, gone at 116.32
+    assert fingers.at(120.2) == 2
+    assert fingers.keys.down == 0
+
+
+def test_a_key_that_is_released_in_time_is_not():
+    fingers = Fingers()
+    fingers.at(5.5, 30, True)
+    fingers.at(9.3)
+    fingers.at(9.31, 30, False)
+    assert fingers.at(20.0) == 0
+    fingers.keys.report(7, usages_of(bytes((2, 0, 4, 0, 0, 0, 0, 0))))
+    assert fingers.keys.down == 2
+    fingers.keys.report(7, usages_of(bytes(8)))
+    assert fingers.keys.summary() == {"presses": 3, "releases": 3, "stuck": 0}
 
 
 def test_in_real_time_a_program_goes_on_as_well(tmp_path):

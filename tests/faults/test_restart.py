@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import random
 import struct
 import tty
 
@@ -14,6 +15,7 @@ from spots.board import Board
 from spots.errors import PortLostError, SpotsError
 from spots.link import SerialLink
 from tactile import PROTOCOL
+from tactile.decode import DROPPED
 
 
 class StandIn:
@@ -30,14 +32,19 @@ class StandIn:
         self.booted_s = 0.0
         self._due = b""
         self.gone = 0  # so many tries find no port
+        self.closed = False
+        self.board_id = None
+        self.exposure_us = 10_000
 
     def now_s(self):
+        self.time_s += 0.001 * bool(self.gone or self.closed)  # nothing is read meanwhile
         return self.time_s
 
     def reopen(self):
-        self.gone -= 1
+        self.gone = max(0, self.gone - 1)
         if self.gone:
             raise SpotsError("there is no such port")
+        self.closed = False
 
     def read(self, timeout_s):
         if self.gone:
@@ -60,11 +67,15 @@ class StandIn:
     def close(self):
         pass
 
+    def let_go(self):
+        self.closed = True
+
     def _take(self, name, *words):
         self.asked.append(name)
         reply = {"re": name}
         if name == "hello":
-            reply["protocol"] = PROTOCOL
+            reply |= {"protocol": PROTOCOL, "id": self.board_id}
+            reply |= {"exposure_us": self.exposure_us}
         elif name == "sync":
             reply |= {"t_us": self._t_us(), "stream": self.streams}
         elif name == "stream":
@@ -169,6 +180,119 @@ def test_a_port_that_goes_away_while_nothing_is_streamed_is_told_at_once():
     with pytest.raises(PortLostError):
         reading(board, 1)
     assert link.gone == 2
+
+
+def test_a_restart_while_nothing_is_streamed_is_noticed_at_the_next_command():
+    link, board = streaming()
+    board.command("stream off")
+    list(board.frames(5.0))
+    assert board.command("hello")
+    assert board.stats.restarts == 0
+    link.restart()
+    assert board.command("hello")
+    assert board.stats.restarts == 1
+    assert board.stats.lost == 0
+    board.command("hello")
+    assert board.stats.restarts == 1
+    board.touches()
+    assert link.now_s() - reading(board, 5)[-1].time_s < 0.05
+
+
+def test_a_command_after_a_restart_brings_the_stream_back_as_well():
+    link, board = streaming()
+    link.restart()
+    board.command("hello")
+    assert board.stats.restarts == 1
+    assert len(reading(board, 50)) == 50
+    assert board.stats.restarts == 1
+
+
+def test_the_state_of_a_link():
+    told = []
+    link, board = streaming()
+    board.when_state_changes(told.append)
+    assert board.state == "connected"
+    link.deaf, link.streams = {"sync"}, []
+    list(board.frames(2.0))
+    assert board.state == "stalled"
+    link.deaf = set()
+    reading(board, 5)
+    assert board.state == "connected"
+    link.gone = 1_000_000
+    list(board.frames(0.01))
+    assert board.state == "lost"
+    link.gone = 1
+    link.board_id = "another"
+    until(board, "refused")
+    assert len(board.log) == 1
+    link.board_id = None
+    until(board, "connected")
+    assert told == ["stalled", "connected", "lost", "refused", "connected"]
+
+
+def until(board, state):
+    while board.state != state:
+        list(board.frames(0.01))
+
+
+def test_readings_that_a_program_does_not_take_are_counted_and_flagged(monkeypatch):
+    monkeypatch.setattr(module, "_QUEUE_FRAMES", 100)
+    link, board = streaming()
+    link.deaf = {"auto"}
+    with pytest.raises(SpotsError, match="no reply to 'auto'"):
+        board.command("auto", 3.0)
+    assert board.stats.overrun == pytest.approx(200, abs=3)
+    first, *others = reading(board, 100)
+    assert first.flags & DROPPED
+    assert not any(other.flags & DROPPED for other in others)
+
+
+class Drifting(StandIn):
+    """A board whose clock runs fast, with a reading every second, behind a slow link."""
+
+    def __init__(self, ppm):
+        super().__init__(0)
+        self._rate = 1 + 1e-6 * ppm
+        self._rng = random.Random(1)
+        self._next_s = self.time_s
+
+    def read(self, timeout_s):
+        if not self._due:
+            waits_s = max(0.0, self._next_s - self.time_s) if self.streams else timeout_s
+            self.time_s += min(timeout_s, waits_s)
+            if self.streams and self.time_s >= self._next_s:
+                self._next_s = self.time_s + 1.0
+                self._due = self._frame(1, struct.pack("<Biiii", 9, 0, 0, 42_000, 0)[:15])
+        data, self._due = self._due, b""
+        return data
+
+    def write(self, data):
+        self.time_s += self._rng.uniform(0, 0.01)
+        super().write(data)
+        self.time_s += self._rng.uniform(0, 0.001)
+
+    def true_s(self, t_us):
+        return self.booted_s + 1e-6 * t_us / self._rate
+
+    def _t_us(self):
+        return int(1e6 * self._rate * (self.time_s - self.booted_s)) % (1 << 32)
+
+
+@pytest.mark.parametrize("ppm", [50, -50])
+def test_the_drift_of_a_clock_is_followed_for_hours(ppm):
+    link = Drifting(ppm)
+    board = Board(link)
+    link.exposure_us = 1_000_000
+    board.command("hello")
+    board.touches()
+    turn_s = (1 << 32) * 1e-6 / (1 + 1e-6 * ppm)  # the board's microseconds wrap after 72 minutes
+    worst_s = 0.0
+    for touch in board.frames(3 * 3600.0):
+        off_s = (touch.time_s - link.true_s(touch.t_us) + turn_s / 2) % turn_s - turn_s / 2
+        worst_s = max(worst_s, abs(off_s))
+    assert worst_s < 0.004
+    assert board.drift_ppm == pytest.approx(ppm, abs=2)
+    assert board.stats.restarts == 0
 
 
 def test_a_serial_port_is_opened_again_by_its_name(tmp_path):

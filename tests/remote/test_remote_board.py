@@ -43,9 +43,9 @@ def test_a_late_joiner_reads_all_from_then_on(net):
             frames = take(board, 100)
             latest = board.read_latest()
     assert touches[0].sequence > 50
-    assert [touch.sequence for touch in touches] == list(
-        range(touches[0].sequence, touches[0].sequence + 200, 2)
-    )
+    steps = [b.sequence - a.sequence for a, b in zip(touches, touches[1:])]
+    assert set(steps) <= {2, 3, 4}  # a spectrum between, and answers to the publisher's questions
+    assert steps.count(2) > 90
     assert {type(frame) for frame in frames} == {Touch, Spectrum}
     assert (touches[0].position_um, touches[0].force_mN) == (42_500, 3_000)
     assert latest.sequence > frames[-1].sequence
@@ -53,7 +53,7 @@ def test_a_late_joiner_reads_all_from_then_on(net):
     # The stand-in's clock is that of this machine.
     for touch in touches:
         error_s = touch.time_s % (2**32 / 1e6) - touch.t_us / 1e6
-        assert abs(error_s) <= board._clock.uncertainty_s + 2e-6
+        assert abs(error_s) <= board._clocks.clock.uncertainty_s + 2e-6
 
 
 class Typing(StandIn):
@@ -194,7 +194,7 @@ def test_a_reader_that_is_too_slow_counts_what_it_missed(net, monkeypatch):
         gaps = sum(b.sequence - a.sequence - 1 for a, b in zip(frames, frames[1:]))
         assert frames[-1].sequence - first.sequence + 1 == len(frames) + gaps
         take(board, len(board._frames))
-        assert board.stats.lost >= gaps > 0
+        assert board.stats.lost >= gaps - 2 > 0  # answers to the publisher take numbers, too
 
 
 def test_recording_a_board_from_afar(net, tmp_path):

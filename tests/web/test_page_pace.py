@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serving import Serving, run
-from spots.errors import SpotsError
+from spots.errors import RefusedError, SpotsError
 from spots.web import reader as reading
 from spots.web.state import EVENTS_KEPT, State
 
@@ -154,5 +154,8 @@ def test_only_the_board_that_was_there_is_taken_again(monkeypatch):
     with pytest.raises(SpotsError, match="waiting for board gone"):
         open_board("gone")
     assert open_board(None).info["id"] == "other"
-    with pytest.raises(SpotsError, match="waiting for board mine"):
-        reading.finder("/dev/ttyACM0", "default", "demo", 0)("mine")
+    named = reading.finder("/dev/ttyACM0", "default", "demo", 0)
+    assert named("mine").info["id"] == "mine"  # its port has another name now
+    there.pop()
+    with pytest.raises(RefusedError, match="waiting for board mine"):
+        named("mine")

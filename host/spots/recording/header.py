@@ -28,6 +28,8 @@ class Clock(msgspec.Struct, frozen=True):
     last_us: int
     low_s: float
     high_s: float
+    at_us: int = 0
+    slope: float = 0.0
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):

@@ -99,6 +99,12 @@ class Recorder:
     def reopen(self) -> None:
         """Raises SpotsError if the port is still away."""
         self._link.reopen()
+        if self._disk is not None:
+            self._keep(b"\0")  # the frame that was cut off ends here
+
+    def let_go(self) -> None:
+        """Close the port until it is opened again; the recording goes on."""
+        self._link.let_go()
 
     def stop(self) -> None:
         """End the recording; the link goes on. Twice is once."""
@@ -134,7 +140,7 @@ class Recorder:
             piece = self._note() + piece
         clock = self._describe()["clock"]
         if self._between_frames and _bounds(clock) != self._bounds:
-            # The board restarted: from here on its times mean something else.
+            # The clocks were compared again: from here on the board's times are mapped so.
             self._bounds = _bounds(clock)
             piece = self._note({"clock": clock}) + piece
         self._append(piece)
@@ -172,7 +178,7 @@ class Recorder:
 
 
 def _bounds(clock: dict) -> tuple:
-    return clock["low_s"], clock["high_s"]
+    return tuple(value for name, value in clock.items() if name != "last_us")
 
 
 def part_path(path: Path, part: int) -> Path:

@@ -70,9 +70,14 @@ class Remote(Board):
         self._far.listen(on)
         return {"stream": kinds}
 
-    def _reopen(self, timeout_s: float) -> None:
+    def _ask_time(self) -> None:
+        # Nobody sends it questions beside its readings: each would be waited for.
+        if self.now_s() >= self._clocks.due_s:
+            self._clocks.due_s = float("inf")
+
+    def _reconnect(self, timeout_s: float) -> None:
         self._listening = []  # as a board that has restarted
-        super()._reopen(timeout_s)
+        super()._reconnect(timeout_s)
 
 
 def open_remote(board_id: str) -> Remote:

@@ -10,6 +10,8 @@ moments: ``light.collect(start_us, end_us, led_mA) -> dict`` of counts at gain 1
 
 from __future__ import annotations
 
+import math
+import struct
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +29,8 @@ DIODES = tuple(PIXELS_OF)
 
 # DS000504, figure "gain": relative to 64x; the steps are no exact powers of two.
 GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
+
+_SIX = struct.Struct("<6H")
 
 _RESET_VALUES = {
     0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
@@ -106,8 +110,8 @@ class AS7341:
         self._part_start = 0.0  # up to where its light has been collected
         self._collected = np.zeros(len(DIODES))
         self._cycle = 0
-        self._live = (0, [0] * 6)  # ASTATUS and counts of the last sample
-        self._latched = (0, [0] * 6)
+        self._live = (0, bytes(12))  # ASTATUS and counts of the last sample
+        self._latched = self._live
 
     # The bus side. A controller calls advance(now) first, so that time never runs backwards.
 
@@ -126,11 +130,8 @@ class AS7341:
 
     def read(self, size: int) -> bytes:
         """A read transfer from the pointer on."""
-        data = bytearray()
-        for _ in range(size):
-            data.append(self._get(self._pointer))
-            self._pointer = (self._pointer + 1) & 0xFF
-        return bytes(data)
+        first, self._pointer = self._pointer, (self._pointer + size) & 0xFF
+        return bytes([self._get(i & 0xFF) for i in range(first, first + size)])
 
     def advance(self, now_us: float) -> None:
         """Let time pass up to `now_us`."""
@@ -147,27 +148,29 @@ class AS7341:
         return bool(self._main[0xA9] & 0x10)
 
     def _get(self, register: int) -> int:
+        if register >= 0x80:
+            if self._bank1_selected() and register != 0xA9:
+                return 0
+            if register == 0x94:
+                return self._latch()
+            if 0x95 <= register <= 0xA0:
+                return self._latched[1][register - 0x95]
+            return self._main[register]
         if register < 0x14:
             return self._smux_ram[register]
         if 0x60 <= register <= 0x74 and self._bank1_selected():
             return self._get_bank1(register)
-        if register < 0x80 or (self._bank1_selected() and register != 0xA9):
-            return 0
-        if register == 0x94:
-            return self._latch()
-        if 0x95 <= register <= 0xA0:
-            return self._count_byte(register - 0x95)
-        return self._main[register]
+        return 0
 
     def _get_bank1(self, register: int) -> int:
         if register == 0x60:
             return self._latch()
         if register in (0x61, 0x62):
-            return self._count_byte(register - 0x61)
+            return self._latched[1][register - 0x61]
         if 0x63 <= register <= 0x65:
             return self._steps() >> (8 * (register - 0x63)) & 0xFF
         if register <= 0x6F:
-            return self._count_byte(2 + register - 0x66)
+            return self._latched[1][2 + register - 0x66]
         return self._bank1[register]
 
     def _latch(self) -> int:
@@ -175,9 +178,6 @@ class AS7341:
         if self._quirks.avalid_clears_on_read:
             self._main[0xA3] &= ~0x40
         return self._latched[0]
-
-    def _count_byte(self, i: int) -> int:
-        return self._latched[1][i >> 1] >> (8 * (i & 1)) & 0xFF
 
     def _set(self, register: int, value: int) -> None:
         if register < 0x14:
@@ -269,7 +269,7 @@ class AS7341:
         self._collect(end_us)
         counts, saturation = self._convert(end_us - self._start)
         gain = self._main[0xAA] & 0x1F
-        self._live = ((0x80 if saturation else 0) | min(gain, 10), counts)
+        self._live = ((0x80 if saturation else 0) | min(gain, 10), _SIX.pack(*counts))
         self._main[0xA3] = 0x40 | saturation
         if saturation:
             self._main[0x93] |= 0x80
@@ -289,15 +289,17 @@ class AS7341:
         noise = self._noise
         gain = GAIN[min(self._main[0xAA] & 0x1F, 10)]
         dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
-        ideal = self._routing @ self._collected * gain + dark
+        ideal = (self._routing @ self._collected * gain + dark).tolist()
         electrons = noise.electrons_per_count_1x / gain
-        sigma = np.sqrt(noise.read_counts**2 + np.maximum(ideal, 0) / electrons)
         full_scale = self._full_scale()
-        noisy = np.floor(ideal + sigma * self._rng.standard_normal(6) + 0.5)
-        counts = np.clip(noisy, 0, full_scale).astype(int).tolist()
+        counts = []
+        # Six numbers are too few for numpy to be quick.
+        for light, draw in zip(ideal, self._rng.standard_normal(6).tolist()):
+            sigma = math.sqrt(noise.read_counts**2 + max(light, 0.0) / electrons)
+            counts.append(min(max(math.floor(light + sigma * draw + 0.5), 0), full_scale))
         if self._main[0x80] & 0x40:
             counts[5] = 0
         digital = 0x10 if max(counts) >= full_scale else 0
         # A converter makes at most one count a step; far above that its front end clips.
-        analog = 0x08 if ideal.max() > 1.5 * duration_us / STEP_US else 0
+        analog = 0x08 if max(ideal) > 1.5 * duration_us / STEP_US else 0
         return counts, digital | analog

@@ -45,6 +45,8 @@ class LockstepLink:
     ----------
     usb : usb.UsbHost
         The computer that gets the board's USB reports.
+    free_bytes : int or None
+        Of the board's heap, as it told last.
     """
 
     name = "virtual"
@@ -68,6 +70,7 @@ class LockstepLink:
         self._faults = BoardFaults(faults) if faults else None
         self._rate = self._faults.rate if faults else 1.0
         self.usb = UsbHost()
+        self.free_bytes: int | None = None
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
@@ -125,6 +128,9 @@ class LockstepLink:
     def _next_request(self) -> bytes:
         for _ in range(3):
             request = server.read_request(self._machine.requests)
+            while request and (free_bytes := server.told_free_bytes(request)) is not None:
+                self.free_bytes = free_bytes
+                request = server.read_request(self._machine.requests)
             if request is None:
                 self._machine.ended(self._received())
             elif not server.is_reset(request):

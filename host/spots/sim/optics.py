@@ -7,6 +7,8 @@ are not quite straight, as in the real sensor.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from .files import Dye, Led, SensorFile
@@ -58,6 +60,7 @@ def _sensitivity() -> np.ndarray:
 
 
 _SENSITIVITY = _sensitivity()
+_KEPT = 256  # presses whose light is remembered
 
 
 class Optics:
@@ -75,8 +78,9 @@ class Optics:
         self._dyed = decay_per_mm(sensor.dye) - sensor.dye.clear_per_mm
         self._lit = _SENSITIVITY * led_spectrum(sensor.led)
         self._flat = _SENSITIVITY.mean(axis=1)
+        self.press = lru_cache(_KEPT)(self._press)  # a finger mostly stays where it is
 
-    def press(
+    def _press(
         self, position_mm: float, width_mm: float, strain: float = 0.0, bend_deg: float = 0.0
     ) -> np.ndarray:
         """Return the rates of a full contact at `position_mm`, for 1 uW/cm2 of source.

@@ -46,27 +46,30 @@ class Scenario:
 
     def __init__(self, file: ScenarioFile):
         self._file = file
-        self._times = [[point[0] for point in touch.points] for touch in file.touch]
         self._strain = file.strain or [(0.0, file.strain_percent)]
         self._bend = file.bend or [(0.0, file.bend_deg)]
         self._leak = file.leak or [(0.0, 0.0, 0.0)]
+        moves = max(map(len, (self._strain, self._bend, self._leak))) > 1
+        self._only_pose = None if moves else self._pose(0.0)
+        # Which touches there are between any two moments at which one begins or ends.
+        spans = [(touch, [point[0] for point in touch.points]) for touch in file.touch]
+        self._edges = sorted({edge for _, times in spans for edge in (times[0], times[-1])})
+        self._down = [[]] + [
+            [span for span in spans if span[1][0] <= edge < span[1][-1]] for edge in self._edges
+        ]
 
     def pose(self, time_s: float) -> Pose:
         """Return how the strip lies at `time_s`."""
-        phase_s = time_s % self._file.seconds
-        (percent,) = _on_lines(self._strain, phase_s)
-        (bend_deg,) = _on_lines(self._bend, phase_s)
-        return Pose(percent / 100, bend_deg, *_on_lines(self._leak, phase_s))
+        return self._only_pose or self._pose(time_s % self._file.seconds)
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the fingers that touch with any force at `time_s`."""
         phase_s = time_s % self._file.seconds
         found = []
-        for touch, times in zip(self._file.touch, self._times):
-            if times[0] <= phase_s < times[-1]:
-                press = _between(touch, bisect_right(times, phase_s), phase_s)
-                if press.force_mN > 0:
-                    found.append(press)
+        for touch, times in self._down[bisect_right(self._edges, phase_s)]:
+            press = _between(touch, bisect_right(times, phase_s), phase_s)
+            if press.force_mN > 0:
+                found.append(press)
         return found
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
@@ -76,6 +79,11 @@ class Scenario:
             return 0.0
         level = _step(ambient, start_s % self._file.seconds)
         return level * flicker(ambient.flicker_percent, ambient.flicker_hz, start_s, end_s)
+
+    def _pose(self, phase_s: float) -> Pose:
+        (percent,) = _on_lines(self._strain, phase_s)
+        (bend_deg,) = _on_lines(self._bend, phase_s)
+        return Pose(percent / 100, bend_deg, *_on_lines(self._leak, phase_s))
 
 
 class Held:

@@ -28,6 +28,11 @@ def is_reset(request: bytes) -> bool:
     return request[:1] == b"X"
 
 
+def told_free_bytes(request: bytes) -> int | None:
+    """Return how much memory the board says it has left, which has no answer, or None."""
+    return int.from_bytes(request[1:4], "little") if request[:1] == b"M" else None
+
+
 def fed_for_us(request: bytes) -> int | None:
     """Return how long a watchdog waits that this request feeds, or None if it feeds none."""
     return 1000 * int.from_bytes(request[1:4], "little") if request[:1] == b"D" else None

@@ -154,10 +154,11 @@ class Machine:
         """End MicroPython and close the pipes."""
         if self._process is None:
             return
-        os.close(self.requests)
-        os.close(self.answers)
+        # The pipes last: at their end the firmware would still say goodbye, some of the time.
         self._process.kill()
         self._process.wait()
+        os.close(self.requests)
+        os.close(self.answers)
         self._process = None
 
     def close(self) -> None:

@@ -52,7 +52,8 @@ class World:
         rates = np.zeros(len(self._optics.names))
         if led_mA > 0:
             for i in range(steps):
-                rates += self._lit((start_us + (i + 0.5) * step_us) * 1e-6) / steps
+                self._light(rates, (start_us + (i + 0.5) * step_us) * 1e-6)
+            rates /= steps
             rates *= self._optics.source_uW_cm2(led_mA) * self._led_level(start_us, duration_us)
         rates += self._optics.ambient(self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6))
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
@@ -64,9 +65,9 @@ class World:
         )
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
-    def _lit(self, time_s: float) -> np.ndarray:
+    def _light(self, rates: np.ndarray, time_s: float) -> None:
+        # Add what there is at a moment.
         pose = self._scenario.pose(time_s)
-        rates = np.zeros(len(self._optics.names))
         for press in self._scenario.presses(time_s):
             share = coupling(self._sensor.contact, press.force_mN)
             if share > 0:
@@ -77,7 +78,6 @@ class World:
             rates += pose.leak_share * self._optics.press(
                 pose.leak_mm, 0.0, pose.strain, pose.bend_deg
             )
-        return rates
 
     def _led_level(self, start_us: float, duration_us: float) -> float:
         led = self._sensor.led

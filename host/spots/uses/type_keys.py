@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from contextlib import nullcontext
 
 from rich.console import Console
@@ -59,6 +60,7 @@ def type_on(
     engine = KeyEngine(layout, length_of(board), keyboard)
     tell_board(board, "set baseline=1")
     board.command("stream touch")
+    board.patience_s = math.inf  # no key is down meanwhile
     end_s = None if seconds is None else board.now_s() + seconds
     try:
         while end_s is None or board.now_s() < end_s:

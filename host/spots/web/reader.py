@@ -10,9 +10,9 @@ from statistics import median
 
 from tactile.smux import CHANNELS
 
-from ..board import Board
+from ..board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
 from ..connect import VIRTUAL, find, open
-from ..errors import SpotsError
+from ..errors import RefusedError, SpotsError
 from ..frames import Key, Spectrum, Touch
 from ..sim.files import ScenarioFile, SensorFile, load
 from ..uses.layout import KeyLayout
@@ -28,8 +28,11 @@ _RATE_OVER = 4  # times the link is looked at
 # Without readings for so long, and for so many of them, a board is asked anew who it is.
 _SILENCE_S = 2.0
 _SILENT_READINGS = 3
-
-SEARCHING, CONNECTED, LOST = "searching", "connected", "lost"
+_WHY = {
+    STALLED: "no readings come",
+    LOST: "the board was disconnected",
+    REFUSED: "another board is in its place",
+}
 
 
 class Reader:
@@ -94,7 +97,8 @@ class Reader:
                     self._read(board)
             except SpotsError as error:
                 self._heard_s = None
-                self._say(LOST if self._id else SEARCHING, str(error))
+                refused = isinstance(error, RefusedError)
+                self._say(REFUSED if refused else LOST if self._id else SEARCHING, str(error))
                 self._stopping.wait(self._search_every_s)
 
     def _read(self, board: Board) -> None:
@@ -111,6 +115,7 @@ class Reader:
         }
         self._heard_s = time.monotonic()
         self._say(CONNECTED, "")
+        board.when_state_changes(self._take_state)
         feel = Feel(board, info, self._layout, self._state)
         health = _Health(board, self._state)
         try:
@@ -152,6 +157,12 @@ class Reader:
             self._state.put("spectrum", {"counts": frame.counts})
         elif isinstance(frame, Key):
             feel.take_key(frame)
+
+    def _take_state(self, state: str) -> None:
+        if state == CONNECTED:
+            self._heard_s = time.monotonic()  # said with the first reading
+        else:
+            self._say(state, _WHY[state])
 
     def _patience_s(self) -> float:
         known = self._known
@@ -228,16 +239,22 @@ def finder(
         load(ScenarioFile, scenario)
 
     def open_board(board_id: str | None) -> Board:
-        if port is None and board_id is not None:
-            found, _ = find()
-        else:
-            found = [open(port, sensor=sensor, scenario=scenario, seed=seed)]
+        found = []
+        if port is not None or board_id is None:
+            try:
+                found = [open(port, sensor=sensor, scenario=scenario, seed=seed)]
+            except SpotsError:
+                if board_id is None or port == VIRTUAL:
+                    raise
+        kind = RefusedError if found else SpotsError
+        if board_id not in (None, *(one.info["id"] for one in found)):
+            found += find()[0]  # its port may have another name now
         wanted = [one for one in found if board_id in (None, one.info["id"])][:1]
         for one in found:
             if one not in wanted:
                 one.close()
         if not wanted:
-            raise SpotsError(f"waiting for board {board_id}: plug it in again")
+            raise kind(f"waiting for board {board_id}: plug it in again")
         return wanted[0]
 
     return open_board

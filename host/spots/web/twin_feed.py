@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from ..board import Board
+from ..board import CONNECTED, Board
 from ..errors import SpotsError
 from ..frames import Touch
 from ..uses import mounted
@@ -16,7 +16,7 @@ from ..uses.layout import KeyLayout
 from ..uses.twin import Terminal, Twin
 from ..uses.twin_source import check, endless, give
 from ..view import Pace
-from .reader import LOST, SEARCHING, Reader, finder
+from .reader import Reader, finder
 from .state import State
 
 _SHOWN_PER_S = 20
@@ -92,7 +92,7 @@ class _Aside(State):
         self._feed, self._joint = feed, joint
 
     def put(self, name, value):
-        if name == "board" and value["state"] in (SEARCHING, LOST):
+        if name == "board" and value["state"] != CONNECTED:
             self._feed.lost(self._joint, value["message"] or "looking for its board")
 
 

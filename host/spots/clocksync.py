@@ -1,0 +1,81 @@
+"""When to ask a board for its time beside all else, and what its answers told."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+from .clockmap import ClockMap
+
+# Round trips that begin at different moments of the board's loop: steps of the golden ratio
+# spread evenly over any period.
+TRIPS = 12
+SPREAD_S = 0.01
+GOLDEN = 0.618034
+_SOON_S = 0.03
+# Later for the drift alone; a question may cost the board a sample, since it collects its garbage.
+_FIRST_S = 5.0
+_EVERY_S = 60.0
+_NEVER = float("inf")
+
+
+class ClockSync:
+    """A map of clocks that is kept right by a question now and then.
+
+    Attributes
+    ----------
+    clock : clockmap.ClockMap
+    due_s : float
+        When the next question is due, by the host's clock.
+    """
+
+    def __init__(self):
+        self.clock = ClockMap()
+        self.due_s = _NEVER
+        self._waits: Iterator[float] = iter(())
+        self._sent_s: float | None = None  # the first question without an answer
+        self._answer: tuple[float, int, float] | None = None
+
+    def keep(self, now_s: float) -> None:
+        """Ask now and then from now on, of a clock that is known."""
+        self._waits = _waits(0)
+        self.due_s = now_s + next(self._waits)
+
+    def begin_anew(self, sent_s: float, t_us: int, received_s: float) -> None:
+        """Forget all but this round trip; more are due soon."""
+        self.clock = ClockMap()
+        self.clock.round_trip(sent_s, t_us, received_s)
+        self._sent_s = self._answer = None
+        self._waits = _waits(TRIPS)
+        self.due_s = received_s
+
+    def ask(self, now_s: float) -> bytes:
+        """Return what to send to the board now, if it is time."""
+        if now_s < self.due_s:
+            return b""
+        self.due_s = now_s + next(self._waits)
+        if self._sent_s is None:
+            self._sent_s = now_s
+        return b"sync\n"
+
+    def answered(self, t_us: int, now_s: float) -> None:
+        """Take the answer to some question, which comes after the first one without any."""
+        if self._sent_s is not None:
+            self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
+
+    def learn(self) -> None:
+        """Use what was answered; between two reads, so that a recording can say from where on."""
+        if self._answer is not None:
+            self.clock.round_trip(*self._answer)
+            self._answer = None
+
+
+def _waits(soon: int) -> Iterator[float]:
+    for i in range(soon):
+        yield _SOON_S + _spread_s(i)
+    for i in itertools.count():
+        yield min(_EVERY_S, _FIRST_S * 2 ** min(i, 10)) + _spread_s(i)
+
+
+def _spread_s(i: int) -> float:
+    return i * GOLDEN % 1 * SPREAD_S

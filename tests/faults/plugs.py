@@ -1,0 +1,153 @@
+"""Boards of a few lines behind PTYs, that are unplugged and come back under other names."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pty
+import select
+import struct
+import threading
+import time
+import tty
+
+from serial.tools.list_ports_common import ListPortInfo
+
+from fault_streams import encoded
+from tactile import PROTOCOL
+
+_READING_S = 0.004
+_FINGER = 6  # readings with a finger, then as many without
+
+
+class Plug:
+    """One board: answers hello, get, set, stream and sync; touches come and go."""
+
+    def __init__(self, board_id):
+        self.board_id = board_id
+        self.name = None
+        self.names = []
+        self._end = None
+        self._pending = b""
+
+    def plug(self):
+        """Give it power, and a port; the name is one that it has not just had."""
+        previous, self._end = self.name, None
+        ends = []
+        while self._end is None:
+            end, port = pty.openpty()
+            ends.append((end, port))
+            if os.ttyname(port) != previous:
+                self._end = end
+        for end, port in ends:
+            if end == self._end:
+                tty.setraw(port)
+                self.name = os.ttyname(port)
+            else:
+                os.close(end)
+            os.close(port)
+        os.set_blocking(self._end, False)
+        self.names.append(self.name)
+        self._booted_s = self._next_s = time.monotonic()
+        self._sequence, self._streams, self._pending = 0, [], b""
+
+    def unplug(self):
+        os.close(self._end)
+        self._end = None
+
+    @property
+    def fd(self):
+        return self._end
+
+    def read(self):
+        with contextlib.suppress(OSError):  # nobody has it open
+            *lines, self._pending = (self._pending + os.read(self._end, 4096)).split(b"\n")
+            for line in lines:
+                if line.strip():
+                    self._answer(*line.decode().split())
+
+    def tick(self):
+        if not self._streams:
+            self._next_s = time.monotonic()
+        while self._streams and time.monotonic() >= self._next_s:
+            self._next_s += _READING_S
+            flags = 9 if self._sequence // _FINGER % 2 else 8
+            self._send(1, struct.pack("<BiiiH", flags, 0, 0, 42_000 * (flags & 1), 900))
+
+    def _answer(self, name, *words):
+        reply = {"re": name}
+        if name == "hello":
+            reply |= {"protocol": PROTOCOL, "id": self.board_id, "board": "b", "runtime": "r"}
+            reply |= {"keys": 0, "length_um": 85_000, "exposure_us": 5000, "average": 1}
+            reply |= {"plan": ["F3", "F4", "F5", "F6", "F7", "F8"]}
+        elif name == "get":
+            reply["full_scale"] = 65_535
+        elif name == "sync":
+            reply |= {"t_us": self._t_us(), "stream": self._streams}
+        elif name == "stream":
+            self._streams = [word for word in words if word != "off"]
+            reply["stream"] = list(words)
+        self._send(3, json.dumps(reply).encode())
+
+    def _send(self, kind, body):
+        header = struct.pack("<BHI", kind, self._sequence % 65_536, self._t_us())
+        self._sequence += 1
+        with contextlib.suppress(OSError):
+            os.write(self._end, encoded(header + body))
+
+    def _t_us(self):
+        return int(1e6 * (time.monotonic() - self._booted_s)) % (1 << 32)
+
+
+class Hub:
+    """Serves plugs in a thread, and lists them as pyserial lists ports."""
+
+    def __init__(self, count):
+        self._lock = threading.Lock()
+        self.plugs = [Plug(f"board{i}") for i in range(count)]
+        for plug in self.plugs:
+            plug.plug()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def ports(self):
+        found = []
+        with self._lock:
+            for plug in self.plugs:
+                if plug.fd is not None:
+                    found.append(port := ListPortInfo(plug.name))
+                    port.vid, port.serial_number = 1, plug.board_id
+        return found
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self._stopping = True
+        self._thread.join()
+        for plug in self.plugs:
+            if plug.fd is not None:
+                plug.unplug()
+
+    def unplug(self):
+        with self._lock:
+            for plug in self.plugs:
+                plug.unplug()
+
+    def replug(self):
+        with self._lock:
+            for plug in self.plugs:
+                plug.plug()
+
+    def _serve(self):
+        while not self._stopping:
+            with self._lock:
+                there = {plug.fd: plug for plug in self.plugs if plug.fd is not None}
+                ready, _, _ = select.select(list(there), [], [], 0)
+                for fd in ready:
+                    there[fd].read()
+                for plug in there.values():
+                    plug.tick()
+            time.sleep(0.001)

@@ -1,0 +1,191 @@
+"""A board that is unplugged and comes back under another name, a hundred times."""
+
+import gc
+import itertools
+import os
+import pty
+import threading
+import time
+
+import pytest
+
+import spots
+from plugs import Hub
+from spots import board as module
+from spots.board import CONNECTED, LOST, REFUSED
+from spots.connect import start_simulator
+from spots.errors import RefusedError
+from spots.link import SerialLink
+from spots.uses.layout import load
+from spots.uses.type_keys import type_on
+from spots.watch import watch
+from spots.web.reader import Reader, finder
+from spots.web.state import State
+
+CYCLES = 100
+DEADLINE_S = 120.0
+
+
+@pytest.fixture
+def hub(monkeypatch):
+    with Hub(3) as hub:
+        monkeypatch.setattr("spots.link.list_ports.comports", hub.ports)
+        # The waits are of the same kind, only shorter.
+        monkeypatch.setattr(module, "_REOPEN_S", 0.01)
+        monkeypatch.setattr(module, "_REOPEN_MOST_S", 0.05)
+        yield hub
+
+
+class Stopping:
+    """A link whose reader gets Ctrl-C when it is told to stop."""
+
+    def __init__(self, link):
+        self._link = link
+        self.stopped = False
+
+    def __getattr__(self, name):
+        return getattr(self._link, name)
+
+    def read(self, timeout_s):
+        if self.stopped:
+            raise KeyboardInterrupt
+        return self._link.read(timeout_s)
+
+
+class Pressed:
+    def __init__(self):
+        self.presses = 0
+        self.down = set()
+
+    def key(self, page, usage, modifiers, pressed):
+        self.presses += pressed
+        (self.down.add if pressed else self.down.discard)(usage)
+
+
+def until(condition):
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
+
+
+def in_thread(run, *arguments):
+    thread = threading.Thread(target=run, args=arguments, daemon=True)
+    thread.start()
+    return thread
+
+
+def held():
+    gc.collect()
+    return threading.active_count(), len(os.listdir("/dev/fd"))
+
+
+def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_behind(hub, capsys):
+    names = [plug.name for plug in hub.plugs]
+    links = [Stopping(SerialLink(name)) for name in names[:2]]
+    watched, typed = (spots.Board(link) for link in links)
+    keys, state = Pressed(), State()
+    reader = Reader(finder(names[2], "default", "demo", 0), load("digits"), state, 0.01)
+    threads = [
+        in_thread(watch, watched, None, False),
+        in_thread(type_on, typed, load("digits"), keys),
+    ]
+    reader.start()
+
+    def recovered_since(frames, presses):
+        return lambda: watched.stats.frames > frames + 10 and keys.presses > presses
+
+    def shown():
+        return state.since(state.begin())[1]
+
+    def on_the_page():
+        return shown()["board"]["state"] == CONNECTED and bool(shown().get("touch"))
+
+    until(lambda: watched.stats.frames > 100 and keys.presses and on_the_page())
+    before = held()
+    for _ in range(CYCLES):
+        hub.unplug()
+        until(lambda: watched.state == typed.state == LOST)
+        until(lambda: shown()["board"]["state"] == LOST)
+        before_it = watched.stats.frames, keys.presses
+        hub.replug()
+        until(lambda: watched.state == typed.state == CONNECTED and on_the_page())
+        until(recovered_since(*before_it))
+    until(lambda: held() == before)
+    assert watched.stats.restarts == typed.stats.restarts == CYCLES
+    assert all(len(plug.names) == CYCLES + 1 for plug in hub.plugs)
+    said = capsys.readouterr().out
+    assert said.count("link lost") == CYCLES <= said.count("link connected")
+    reader.stop()
+    for link in links:
+        link.stopped = True
+    for thread in threads:
+        thread.join(DEADLINE_S)
+    assert keys.down == set()
+    watched.close()
+    typed.close()
+
+
+def test_the_firmware_itself_comes_back_under_another_name(monkeypatch):
+    there, kept = {}, []
+    monkeypatch.setattr("spots.link._usb_numbers", lambda: dict(there))
+    start, end = start_simulator("default", "demo", 0)
+    there[start["port"]] = "number"
+    names = [start["port"]]
+    with spots.Board(SerialLink(start["port"])) as board:
+        board.patience_s = DEADLINE_S
+        board.touches()
+        for _ in range(2):
+            end()
+            there.clear()
+            until(lambda: next(board.frames(0.05), None) is None and board.state == LOST)
+            kept.append(pty.openpty())  # whoever comes next gets another name
+            start, end = start_simulator("default", "demo", 0)
+            there[start["port"]] = "number"
+            names.append(start["port"])
+            until(lambda: next(board.frames(0.05), None) and board.state == CONNECTED)
+            assert board.port == names[-1]
+        assert board.stats.restarts == 2
+    end()
+    assert len(set(names)) == 3
+    for fd in itertools.chain(*kept):
+        os.close(fd)
+
+
+def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypatch):
+    mine = hub.plugs[0]
+    with spots.Board(SerialLink(mine.name)) as board:
+        board.touches()
+        until(lambda: next(board.frames()))
+        monkeypatch.setattr("spots.link._usb_numbers", lambda: {mine.name: None})
+        board._link._number = None  # as of a bridge without one: only the board can tell
+        mine.board_id = "another"
+        name = mine.name
+        hub.unplug()
+        hub.replug()
+        monkeypatch.setattr("spots.link._usb_numbers", lambda: {mine.name: None})
+        assert mine.name != name
+
+        def state_is(state):
+            list(board.frames(0.02))
+            return board.state == state
+
+        until(lambda: state_is(REFUSED))
+        list(board.frames(0.3))
+        assert len([line for line in board.log if "another and not board0" in line["text"]]) == 1
+        assert list(board.frames(0.1)) == []
+        mine.board_id = "board0"
+        until(lambda: state_is(CONNECTED))
+        assert next(board.frames()).position_um in (0, 42_000)
+
+
+def test_a_device_of_another_number_under_the_old_name_is_not_even_opened(hub):
+    first, second, _ = hub.plugs
+    link = SerialLink(first.name)
+    first.board_id, second.board_id = "board9", "board8"
+    with pytest.raises(RefusedError, match="another device is on"):
+        link.reopen()
+    second.board_id = "board0"
+    link.reopen()
+    assert link.name == second.name
+    link.close()
