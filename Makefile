@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 .DEFAULT_GOAL := help
 
 help:
-	@echo 'make demo   the virtual board in this terminal    ARGS="--seconds 5 --json"'
+	@echo 'make demo   the virtual board, on a page or here  ARGS="--seconds 5 --json"'
 	@echo 'make test   every test                            ARGS="-k log2"'
 	@echo 'make lint   style and format'
 	@echo 'make bench  driver, firmware and host against their peers'

@@ -48,9 +48,9 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seconds", type=_seconds, help="end after so long (10 off a terminal)")
     demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
     demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
-    demo.add_argument("--page", action="store_true", help="in a web browser, until Ctrl-C")
+    demo.add_argument("--page", action="store_true", help="a page in a web browser, until Ctrl-C")
     demo.add_argument(
-        "--use", default="strip", help="strip, keyboard, controller, wearable, fivebar"
+        "--use", help="strip, keyboard, controller, wearable, fivebar; in this terminal"
     )
     _add_simulation(demo)
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
@@ -101,6 +101,7 @@ def _add_serve(commands) -> None:
     serve.add_argument("--layout", default="digits", metavar="FILE.toml", help="of keys; or a name")
     serve.add_argument("--address", default="127.0.0.1", help="show it to others, with a token")
     serve.add_argument("--http-port", type=_http_port, default=8765, help="0 for any")
+    serve.add_argument("--record-to", metavar="FOLDER", help="let who has the token record")
     serve.set_defaults(run=_serve)
 
 
@@ -346,7 +347,10 @@ def _monitor(options: argparse.Namespace) -> None:
 
 
 def _demo(options: argparse.Namespace) -> None:
-    if options.page:
+    from .web import browser
+
+    plain = options.seconds is options.use is None and not (options.json or options.fast)
+    if options.page or (plain and browser.opens()):
         from .web.serve import show_demo
 
         show_demo(options.use, options.sensor, options.scenario or "demo", options.seed)
@@ -363,7 +367,7 @@ def _demo(options: argparse.Namespace) -> None:
         seconds,
         options.fast,
         options.json,
-        options.use,
+        options.use or "strip",
     )
     if options.json:
         print(json.dumps(summary))

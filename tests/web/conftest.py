@@ -10,21 +10,15 @@ from playwright.sync_api import sync_playwright
 from serving import Bench, Serving
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# The browser itself says so while there is no server; nothing in a page can keep it from that.
-_REFUSED = "net::ERR_CONNECTION_REFUSED"
+# The browser itself says so while there is no server, or when the server says that something
+# cannot be; nothing in a page can keep it from that.
+_REFUSED = "net::ERR_CONNECTION_REFUSED", "status of 409"
 
-# What a page has drawn: where the press stands on the glass, and when its reading was.
+# Which readings a page has drawn, when, and how many messages were on their way to it at most.
 _RECORD = """
 window.drawn = [];
 document.addEventListener("drawn", ({ detail }) => {
-  const middle = (name) => document.querySelector(name).getBoundingClientRect();
-  const press = middle(".press"), track = middle(".track");
-  const record = {
-    ...detail,
-    on: document.querySelector(".press").classList.contains("on"),
-    share: (press.left + press.width / 2 - track.left) / track.width,
-    text: document.querySelector(".figure b").firstChild.data,
-  };
+  const record = { ...detail };
   // The frame is on the screen when this task is over and the next one begins.
   const channel = new MessageChannel();
   channel.port1.onmessage = () => {
@@ -34,6 +28,21 @@ document.addEventListener("drawn", ({ detail }) => {
   };
   channel.port2.postMessage(null);
 });
+window.underway = 0;
+window.WebSocket = class extends WebSocket {
+  #drawn = 0;
+  constructor(url) {
+    super(url);
+    this.addEventListener("message", ({ data }) => {
+      const number = Number(/"n":(\\d+)/.exec(data)[1]);
+      window.underway = Math.max(window.underway, number - this.#drawn);
+    });
+  }
+  send(number) {
+    super.send(number);
+    this.#drawn = Number(number);
+  }
+};
 """
 
 
@@ -54,7 +63,7 @@ def open_page(browser):
     contexts, errors = [], []
 
     def note(kind, text):
-        if _REFUSED not in text:
+        if not any(words in text for words in _REFUSED):
             errors.append(f"{kind}: {text}")
 
     def open_page(url, **options):

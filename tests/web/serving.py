@@ -14,6 +14,7 @@ from spots.errors import PortLostError, SpotsError
 from spots.sim.lockstep import LockstepLink
 from spots.uses.layout import load
 from spots.web.reader import Reader
+from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import State
 
@@ -69,13 +70,14 @@ class Bench:
         Of the board that is plugged in.
     """
 
-    def __init__(self, sensor, calibration, scenario, layout="digits"):
+    def __init__(self, sensor, calibration, scenario, layout="digits", record_to=None):
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
         self.state = State()
+        self.recordings = Recordings(record_to, self.state) if record_to else None
         self.link = None
         self.there = True
         self.asked_for = []
-        self.reader = Reader(self._open, load(layout), self.state, search_every_s=0.05)
+        self.reader = Reader(self._open, load(layout), self.state, 0.05, recordings=self.recordings)
         self.reader.start()
 
     def _open(self, board_id):
@@ -112,8 +114,8 @@ class Bench:
 class Serving:
     """A server in a thread with an event loop of its own."""
 
-    def __init__(self, state, address="127.0.0.1", port=0):
-        self._server = Server(state, address, port)
+    def __init__(self, state, address="127.0.0.1", port=0, recordings=None):
+        self._server = Server(state, address, port, recordings=recordings)
         self._up = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._main()), daemon=True)
         self._thread.start()

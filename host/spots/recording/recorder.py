@@ -63,6 +63,8 @@ class Recorder:
         rotate_bytes: int | None = None,
         utc_s: Callable[[], float] = time.time,
     ):
+        while isinstance(link, Recorder) and link._disk is None:
+            link = link._link  # one that has ended is not in the way for ever
         self.name, self.now_s, self.write = link.name, link.now_s, link.write
         self._link = link
         self._path = Path(path)

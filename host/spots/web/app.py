@@ -1,4 +1,4 @@
-"""The web server: static files, and one WebSocket that only tells.
+"""The web server: static files, one WebSocket that only tells, and recordings if they are allowed.
 
 Nothing that a page sends does anything to a board. A page acknowledges what it has drawn, and gets
 the newest state when it has; nothing is queued for it, here or in the sockets between.
@@ -7,20 +7,24 @@ the newest state when it has; nothing is queued for it, here or in the sockets b
 from __future__ import annotations
 
 import asyncio
+import time
 from pathlib import Path
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from ..errors import SpotsError
 from .guard import Guard
+from .pace import Pace
+from .recordings import START, STOP, Recordings
 from .state import State
 
 STATIC = Path(__file__).parent / "static"
-_EVERY_S = 1 / 60
-_WINDOW = 2  # messages that a page may not have drawn yet
 _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
 _HEARTBEAT_S = 20.0
+_ANSWER_S = 10.0
+_REQUEST_MAX = 1024  # bytes
 
 
 class App:
@@ -30,17 +34,21 @@ class App:
     ----------
     state : State
     guard : Guard
+    recordings : Recordings, optional
+        What a page with the token may start and stop.
     """
 
-    def __init__(self, state: State, guard: Guard):
-        self._state = state
+    def __init__(self, state: State, guard: Guard, recordings: Recordings | None = None):
+        self._state, self._guard, self._recordings = state, guard, recordings
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
         self._waking = False
         state.on_change = self._changed
-        self.web = web.Application(middlewares=[guard.middleware()])
+        self.web = web.Application(middlewares=[guard.middleware()], client_max_size=_REQUEST_MAX)
         self.web.router.add_get("/", self._index)
         self.web.router.add_get("/live", self._live)
+        if recordings:
+            self.web.router.add_post("/recording", self._record)
         self.web.router.add_static("/static", STATIC)
         self.web.on_response_prepare.append(_add_headers)
         self.web.on_shutdown.append(self._close)
@@ -62,6 +70,18 @@ class App:
     async def _index(self, request: web.Request) -> web.FileResponse:
         return web.FileResponse(STATIC / "index.html")
 
+    async def _record(self, request: web.Request) -> web.Response:
+        word = await request.text()
+        if word not in (START, STOP):
+            raise web.HTTPBadRequest(text=f"say {START} or {STOP}")
+        try:
+            await asyncio.wait_for(asyncio.wrap_future(self._recordings.ask(word)), _ANSWER_S)
+        except SpotsError as error:
+            raise web.HTTPConflict(text=str(error)) from None
+        except asyncio.TimeoutError:
+            raise web.HTTPServiceUnavailable(text="the board does not answer") from None
+        return web.Response(status=204)
+
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         if len(self._clients) >= _CLIENTS_MAX:
             raise web.HTTPServiceUnavailable(text="too many pages are open")
@@ -72,7 +92,9 @@ class App:
         news, drawn = asyncio.Event(), _Drawn()
         news.set()
         self._clients[socket] = news
-        telling = asyncio.create_task(self._tell(socket, news, drawn))
+        may_record = self._recordings and self._guard.may_command(request)
+        first = {"may_record": True} if may_record else {}
+        telling = asyncio.create_task(self._tell(socket, news, drawn, first))
         try:
             async for message in socket:
                 if message.type != WSMsgType.TEXT or not drawn.take(message.data):
@@ -85,22 +107,22 @@ class App:
         return socket
 
     async def _tell(
-        self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn
+        self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn, first: dict
     ) -> None:
-        cursor, sent = self._state.begin(), 0
+        cursor = self._state.begin()
         while not socket.closed:
             await news.wait()
-            await drawn.wait_for(sent + 1 - _WINDOW)
+            await drawn.room()
             news.clear()
             cursor, parts = self._state.since(cursor)
-            if parts:
-                sent += 1
-                message = msgspec.json.encode({"n": sent, **parts}).decode()
+            if parts or first:
+                parts, first = first | parts, {}
+                message = msgspec.json.encode({"n": drawn.pace.send(), **parts}).decode()
                 try:
                     await socket.send_str(message)
                 except ConnectionError:
                     return
-                await asyncio.sleep(_EVERY_S)
+                await asyncio.sleep(drawn.pace.every_s)
 
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
@@ -108,22 +130,23 @@ class App:
 
 
 class _Drawn:
-    """The number of the last message that a page has drawn."""
+    """What a page says it has drawn."""
 
     def __init__(self):
-        self._number = 0
+        self.pace = Pace(time.monotonic)
         self._changed = asyncio.Event()
 
     def take(self, text: str) -> bool:
         """Take an acknowledgement; return whether it is one."""
         if not (text.isascii() and text.isdigit()):
             return False
-        self._number = max(self._number, int(text))
+        self.pace.acknowledge(int(text))
         self._changed.set()
         return True
 
-    async def wait_for(self, number: int) -> None:
-        while self._number < number:
+    async def room(self) -> None:
+        """Wait until another message may be sent."""
+        while self.pace.full:
             self._changed.clear()
             await self._changed.wait()
 

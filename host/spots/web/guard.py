@@ -10,7 +10,8 @@ from urllib.parse import urlsplit
 from aiohttp import web
 
 _COOKIE = "spots-token"
-_ASK = "this page needs the token: open the address that 'spots serve' printed"
+_LOOKING = ("GET", "HEAD")
+_ASK = "this needs the token: open the address that 'spots serve' printed"
 
 
 class Guard:
@@ -25,7 +26,8 @@ class Guard:
     address : str
         The IP address that is listened on.
     token : str or None
-        Asked of everyone, if given.
+        Asked of who commands anything, and of everyone unless `address` is a loopback one. Without
+        one nobody commands.
     """
 
     def __init__(self, address: str, token: str | None):
@@ -44,15 +46,19 @@ class Guard:
             origin = request.headers.get("Origin")
             if origin is not None and origin != f"http://{request.headers['Host']}":
                 raise web.HTTPForbidden(text="pages of other sites get nothing here")
-            if self._token is not None:
-                given = request.query.get("token")
-                if given is not None and self._is_token(given):
-                    raise self._let_in()
-                if not self._is_token(request.cookies.get(_COOKIE, "")):
-                    raise web.HTTPUnauthorized(text=_ASK)
+            if self._is_token(request.query.get("token", "")):
+                raise self._let_in()
+            if not self._loopback and not self.may_command(request):
+                raise web.HTTPUnauthorized(text=_ASK)
+            if request.method not in _LOOKING and not self.may_command(request):
+                raise web.HTTPForbidden(text=_ASK)
             return await handler(request)
 
         return check
+
+    def may_command(self, request: web.Request) -> bool:
+        """Return whether who asks has the token."""
+        return self._is_token(request.cookies.get(_COOKIE, ""))
 
     def _knows(self, host: str) -> bool:
         try:
@@ -66,7 +72,7 @@ class Guard:
         return address.is_loopback or not self._loopback
 
     def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token.encode())
+        return self._token is not None and hmac.compare_digest(given.encode(), self._token.encode())
 
     def _let_in(self) -> web.HTTPSeeOther:
         # The token moves from the address, which is seen and shared, into a cookie.

@@ -8,13 +8,17 @@ from collections import deque
 from collections.abc import Callable
 from statistics import median
 
+from tactile.smux import CHANNELS
+
 from ..board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
 from ..connect import VIRTUAL, find, open
 from ..errors import RefusedError, SpotsError
 from ..frames import Key, Spectrum, Touch
 from ..sim.files import ScenarioFile, SensorFile, load
 from ..uses.layout import KeyLayout
+from .expected import expected_shown
 from .feel import Feel, layout_shown
+from .recordings import Recordings
 from .state import State
 
 _TICK_S = 0.02
@@ -46,6 +50,8 @@ class Reader:
         How long to wait before a board is looked for again.
     on_touch : callable
         Given each reading of each sensor, by the thread that reads.
+    recordings : Recordings, optional
+        Of the board, for who asks for them.
     """
 
     def __init__(
@@ -55,10 +61,11 @@ class Reader:
         state: State,
         search_every_s: float = _SEARCH_EVERY_S,
         on_touch: Callable[[Touch], None] = lambda touch: None,
+        recordings: Recordings | None = None,
     ):
         self._open_board, self._layout, self._state = open_board, layout, state
         self._search_every_s = search_every_s
-        self._on_touch = on_touch
+        self._on_touch, self._recordings = on_touch, recordings
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
@@ -98,10 +105,12 @@ class Reader:
         board.command("stream touch spectrum")
         info = board.command("hello")
         self._id = info["id"]
+        settings = _settings(board)
         self._known = {
             **{name: info.get(name) for name in _FACTS},
             "port": board.port,
-            "full_scale": _full_scale(board),
+            "full_scale": settings["full_scale"],
+            "expected": expected_shown(board, info, settings["dark"]),
             "layout": layout_shown(self._layout) if info.get("length_um") else None,
         }
         self._heard_s = time.monotonic()
@@ -120,12 +129,16 @@ class Reader:
                     self._stopping.wait(_TICK_S)  # a recording that has ended does not wait
                 feel.tick(board.now_s())
                 health.show()
+                if self._recordings:
+                    self._recordings.attend(board)
                 if time.monotonic() - self._heard_s > self._patience_s():
                     raise SpotsError("no readings come")
                 if board.stats.restarts:
                     return  # it has forgotten its settings, or is another one on the same port
         finally:
             feel.release()
+            if self._recordings:
+                self._recordings.leave()
 
     def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
         if isinstance(frame, Touch):
@@ -163,11 +176,11 @@ class Reader:
             self._state.put("board", {"state": state, "message": message, **self._known})
 
 
-def _full_scale(board: Board) -> int | None:
+def _settings(board: Board) -> dict:
     try:
-        return board.command("get")["full_scale"]
+        return board.command("get")
     except SpotsError:
-        return None  # a recording
+        return {"full_scale": None, "dark": [0] * CHANNELS}  # a recording
 
 
 _FACTS = (

@@ -5,19 +5,19 @@ from __future__ import annotations
 import argparse
 import asyncio
 import ipaddress
-import os
 import secrets
 import signal
 import socket
-import sys
-import webbrowser
 from collections.abc import Callable
+from pathlib import Path
 
-from ..connect import VIRTUAL
+from ..connect import RECORDING, VIRTUAL
 from ..demo import FIVEBAR
 from ..errors import SpotsError
 from ..uses.layout import load
+from .browser import print_address, show
 from .reader import Reader, finder
+from .recordings import Recordings
 from .state import State
 from .twin_feed import linkage_readers, simulated_readers
 
@@ -46,6 +46,8 @@ class Server:
         0 for any that is free.
     token : str, optional
         A new one, if not given.
+    recordings : Recordings, optional
+        What who has the token may start and stop; the reader has to have the same.
 
     Attributes
     ----------
@@ -58,17 +60,26 @@ class Server:
         If the address is none of this machine's, or the port is taken.
     """
 
-    def __init__(self, state: State, address: str = LOOPBACK, port: int = 0, token=None):
+    def __init__(
+        self,
+        state: State,
+        address: str = LOOPBACK,
+        port: int = 0,
+        token: str | None = None,
+        recordings: Recordings | None = None,
+    ):
         self._state, self._address, self._port = state, address, port
+        self._recordings = recordings
         try:
             at_home = ipaddress.ip_address(address).is_loopback
         except ValueError:
             raise SpotsError(f"'{address}' is no IP address, such as 192.168.1.20") from None
-        self._token = None if at_home else token or secrets.token_urlsafe(16)
+        secret = not at_home or recordings is not None
+        self._token = (token or secrets.token_urlsafe(16)) if secret else None
         self.url = ""
 
     async def __aenter__(self) -> Server:
-        app = App(self._state, Guard(self._address, self._token))
+        app = App(self._state, Guard(self._address, self._token), self._recordings)
         self._runner = web.AppRunner(app.web, access_log=None, shutdown_timeout=1.0)
         await self._runner.setup()
         try:
@@ -94,18 +105,27 @@ class Server:
 def run(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     state, layout, ports = State(), load(options.layout), options.port
+    recordings = _recordings(options, state)
     if options.linkage is None:
         if len(ports) > 1:
             raise SpotsError("one --port is shown; a linkage has two, and a --linkage FILE")
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
-        readers = [Reader(open_board, layout, state)]
+        readers = [Reader(open_board, layout, state, recordings=recordings)]
     elif VIRTUAL in ports:
         files = options.linkage, options.sensor
         readers = simulated_readers(*files, options.seed, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
-    serve(state, options.address, options.http_port, readers, print_address)
+    serve(state, options.address, options.http_port, readers, print_address, recordings)
+
+
+def _recordings(options: argparse.Namespace, state: State) -> Recordings | None:
+    if options.record_to is None:
+        return None
+    if options.linkage is not None or any(port.startswith(RECORDING) for port in options.port):
+        raise SpotsError("--record-to is for one board, not for a linkage or a recording")
+    return Recordings(Path(options.record_to), state)
 
 
 def serve(
@@ -114,6 +134,7 @@ def serve(
     port: int,
     readers: list[Reader],
     on_start: Callable[[str], None],
+    recordings: Recordings | None = None,
 ) -> None:
     """Serve until Ctrl-C or SIGTERM.
 
@@ -127,10 +148,12 @@ def serve(
         Of the state.
     on_start : callable
         Told the URL.
+    recordings : Recordings, optional
+        As for `Server`.
     """
 
     async def main():
-        async with Server(state, address, port) as server:
+        async with Server(state, address, port, recordings=recordings) as server:
             ended = _ended_by_sigterm()
             for reader in readers:
                 reader.start()
@@ -169,21 +192,7 @@ def show_demo(use: str, sensor: str, scenario: str, seed: int) -> None:
         readers = simulated_readers("default", sensor, seed, layout, state)
     else:
         readers = [Reader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
-    serve(state, LOOPBACK, 0, readers, _open_or_print)
-
-
-def _open_or_print(url: str) -> None:
-    print_address(url)
-    screen = sys.platform in ("win32", "darwin") or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-    )
-    if screen and sys.stdout.isatty():
-        webbrowser.open(url)
-
-
-def print_address(url: str) -> None:
-    """Tell where the page is."""
-    print(f"the page is at {url} (Ctrl-C ends it)", flush=True)
+    serve(state, LOOPBACK, 0, readers, show)
 
 
 def _ended_by_sigterm() -> asyncio.Event:

@@ -11,6 +11,11 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
+// Whether a reading tells where the press is.
+export function placed(touch) {
+  return Boolean(touch?.touching) && !touch.flags.includes("not calibrated");
+}
+
 // Rows of <dt> and <dd> from pairs of words; without a value there is no row.
 export function list(root, pairs) {
   root.replaceChildren(...pairs
@@ -18,32 +23,42 @@ export function list(root, pairs) {
     .map(([name, value]) => make("div", "", make("dt", "", name), make("dd", "", String(value)))));
 }
 
-// A canvas as sharp as the screen; `draw(context, width, height)` in CSS pixels.
+// A canvas as sharp as the screen; `draw(context, width, height)` in CSS pixels. With a key it is
+// drawn only when the key is another one than last time. It draws itself again when its size or
+// the colours change.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
   element.style.height = `${height}px`;
   const context = element.getContext("2d");
-  let width = 0;
-  const fit = () => {
+  let width = 0, last = () => {}, shown = null;
+  const paint = () => {
+    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    if (width) last(context, width, height);
+  };
+  new ResizeObserver(() => {
     width = element.clientWidth;
     element.width = Math.round(width * devicePixelRatio);
     element.height = Math.round(height * devicePixelRatio);
-  };
-  new ResizeObserver(fit).observe(element);
-  return (draw) => {
-    if (!width) return;
-    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
-    context.clearRect(0, 0, width, height);
-    draw(context, width, height);
+    paint();
+  }).observe(element);
+  painted.push(paint);
+  return (draw, key = {}) => {
+    if (key === shown) return;
+    shown = key;
+    last = draw;
+    paint();
   };
 }
 
 // Colours by name, as the style sheet has them now; asked anew when the scheme changes.
 const names = ["text", "quiet", "edge", "faint", "place", "force"];
+const painted = [];
 export const colours = {};
 function look() {
   const style = getComputedStyle(document.documentElement);
   for (const name of names) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  for (const paint of painted) paint();
 }
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", look);
 look();

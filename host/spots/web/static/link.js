@@ -3,7 +3,7 @@
 const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 5000;
 
 // onNews(parts) for each message, onState("connecting" | "live") as the connection comes and goes.
-// Returns a function that acknowledges all that has come so far.
+// Returns a function whose result, called later, acknowledges what had come when it was made.
 export function connect(onNews, onState) {
   let socket, wait = FIRST_WAIT_MS, number = 0, acknowledged = 0;
 
@@ -26,9 +26,12 @@ export function connect(onNews, onState) {
 
   open();
   return () => {
-    if (number > acknowledged && socket.readyState === WebSocket.OPEN) {
-      socket.send(String(number));
-      acknowledged = number;
-    }
+    const drawn = number, on = socket;
+    return () => {
+      if (drawn > acknowledged && on === socket && socket.readyState === WebSocket.OPEN) {
+        socket.send(String(drawn));
+        acknowledged = drawn;
+      }
+    };
   };
 }

@@ -1,49 +1,96 @@
 // Takes what the server tells, draws it at the next frame of the screen, and says so.
 
+import { placed } from "./dom.js";
 import { connect } from "./link.js";
 import { board } from "./panels/board.js";
+import { figures } from "./panels/figures.js";
 import { strip } from "./panels/strip.js";
 import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
 import { keyboard } from "./panels/keyboard.js";
 import { stick } from "./panels/stick.js";
 import { twin } from "./panels/twin.js";
+import { recording } from "./panels/recording.js";
 import { link } from "./panels/link.js";
 
+// How often a panel is drawn at most, a second: what answers a finger at every frame, what is
+// looked at less often, what is read less still.
+const ANSWER = Infinity, LOOK = 15, READ = 5;
+const RATES = [
+  [strip, ANSWER], [keyboard, ANSWER],
+  [history, LOOK], [stick, LOOK], [spectrum, LOOK], [twin, LOOK],
+  [figures, READ], [board, READ], [recording, READ], [link, READ],
+];
+// What waits for its time is drawn with the next message, or so long after the last one.
+const QUIET_MS = 100;
+
 // A panel is made once, from its element, and returns what draws it: (state, news, now_s). `state`
-// has the newest of every part, `news` the parts that changed since it drew last, and `events`.
-const panels = Object.entries({ board, strip, history, spectrum, keyboard, stick, twin, link })
-  .map(([name, make]) => make(document.getElementById(name)));
+// has the newest of every part, `news` the parts that changed since it drew last, `events`, and
+// `touches`, all readings that came. It is drawn again without news if it returns true.
+const panels = RATES.map(([make, rate]) => ({
+  draw: make(document.getElementById(make.name)), every_ms: 1000 / rate, due_ms: 0, news: null,
+}));
 
 const state = {};
-let news = {};
+let asked = false, quiet = 0, newest = null;
 
-const acknowledge = connect(
+const receipt = connect(
   (parts) => {
     const { events, missed, ...changed } = parts;
-    Object.assign(state, changed);
-    Object.assign(news, changed);
+    take(changed, events);
     if (changed.board && changed.board.state !== "connected") letGo();
-    if (events) news.events = [...(news.events ?? []), ...events];
   },
   (how) => {
     document.body.dataset.link = how;
+    take({ connection: how, may_record: false });
     if (how !== "live") letGo();
-    news.connection = how;
   },
 );
 
 // What is not told any more is not shown as if it were.
 function letGo() {
-  for (const part of ["touch", "stick", "keys"]) state[part] = news[part] = null;
+  take({ touch: null, stick: null, keys: null });
+}
+
+function take(parts, events = []) {
+  const touched = placed(state.touch);
+  Object.assign(state, parts);
+  // That a press begins or ends is told at once by all.
+  if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
+  newest = parts.touch ?? newest;
+  for (const panel of panels) {
+    const news = panel.news ??= { events: [], touches: [] };
+    Object.assign(news, parts);
+    news.events.push(...events);
+    if (parts.touch) news.touches.push(parts.touch);
+  }
+  ask();
+}
+
+function ask() {
+  if (!asked) {
+    asked = true;
+    requestAnimationFrame(frame);
+  }
 }
 
 function frame(now_ms) {
-  const fresh = news;
-  news = {};
-  for (const draw of panels) draw(state, fresh, now_ms / 1000);
-  acknowledge();
-  if (fresh.touch) document.dispatchEvent(new CustomEvent("drawn", { detail: fresh.touch }));
-  requestAnimationFrame(frame);
+  asked = false;
+  for (const panel of panels) {
+    if (!panel.news || now_ms < panel.due_ms) continue;
+    const { news } = panel;
+    panel.due_ms = now_ms + panel.every_ms;
+    panel.news = null;
+    if (panel.draw(state, news, now_ms / 1000)) panel.news = { events: [], touches: [] };
+  }
+  clearTimeout(quiet);
+  if (panels.some(({ news }) => news)) quiet = setTimeout(ask, QUIET_MS);
+  if (newest) document.dispatchEvent(new CustomEvent("drawn", { detail: newest }));
+  newest = null;
+  shown.push(receipt());
+  after.port2.postMessage(null);
 }
-requestAnimationFrame(frame);
+
+// The frame has gone to the screen when this task is over and the next one begins.
+const after = new MessageChannel(), shown = [];
+after.port1.onmessage = () => shown.shift()();

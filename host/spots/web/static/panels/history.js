@@ -1,67 +1,54 @@
 // Contrast and force over the last seconds.
-import { FULL_FORCE_MN, canvas, colours } from "../dom.js";
+import { FULL_FORCE_MN, canvas, colours, make } from "../dom.js";
 
-const SPAN_S = 10, KEPT = 2048, STALE_S = 1.5, TOP = 16, GAP = 26;
+const SPAN_S = 10, KEPT = 2048, STALE_S = 1.5;
+const HEIGHT = 228, TOP = 16, GAP = 26, EACH = (HEIGHT - TOP - GAP - 1) / 2;
 
 export function history(root) {
-  const paint = canvas(root, 228);
+  const layers = root.appendChild(make("div", "layers"));
+  const paintScale = canvas(layers, HEIGHT), paintCurves = canvas(layers, HEIGHT);
   const points = [];
   let ahead_s = null;  // of the page's clock over that of the readings
   let heard_s = -Infinity;
   let low = Infinity, high = -Infinity;
 
-  return (state, news, now_s) => {
-    const touch = news.touch;
-    if (touch) {
-      // The soonest arrival is nearest the truth; a clock that begins anew is followed.
-      const offset = now_s - touch.time_s;
-      if (ahead_s === null || Math.abs(offset - ahead_s) > STALE_S) {
-        ahead_s = offset;
-        points.length = 0;
-      }
-      ahead_s += (offset - ahead_s) * (offset < ahead_s ? 0.5 : 0.002);
-      heard_s = now_s;
-      points.push(touch);
-      if (points.length > KEPT) points.splice(0, KEPT / 4);
-      if (touch.touching) {
-        low = Math.min(low, touch.contrast);
-        high = Math.max(high, touch.contrast);
-      }
+  function take(touch, now_s) {
+    // The soonest arrival is nearest the truth; a clock that begins anew is followed.
+    const offset = now_s - touch.time_s;
+    if (ahead_s === null || Math.abs(offset - ahead_s) > STALE_S) {
+      ahead_s = offset;
+      points.length = 0;
     }
-    if (now_s - heard_s > STALE_S && !news.connection) return;  // it stands still
+    ahead_s += (offset - ahead_s) * (offset < ahead_s ? 0.5 : 0.002);
+    heard_s = now_s;
+    points.push(touch);
+    if (points.length > KEPT) points.splice(0, KEPT / 4);
+    if (touch.touching) {
+      low = Math.min(low, touch.contrast);
+      high = Math.max(high, touch.contrast);
+    }
+  }
+
+  return (state, { touches }, now_s) => {
+    for (const touch of touches) take(touch, now_s);
+    const room = Math.max((high - low) * 0.08, 0.02);
+    const span = high > low ? [low - room, high + room] : [-1, 1];
+    const above = [...span.map(written), `${FULL_FORCE_MN / 1000}`];
+    paintScale((c, width) => {
+      scale(c, width, TOP, "contrast, log₂", above[1], above[0]);
+      scale(c, width, TOP + EACH + GAP, "force, N", above[2], "");
+    }, above.join());
     const end_s = ahead_s === null ? 0 : Math.min(now_s - ahead_s, (points.at(-1)?.time_s ?? 0) + STALE_S);
-    paint((c, width, height) => {
-      const each = (height - TOP - GAP - 1) / 2;
-      const room = Math.max((high - low) * 0.08, 0.02);
-      const span = high > low ? [low - room, high + room] : [-1, 1];
+    paintCurves((c, width) => {
       const x = (time_s) => width * (1 - (end_s - time_s) / SPAN_S);
-      plot(c, "contrast", "log₂", TOP, each, width, span, colours.place, (t) => t.contrast, x);
-      plot(c, "force", "N", TOP + each + GAP, each, width, [0, FULL_FORCE_MN], colours.force,
-        (t) => t.force_mN, x);
+      curve(c, TOP, span, colours.place, (t) => t.contrast, x);
+      curve(c, TOP + EACH + GAP, [0, FULL_FORCE_MN], colours.force, (t) => t.force_mN, x);
     });
+    return now_s - heard_s < STALE_S;  // until it stands still
   };
 
-  function plot(c, name, unit, top, height, width, [bottom, ceiling], colour, value, x) {
-    const y = (v) => top + height * (1 - (Math.min(Math.max(v, bottom), ceiling) - bottom) / (ceiling - bottom));
-    c.strokeStyle = colours.edge;
-    c.lineWidth = 1;
-    c.beginPath();
-    for (const share of [0, 0.5, 1]) {
-      const line = Math.round(top + height * share) + 0.5;
-      c.moveTo(0, line);
-      c.lineTo(width, line);
-    }
-    c.stroke();
-    c.font = "12px -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
-    c.fillStyle = colours.quiet;
-    c.textBaseline = "alphabetic";
-    c.textAlign = "left";
-    c.fillText(`${name}, ${unit}`, 0, top - 5);
-    c.textAlign = "right";
-    const [above, below] = name === "force" ? [`${ceiling / 1000}`, ""] : [ceiling, bottom].map(written);
-    c.fillText(above, width, top - 5);
-    c.fillText(below, width, top + height - 5);
-
+  function curve(c, top, [bottom, ceiling], colour, value, x) {
+    const y = (v) => top + EACH * (1 - (Math.min(Math.max(v, bottom), ceiling) - bottom) / (ceiling - bottom));
     c.strokeStyle = colour;
     c.lineWidth = 2;
     c.lineJoin = c.lineCap = "round";
@@ -77,6 +64,26 @@ export function history(root) {
     }
     c.stroke();
   }
+}
+
+function scale(c, width, top, name, above, below) {
+  c.strokeStyle = colours.edge;
+  c.lineWidth = 1;
+  c.beginPath();
+  for (const share of [0, 0.5, 1]) {
+    const line = Math.round(top + EACH * share) + 0.5;
+    c.moveTo(0, line);
+    c.lineTo(width, line);
+  }
+  c.stroke();
+  c.font = "12px -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
+  c.fillStyle = colours.quiet;
+  c.textBaseline = "alphabetic";
+  c.textAlign = "left";
+  c.fillText(name, 0, top - 5);
+  c.textAlign = "right";
+  c.fillText(above, width, top - 5);
+  c.fillText(below, width, top + EACH - 5);
 }
 
 function written(value) {

@@ -34,7 +34,7 @@ export function keyboard(root) {
       shown = null;
     }
     if (!layout) return;
-    for (const event of news.events ?? []) {
+    for (const event of news.events) {
       if (event.kind === "gesture") {
         // That a key was tapped, the key says.
         if (event.name !== "tap") say(event.name.replaceAll("_", " "), "gesture");
@@ -54,5 +54,6 @@ export function keyboard(root) {
       key.classList.toggle("lit", down.has(id) || lit.has(id));
       key.classList.toggle("under", share >= low && share < high);
     });
+    return lit.size > 0;  // until they have gone out
   };
 }

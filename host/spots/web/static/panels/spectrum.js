@@ -1,5 +1,5 @@
-// The six channels behind a reading.
-import { fill, make } from "../dom.js";
+// The six channels behind a reading, and what the calibration expects of a press there, so bright.
+import { fill, make, placed } from "../dom.js";
 
 // What a channel's band looks like.
 const COLOURS = {
@@ -8,21 +8,26 @@ const COLOURS = {
 };
 const LEAST_TOP = 1000;
 
+const COUNTED_S = 0.2;  // a number is to be read
+
 export function spectrum(root) {
   const bars = root.appendChild(make("div", "bars"));
-  const note = root.appendChild(make("p", "note"));
-  let rows = [], fit = null;
+  const note = make("span"), legend = make("span", "legend", "expected");
+  root.append(make("p", "note", note, legend));
+  let rows = [], fit = null, counted_s = 0;
+  legend.hidden = true;
 
   function lay(plan) {
     rows = plan.map((name) => {
-      const bar = make("i"), count = make("b");
+      const bar = make("i"), tick = make("u"), count = make("b");
       bar.style.background = COLOURS[name] ?? COLOURS.CLEAR;
-      return { bar, count, root: make("div", "bar", make("span", "", name), make("div", "", bar), count) };
+      const rail = make("div", "", make("div", "whole", bar), tick);
+      return { bar, tick, count, root: make("div", "bar", make("span", "", name), rail, count) };
     });
     bars.replaceChildren(...rows.map((row) => row.root));
   }
 
-  return (state, news) => {
+  return (state, news, now_s) => {
     if (news.board?.plan) lay(news.board.plan);
     if (news.touch) {
       const word = !news.touch.touching ? "no press"
@@ -33,12 +38,31 @@ export function spectrum(root) {
         note.classList.toggle("warn", word === "does not fit one press");
       }
     }
-    if (!news.spectrum || !rows.length) return;
-    const { counts } = news.spectrum;
+    if (!state.spectrum || !rows.length) return;
+    const { counts } = state.spectrum;
     const top = state.board.full_scale || Math.max(LEAST_TOP, ...counts);
+    const wanted = placed(state.touch) ? expected(state.board.expected, state.touch) : null;
+    legend.hidden = !wanted;
     counts.forEach((value, i) => {
-      fill(rows[i].bar, value / top);
-      rows[i].count.textContent = value;
+      const { bar, tick, count } = rows[i];
+      fill(bar, value / top);
+      tick.classList.toggle("on", Boolean(wanted));
+      if (wanted) tick.style.transform = `translateX(${100 * Math.min(wanted[i] / top, 1)}cqw)`;
+      if (now_s - counted_s >= COUNTED_S) count.textContent = value;
     });
+    if (now_s - counted_s >= COUNTED_S) counted_s = now_s;
   };
+}
+
+// Counts of a press at the place and of the brightness of a reading, in straight lines between
+// the places that the server told.
+function expected(told, { position_um, brightness }) {
+  if (!told) return null;
+  const { from_um, step_um, logs, dark } = told;
+  const at = Math.min(Math.max((position_um - from_um) / step_um, 0), logs.length - 1);
+  const below = Math.min(Math.floor(at), logs.length - 2);
+  return dark.map((counts, i) => {
+    const [a, b] = [logs[below][i], logs[below + 1][i]];
+    return counts + 2 ** (a + (b - a) * (at - below) + brightness);
+  });
 }

@@ -14,7 +14,7 @@ export function stick(root) {
     if (it && buttons.children.length !== it.buttons.length) {
       buttons.replaceChildren(...it.buttons.map((_, i) => make("div", "button", String(i + 1))));
     }
-    knob.style.transform = `translateX(${((it?.x ?? 0) * rail.clientWidth) / 2}px)`;
+    knob.style.transform = `translateX(${50 * (it?.x ?? 0)}cqw)`;
     fill(bar, it?.z ?? 0);
     [...buttons.children].forEach((one, i) => one.classList.toggle("on", it?.buttons[i] ?? false));
   };

@@ -1,0 +1,37 @@
+"""The spectra that a board's calibration expects, as the page draws them over the counts."""
+
+from __future__ import annotations
+
+from tactile.decode import DARK_SAMPLES
+from tactile.settings import checksum
+
+from ..board import Board
+from ..calibrate.expect import expected
+
+
+def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
+    """Return what is expected along the strip.
+
+    Parameters
+    ----------
+    board : Board
+    info : dict
+        Its ``hello``.
+    dark : list of int
+        Its dark frame, as ``get`` tells it.
+
+    Returns
+    -------
+    dict or None
+        None where the host does not know the calibration that the board uses.
+    """
+    lines = board.calibration
+    if lines is None or checksum(lines) != info["calibration"]:
+        return None
+    position_um, logs = expected(lines, info.get("strain_ppm") or 0)
+    return {
+        "from_um": float(position_um[0]),
+        "step_um": float(position_um[1] - position_um[0]),
+        "logs": logs.round(3).tolist(),
+        "dark": [one / DARK_SAMPLES for one in dark],
+    }

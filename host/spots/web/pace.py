@@ -1,0 +1,57 @@
+"""How often a page is told: as often as it draws without getting late."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+WINDOW = 2  # messages that a page may not have drawn yet
+SOONEST_S = 1 / 60
+SELDOM_S = 0.1
+# A page that keeps up has drawn a message at the next frame of its screen or the one after.
+LATE_S = 0.03
+_SLOWER, _FASTER = 1.25, 0.99
+
+
+class Pace:
+    """The pace of one page, from the times at which it was told and at which it had drawn.
+
+    Where processors are short, more messages do not show more, they only wait longer. So each
+    that was drawn late makes those that follow much rarer, and each that was not, a little more
+    frequent. Nobody has to know how many pages share a processor.
+
+    Parameters
+    ----------
+    now_s : callable
+
+    Attributes
+    ----------
+    every_s : float
+        How long to wait after a message.
+    sent, drawn : int
+        Number of the last message that was sent, and that was drawn.
+    """
+
+    def __init__(self, now_s: Callable[[], float]):
+        self._now_s = now_s
+        self._sent_s: dict[int, float] = {}
+        self.every_s = SOONEST_S
+        self.sent = self.drawn = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether as much is on its way as may be."""
+        return self.sent - self.drawn >= WINDOW
+
+    def send(self) -> int:
+        """Return the number of a message that is sent now."""
+        self.sent += 1
+        self._sent_s[self.sent] = self._now_s()
+        return self.sent
+
+    def acknowledge(self, number: int) -> None:
+        """Take it that a page has drawn all messages up to one."""
+        for one in range(self.drawn + 1, min(number, self.sent) + 1):
+            late = self._now_s() - self._sent_s.pop(one) > LATE_S
+            every_s = self.every_s * (_SLOWER if late else _FASTER)
+            self.every_s = min(max(every_s, SOONEST_S), SELDOM_S)
+            self.drawn = one

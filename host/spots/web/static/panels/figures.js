@@ -1,0 +1,32 @@
+// The place of the press and its force in figures, and what is to be said of the reading.
+import { FULL_FORCE_MN, fill, make, placed } from "../dom.js";
+
+export function figures(root) {
+  const place = figure("Position", "mm"), force = figure("Force", "N");
+  const bar = make("i");
+  force.root.append(make("div", "meter", bar));
+  const words = make("div", "words");
+  root.append(place.root, force.root, words);
+
+  return (state, news) => {
+    if (!("touch" in news)) return;
+    const touch = state.touch, there = placed(touch);
+    const said = touch ? touch.flags.join(", ") : "";
+    if (said !== words.textContent) words.textContent = said;
+    place.show(there ? (touch.position_um / 1000).toFixed(2) : null);
+    force.show(there ? (touch.force_mN / 1000).toFixed(2) : null);
+    fill(bar, there ? touch.force_mN / FULL_FORCE_MN : 0);
+  };
+}
+
+function figure(name, unit) {
+  const number = document.createTextNode("");
+  const value = make("b", "", number, make("small", "", unit));
+  const root = make("div", "figure none", make("span", "", name), value);
+  const show = (text) => {
+    root.classList.toggle("none", text === null);
+    number.data = text ?? "–";
+  };
+  show(null);
+  return { root, show };
+}

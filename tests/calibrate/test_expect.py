@@ -1,0 +1,61 @@
+"""What a calibration expects of a press is what the board counts under one, and not under two."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spots.board import Board
+from spots.calibrate.expect import expected
+from spots.connect import prepare
+from spots.frames import Spectrum, Touch
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Held, Press
+
+SETTLED_S, READ_S = 0.3, 0.2
+OFF = 0.03  # of the brightest channel
+
+
+class Several(Held):
+    """Presses that are held, as many as one likes."""
+
+    held = ()
+
+    def presses(self, time_s):
+        return list(self.held)
+
+
+@pytest.fixture(scope="module")
+def strip(sensor, calibration):
+    several = Several()
+    with Board(LockstepLink(sensor, several)) as board:
+        prepare(board, calibration)
+        board.command("stream touch spectrum")
+        yield several, board
+
+
+def departure(strip, calibration, *presses):
+    """Return by how much of the brightest channel counts are not as expected, at the worst."""
+    several, board = strip
+    several.held = [Press(place_mm, force_mN, 4.0) for place_mm, force_mN in presses]
+    for _ in board.frames(SETTLED_S):
+        pass
+    frames = list(board.frames(READ_S))
+    counts = np.mean([frame.counts for frame in frames if isinstance(frame, Spectrum)], axis=0)
+    counts -= np.array(board.command("get")["dark"]) / 4
+    touches = [frame for frame in frames if isinstance(frame, Touch)]
+    position_um = np.mean([touch.position_um for touch in touches])
+    brightness = np.mean([touch.brightness for touch in touches])
+    places_um, logs = expected(calibration)
+    wanted = [2 ** (np.interp(position_um, places_um, log) + brightness) for log in logs.T]
+    return np.abs(counts - wanted).max() / counts.max()
+
+
+@pytest.mark.parametrize("place_mm", [3.0, 20.0, 42.5, 60.0, 80.0])
+@pytest.mark.parametrize("force_mN", [1500, 8000])
+def test_one_press_is_as_expected(strip, calibration, place_mm, force_mN):
+    assert departure(strip, calibration, (place_mm, force_mN)) < OFF
+
+
+def test_two_presses_are_not(strip, calibration):
+    assert departure(strip, calibration, (10.0, 3000), (75.0, 8000)) > 2 * OFF

@@ -1,0 +1,83 @@
+"""The demo opens the page where somebody sees it, and stays in the terminal where not."""
+
+from __future__ import annotations
+
+import re
+import webbrowser
+from types import SimpleNamespace
+
+import pytest
+
+import spots.demo
+from serving import apart
+from spots.cli import main
+from spots.errors import SpotsError
+from spots.web import browser, serve
+
+
+@pytest.fixture
+def at_a_screen(monkeypatch):
+    """A terminal on a display."""
+    terminal = SimpleNamespace(isatty=lambda: True)
+    monkeypatch.setattr(browser, "sys", SimpleNamespace(platform="linux", stdout=terminal))
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """What was shown, by name."""
+    shown = []
+    monkeypatch.setattr(serve, "show_demo", lambda *_: shown.append("page"))
+    monkeypatch.setattr(spots.demo, "demo", lambda *_: shown.append("terminal") or {})
+    return shown
+
+
+def no_board(board_id):
+    raise SpotsError("no board found")
+
+
+def test_the_page_is_opened(at_a_screen, monkeypatch, capsys):
+    opened = []
+
+    def look(url):
+        opened.append(url)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(webbrowser, "open", look)
+    monkeypatch.setattr(serve, "finder", lambda *_: no_board)
+    assert apart(main, ["demo"]) == 0
+    (url,) = opened
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", url)
+    assert url in capsys.readouterr().out
+
+
+def test_the_demo_of_a_person_at_a_screen_is_the_page(at_a_screen, shown):
+    assert main(["demo"]) == main(["demo", "--seed", "3", "--sensor", "noisy"]) == 0
+    assert shown == ["page", "page"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--json"], ["--seconds", "5"], ["--use", "strip"], ["--use", "keyboard"], ["--fast"]],
+)
+def test_who_asks_for_the_terminal_gets_it(at_a_screen, shown, arguments):
+    assert main(["demo", *arguments]) == 0
+    assert shown == ["terminal"]
+
+
+def test_without_a_display_it_is_the_terminal(at_a_screen, shown, monkeypatch):
+    monkeypatch.delenv("DISPLAY")
+    assert main(["demo"]) == 0
+    assert shown == ["terminal"]
+
+
+def test_off_a_terminal_it_is_the_terminal(at_a_screen, shown, monkeypatch):
+    monkeypatch.setattr(browser.sys.stdout, "isatty", lambda: False)
+    assert main(["demo"]) == 0
+    assert shown == ["terminal"]
+
+
+def test_the_page_may_be_asked_for_anywhere(shown):
+    assert main(["demo", "--page"]) == 0
+    assert shown == ["page"]

@@ -1,0 +1,182 @@
+"""A page may start and stop a recording, but only with the token, and nothing else."""
+
+from __future__ import annotations
+
+import time
+
+import aiohttp
+import pytest
+from playwright.sync_api import expect
+
+from serving import apart, eventually, run
+from spots.board import Board
+from spots.cli import main
+from spots.errors import SpotsError
+from spots.frames import Touch
+from spots.recording.reader import Recording
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Held, Press
+from spots.web.recordings import Recordings
+from spots.web.state import State
+
+LONG_MS = 60_000
+
+
+def post(server, word, path="recording", token=None, **headers):
+    """Return status and text of the answer."""
+
+    async def ask():
+        cookies = {"spots-token": token} if token else {}
+        url = f"http://127.0.0.1:{server.port}/{path}"
+        async with (
+            aiohttp.ClientSession(cookies=cookies) as session,
+            session.post(url, data=word, headers=headers) as answer,
+        ):
+            return answer.status, await answer.text()
+
+    return run(ask())
+
+
+def token_of(server):
+    return server.url.split("?token=")[1]
+
+
+def ready(one):
+    """Wait until a board is read."""
+    while True:
+        with pytest.raises(SpotsError) as refused:
+            one.recordings.ask("stop").result(60)
+        if "nothing is being recorded" in str(refused.value):
+            return
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def recorded(bench, serve, tmp_path):
+    """A bench with a finger on it that may be recorded, and its server."""
+    held = Held()
+    held.press = Press(40.0, 4000, 4.0)
+    one = bench(held, record_to=tmp_path)
+    ready(one)
+    return one, serve(one.state, recordings=one.recordings)
+
+
+def test_a_recording_of_the_page_is_one_like_any_other(recorded, open_page, tmp_path):
+    one, server = recorded
+    page = open_page(server.url)
+    button, told = page.locator("#recording"), page.locator("#recorded")
+    expect(button).to_have_text("record", timeout=LONG_MS)
+    button.click()
+    expect(button).to_have_text("stop", timeout=LONG_MS)
+    (path,) = tmp_path.iterdir()
+    expect(told).to_contain_text(f"records{path.name}", timeout=LONG_MS)
+    begun = path.stat().st_size
+    eventually(page, lambda: path.stat().st_size > begun + 2000)
+    button.click()
+    expect(button).to_have_text("record", timeout=LONG_MS)
+    expect(told).to_contain_text("lost0")
+    recording = Recording(path)
+    touches = [frame for _, frame in recording if isinstance(frame, Touch)]
+    assert abs(touches[-1].position_um - 40_000) < 500
+    assert recording.complete
+    assert recording.stats.lost == recording.stats.bad_crc == 0
+    assert recording.header.info["id"] == one.board.info["id"]
+    assert recording.header.info["id"] in path.name
+
+
+def test_who_has_no_token_sees_the_recording_but_no_button(recorded, open_page, tmp_path):
+    _, server = recorded
+    page = open_page(f"http://127.0.0.1:{server.port}/")
+    expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+    expect(page.locator("#recording")).to_be_hidden()
+    assert post(server, "start", token=token_of(server))[0] == 204
+    expect(page.locator("#recorded")).to_contain_text("records", timeout=LONG_MS)
+    expect(page.locator("#recording")).to_be_hidden()
+    assert post(server, "stop", token=token_of(server))[0] == 204
+
+
+def test_nobody_else_records(recorded, tmp_path):
+    _, server = recorded
+    token = token_of(server)
+    for other in (None, "wrong", token + "a", ""):
+        assert post(server, "start", token=other)[0] == 403
+    assert post(server, "start", token=token, Origin="http://evil.example")[0] == 403
+    assert post(server, "start", token=token, Origin="null")[0] == 403
+    assert post(server, "start", token=token, Host="evil.example")[0] == 403
+    assert post(server, "start", path=f"recording?token={token}x")[0] == 403
+    for word in ("", "starts", "start\nstop", "../start"):
+        assert post(server, word, token=token)[0] == 400
+    assert post(server, "s" * 5000, token=token)[0] == 413
+    assert post(server, "start", path="live", token=token)[0] == 405
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_folder_there_is_nothing_to_command(serve):
+    server = serve(State())
+    assert "token" not in server.url
+    assert post(server, "start")[0] == 403
+    other = serve(State(), address="0.0.0.0")
+    assert post(other, "start")[0] == 401
+    assert post(other, "start", token=token_of(other))[0] == 404
+
+
+def test_what_cannot_be_is_told(recorded, tmp_path, serve):
+    _, server = recorded
+    token = token_of(server)
+    assert post(server, "stop", token=token) == (409, "nothing is being recorded")
+    assert post(server, "start", token=token)[0] == 204
+    status, text = post(server, "start", token=token)
+    assert (status, "recorded already" in text) == (409, True)
+    assert post(server, "stop", token=token)[0] == 204
+    state = State()
+    nobody = Recordings(tmp_path, state)
+    lonely = serve(state, recordings=nobody)
+    assert post(lonely, "start", token=token_of(lonely)) == (409, "there is no board to record")
+
+
+def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
+    one, server = recorded
+    page = open_page(server.url)
+    button, told = page.locator("#recording"), page.locator("#recorded")
+    expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+    button.click()
+    expect(button).to_have_text("stop", timeout=LONG_MS)
+    one.unplug()
+    expect(button).to_have_text("record", timeout=LONG_MS)
+    expect(told).to_contain_text("recorded")
+    button.click()
+    expect(told).to_contain_text("there is no board to record", timeout=LONG_MS)
+    (path,) = tmp_path.iterdir()
+    assert list(Recording(path))
+
+
+@pytest.mark.parametrize(
+    ("port", "folder", "says"),
+    [
+        ("virtual", "nowhere", "there is no folder"),
+        ("recording:run.spots", ".", "is for one board"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, tmp_path, port, folder, says):
+    arguments = ["serve", "--http-port", "0", "--port", port, "--record-to", str(tmp_path / folder)]
+    assert apart(main, arguments) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+def test_the_name_of_a_file_stays_in_its_folder(recorded, tmp_path):
+    one, _ = recorded
+    one.board.info["id"] = "../../e/v\\il\0"
+    one.recordings.ask("start").result(60)
+    one.recordings.ask("stop").result(60)
+    (path,) = tmp_path.iterdir()
+    assert path.name.endswith("-evil.spots")
+
+
+def test_many_recordings_leave_nothing_in_the_way(sensor, tmp_path):
+    with Board(LockstepLink(sensor, Held())) as board:
+        bare = board._link
+        for i in range(3):
+            with board.record(tmp_path / f"{i}.spots") as recorder:
+                assert recorder._link is bare
