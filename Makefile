@@ -6,7 +6,7 @@ ARGS ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test lint bench build flash erase doctor pictures paper clean
+.PHONY: help demo test lint bench fuzz build flash erase doctor pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -14,6 +14,7 @@ help:
 	@echo 'make test   every test                            ARGS="-k log2"'
 	@echo 'make lint   style and format'
 	@echo 'make bench  driver, firmware and host against their peers'
+	@echo 'make fuzz   bytes that break something        ARGS="decoder --seconds 60"'
 	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
 	@echo 'make flash  the firmware onto a board, and start it  BOARD=pico PORT='
 	@echo 'make erase  remove firmware, settings and calibration'
@@ -34,6 +35,9 @@ lint: .venv/test
 
 bench: .venv/test
 	@$(BIN)/spots bench $(ARGS)
+
+fuzz: .venv/fuzz
+	@$(BIN)/python tests/fuzz $(ARGS)
 
 build: .venv/flash
 	@$(BIN)/spots build $(BOARD)
@@ -75,6 +79,11 @@ clean:
 	@$(PYTHON) -m venv .venv
 	@$(PIP) install --prefer-binary --editable '.[test]'
 	@touch .venv/demo .venv/flash $@
+
+.venv/fuzz: .venv/test
+	@echo 'Setting up .venv for fuzzing (once) ...'
+	@$(PIP) install --prefer-binary --editable '.[fuzz]'
+	@touch $@
 
 tests/wasm/node_modules: .venv/test tests/wasm/package.json tests/wasm/package-lock.json
 	@PATH="$(CURDIR)/$(BIN):$$PATH" npm ci --prefix tests/wasm --no-audit --no-fund --loglevel error

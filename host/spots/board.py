@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from tactile import PROTOCOL
 from tactile.command import LINE_MAX, NAME_MAX
 from tactile.decode import DROPPED
@@ -15,6 +17,7 @@ from tactile.decode import DROPPED
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .errors import PortLostError, RefusedError, SpotsError
 from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
+from .hello import made_sure
 from .link import Link
 from .recording.recorder import Recorder
 
@@ -95,6 +98,7 @@ class Board:
     """
 
     read_only = False
+    _poll_s = _POLL_S
 
     def __init__(self, link: Link):
         self._link = link
@@ -206,7 +210,7 @@ class Board:
                 yield self._next_frame()
             if end_s is not None and self.now_s() >= end_s:
                 return
-            left_s = _POLL_S if end_s is None else min(_POLL_S, end_s - self.now_s())
+            left_s = self._poll_s if end_s is None else min(self._poll_s, end_s - self.now_s())
             self._pump_or_resume(max(left_s, 0))
             self._tell_state()
 
@@ -271,8 +275,12 @@ class Board:
         info = self.command("hello")
 
         def describe() -> dict:
-            clock = self._clocks.clock.state()
-            return {"info": info, "clock": clock, "calibration": self.calibration}
+            return {
+                "info": info,
+                "clock": self._clocks.clock.state(),
+                "calibration": self.calibration,
+                "restarts": self.stats.restarts,
+            }
 
         recorder = Recorder(
             self._link, path, describe, begun=self._decoder.pending, rotate_bytes=rotate_bytes
@@ -323,7 +331,10 @@ class Board:
                 f"the board on {self.port} speaks protocol {version}, this program {PROTOCOL}: "
                 "update whichever is older"
             )
-        return reply.content
+        try:
+            return made_sure(reply.content)
+        except msgspec.ValidationError as error:
+            raise SpotsError(f"the board on {self.port} is none of ours: {error}") from None
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
@@ -415,7 +426,6 @@ class Board:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
         if self.now_s() < self._ask_s:
             return
-        lost = self.stats.lost
         if self._asked == 0:
             self._asked_s = self.now_s()
         self._asked += 1
@@ -427,7 +437,7 @@ class Board:
             return  # it has no news, or its firmware does not tell
         if not self._resuming:
             # Which question it answers nobody knows, but none before the first one.
-            self._begin_anew(self._asked_s, reply, lost)
+            self._begin_anew(self._asked_s, reply)
         for _ in range(_STREAM_TRIES):
             try:
                 self.command("stream " + " ".join(self._streams), _ANSWER_S)
@@ -435,10 +445,10 @@ class Board:
             except SpotsError:
                 self._ask_s = self.now_s()  # damaged, either way
 
-    def _begin_anew(self, sent_s: float, reply: Text, lost: int) -> None:
+    def _begin_anew(self, sent_s: float, reply: Text) -> None:
         self._resuming = bool(self._streams)
         self.stats.restarts += 1
-        self.stats.lost = lost  # it counts its frames from 0 again
+        self._decoder.restarted(self.stats.restarts)
         self._clocks.begin_anew(sent_s, reply.content.get("t_us", reply.t_us), self.now_s())
         self._ask_s = self.now_s()
 
@@ -449,7 +459,6 @@ class Board:
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
         name = line.split()[0][:NAME_MAX]
-        lost = self.stats.lost
         self._replies.clear()
         self._link.write(line.encode() + b"\n")
         sent_s = self.now_s()
@@ -460,7 +469,7 @@ class Board:
                 reply = self._replies.popleft()
                 if reply.content.get("re") == name:
                     if self._clocks.clock.began_anew(sent_s, reply.t_us, self.now_s()):
-                        self._begin_anew(sent_s, reply, lost)
+                        self._begin_anew(sent_s, reply)
                     return reply
         return None
 

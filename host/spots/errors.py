@@ -1,11 +1,20 @@
 """What a user can put right."""
 
 
+def printable(text: str) -> str:
+    """Return a text as one line that does nothing to a terminal: the rest of it is escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
 class SpotsError(Exception):
     """A mistake or a fault outside the program; the text says what is wrong and what to do.
 
-    The command line prints it as one line and ends with exit code 2.
+    The command line prints it as one line and ends with exit code 2. What it quotes of a file or
+    a board is made printable.
     """
+
+    def __init__(self, text: str):
+        super().__init__(printable(text))
 
 
 class PortLostError(SpotsError):

@@ -5,12 +5,12 @@ One decoder serves live links, recordings and the simulator.
 
 from __future__ import annotations
 
-import json
 import struct
 import zlib
 from dataclasses import dataclass
 from typing import NamedTuple, Union
 
+import msgspec
 from cobs import cobs
 
 from tactile import decode, frame
@@ -24,6 +24,7 @@ _CRC = struct.Struct("<I")
 # COBS adds one byte, and one more for each 254.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
 _SEQUENCES = 1 << 16
+_READINGS = frame.TOUCH, frame.SPECTRUM
 NOTE = 15
 
 
@@ -196,18 +197,30 @@ class Decoder:
 
     A piece that fails its CRC is counted and dropped; the next delimiter starts anew. Memory is
     bounded by the longest frame.
+
+    Attributes
+    ----------
+    stats : LinkStats
+    restarts : int
+        How often the board has restarted, as far as it was told by `restarted` or by notes.
     """
 
     def __init__(self):
         self.stats = LinkStats()
+        self.restarts = 0
         self._rest = b""
         self._overlong = False
         self._expected = None
+        self._lost_at_reading = 0
 
     @property
     def pending(self) -> bytes:
         """The beginning of a frame whose end has not come."""
         return self._rest
+
+    def forget(self) -> None:
+        """Begin in the middle of a stream: any sequence number may be next."""
+        self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take bytes in pieces of any size and return the frames that they complete."""
@@ -226,6 +239,16 @@ class Decoder:
         self._rest = rest
         return frames
 
+    def restarted(self, restarts: int) -> None:
+        """Take note of how often the board has restarted by now.
+
+        If that is more often than before, it counts its frames from 0 again, and what seemed to be
+        lost since its last reading is none: until it is told to stream again there are no others.
+        """
+        if restarts > self.restarts:
+            self.restarts = restarts
+            self.stats.lost = min(self.stats.lost, self._lost_at_reading)
+
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
         # However it was cut into pieces, what is longer than any frame is none.
         payload = _checked(piece) if len(piece) <= ENCODED_MAX else None
@@ -235,6 +258,8 @@ class Decoder:
         kind, sequence, low, high = _HEADER.unpack_from(payload)
         if kind & 0x0F != NOTE:
             self._count(sequence)
+            if kind & 0x0F in _READINGS:
+                self._lost_at_reading = self.stats.lost
         parse = _PARSERS.get(kind & 0x0F)
         if parse is not None:
             try:
@@ -242,6 +267,14 @@ class Decoder:
                 frames.append(parse(kind >> 4, sequence, low | high << 16, body))
             except (struct.error, ValueError):
                 self.stats.bad_crc += 1
+            else:
+                if kind & 0x0F == NOTE:
+                    self._noted(frames[-1].content)
+
+    def _noted(self, content: dict) -> None:
+        restarts = content.get("restarts")
+        if isinstance(restarts, int):
+            self.restarted(restarts)
 
     def _count(self, sequence: int) -> None:
         if self._expected is not None:
@@ -286,10 +319,7 @@ def _note(sensor, sequence, t_us, body):
 
 
 def _object(body):
-    content = json.loads(body)
-    if not isinstance(content, dict):
-        raise ValueError("a frame of text holds one JSON object")
-    return content
+    return msgspec.json.decode(body, type=dict)
 
 
 _PARSERS = {

@@ -12,11 +12,9 @@ import msgspec
 from .errors import SpotsError
 
 if sys.version_info >= (3, 11):
-    from tomllib import TOMLDecodeError, loads
+    import tomllib
 else:
-    from tomli import TOMLDecodeError, loads
-
-__all__ = ["TOMLDecodeError", "checked", "find", "loads"]
+    import tomli as tomllib
 
 _Kind = TypeVar("_Kind")
 
@@ -41,6 +39,25 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
         ) from None
 
 
+def loads(text: str) -> dict:
+    """Return what a file says.
+
+    Raises
+    ------
+    msgspec.ValidationError
+        If it is not TOML, or says what no file of ours has reason to: a number that is not
+        finite, a character that does something to a terminal.
+    """
+    try:
+        content = tomllib.loads(text, parse_float=_finite)
+        _check_strings(content)
+    except RecursionError:
+        raise msgspec.ValidationError("tables or lists are nested too deep") from None
+    except ValueError as error:  # TOMLDecodeError is one; a number of too many digits is another
+        raise msgspec.ValidationError(str(error)) from None
+    return content
+
+
 def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
     """Return what a file says as a `msgspec.Struct`.
 
@@ -59,13 +76,23 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
         If it is not TOML, or a key in it is unknown, missing or out of range.
     """
     try:
-        return msgspec.convert(loads(text, parse_float=_finite), kind)
-    except (TOMLDecodeError, msgspec.ValidationError) as error:
+        return msgspec.convert(loads(text), kind)
+    except msgspec.ValidationError as error:
         raise SpotsError(f"{what}: {error}") from None
 
 
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise msgspec.ValidationError(f"'{text}' is no finite number")
+        raise ValueError(f"'{text}' is no finite number")
     return value
+
+
+def _check_strings(content: object) -> None:
+    if isinstance(content, dict):
+        content = [*content, *content.values()]
+    if isinstance(content, list):
+        for one in content:
+            _check_strings(one)
+    elif isinstance(content, str) and not content.isprintable():
+        raise ValueError(f"{content!r} has characters that cannot be shown")

@@ -76,7 +76,7 @@ class View:
         parts += [self._bars(), Text(), *_facts(stats, score)]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
-        title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
+        title = Text(f"SPOTS  {info['board']} · {info['runtime']} · {self._port}")
         return Panel(Group(*parts), title=title, width=_TRACE_COLUMNS + 16, padding=(1, 2))
 
     def _strip(self) -> Text:
@@ -124,7 +124,8 @@ class View:
         for i in range(0, len(readings), 4):
             held = [t.position_um for t in readings[i : i + 4] if t.touching]
             share = sum(held) / len(held) / self._length_um if held else 0
-            line.append(_LEVELS[1 + min(int(share * 8), 7)] if held else " ", style="red")
+            level = 1 + max(0, min(int(share * 8), 7))
+            line.append(_LEVELS[level] if held else " ", style="red")
         grid = Table.grid(padding=(0, 1))
         grid.add_column(justify="right", width=9)
         grid.add_column()
@@ -137,10 +138,10 @@ class View:
         grid.add_column(justify="right", width=10)
         grid.add_column()
         counts = self._spectrum.counts if self._spectrum else [0] * len(self._info["plan"])
-        top = max(*counts, 1000)
+        top = max([*counts, 1000])
         for name, count in zip(self._info["plan"], counts):
             bar = Text(_bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
-            grid.add_row(name, f"{count} ct", bar)
+            grid.add_row(Text(name), f"{count} ct", bar)
         return grid
 
 

@@ -14,6 +14,8 @@ from spots import board as module
 from spots.board import Board
 from spots.errors import PortLostError, SpotsError
 from spots.link import SerialLink
+from spots.recording.replay import open_recording
+from spots.recording.summary import summary
 from tactile import PROTOCOL
 from tactile.decode import DROPPED
 
@@ -63,6 +65,14 @@ class StandIn:
 
     def restart(self):
         self.streams, self.sequence, self.booted_s = [], 0, self.time_s
+
+    def complain(self):
+        """Say something unasked, as a board may at its start."""
+        self._due += self._frame(3, b'{"log": "error", "text": "stored settings are not used"}')
+
+    def lose(self, frames):
+        """Number so many frames that nobody gets."""
+        self.sequence = (self.sequence + frames) % 65_536
 
     def close(self):
         pass
@@ -114,6 +124,48 @@ def test_a_restart_is_one_restart_and_no_loss_wherever_the_sequence_was():
         assert board.stats.lost == 0
         assert all(0 <= link.now_s() - touch.time_s < 1.5 for touch in readings)
         assert link.now_s() - readings[-1].time_s < 0.05
+
+
+def test_what_a_board_says_at_its_start_makes_no_loss_either():
+    link, board = streaming(60_000)
+    link.lose(7)
+    reading(board, 10)
+    link.restart()
+    link.complain()
+    reading(board, 10)
+    assert board.log[-1]["log"] == "error"
+    assert (board.stats.restarts, board.stats.lost) == (1, 7)
+
+
+@pytest.mark.parametrize("rotate_bytes", [None, 2500])
+def test_a_recording_counts_the_losses_and_restarts_that_the_live_run_did(tmp_path, rotate_bytes):
+    link, board = streaming(60_000)
+    link.restart()
+    reading(board, 20)  # before the recording
+    path = tmp_path / "run.spots"
+    with board.record(path, rotate_bytes=rotate_bytes):
+        before = board.stats.lost
+        for sequence in (60_000, 40_000, 100):
+            reading(board, 2)
+            link.lose(5)
+            reading(board, 30)
+            link.sequence = sequence
+            reading(board, 2)
+            seemed = board.stats.lost
+            link.restart()
+            link.complain()
+            reading(board, 30)
+            link.lose(3)
+            reading(board, 30)
+            assert board.stats.lost == seemed + 3
+    found = summary(path)
+    assert found["restarts"] == 3
+    assert board.stats.restarts == 4
+    assert found["lost"] == board.stats.lost - before == 24
+    assert (len(found["files"]) > 5) == (rotate_bytes is not None)
+    with open_recording(path, float("inf")) as again:
+        assert len(list(again.frames())) > 250
+        assert again.stats.lost == found["lost"]
 
 
 def test_what_was_streamed_is_streamed_again():

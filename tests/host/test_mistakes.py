@@ -147,3 +147,30 @@ def test_a_reader_that_goes_away_is_no_traceback():
 def test_lines_that_are_no_calibration():
     with pytest.raises(SpotsError, match=r"no board takes this calibration: .*missing"):
         connect.upload(None, ["touch 300 200"])
+
+
+def test_what_a_file_holds_does_nothing_to_the_terminal(capsys, tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_text('name = "a"\n"\\u001b]0;title\\u0007\\n" = 3\n')
+    line = refused(capsys, "keys", "show", str(path))
+    assert line.rstrip("\n").isprintable()
+    assert "\\x1b]0;title" in line
+
+
+def test_what_a_layout_says_is_shown_as_it_stands(capsys, tmp_path):
+    path = tmp_path / "my.toml"
+    keys = '{ tap = "1", label = "[/b]" }, "2"'
+    path.write_text(f'name = "[bold]x[/]"\n[[layer]]\nname = "[red]"\nkeys = [{keys}]\n')
+    assert main(["keys", "show", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert all(text in shown for text in ("[bold]x[/]", "[red]", "[/b]"))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [("a = " + 4000 * "[", "nested too deep"), ("a = " + 5000 * "9", "digits"), ("a = inf", "inf")],
+)
+def test_toml_that_no_reader_takes_is_one_sentence(capsys, tmp_path, text, says):
+    path = tmp_path / "my.toml"
+    path.write_text(text)
+    assert says in refused(capsys, "demo", "--fast", "--sensor", str(path))

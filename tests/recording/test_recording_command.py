@@ -16,7 +16,7 @@ from spots import cli
 from spots.calibrate import file
 from spots.calibrate.presses import Conditions
 from spots.frames import Spectrum, Touch
-from spots.recording.header import Header, encoded
+from spots.recording.header import Clock, Header, encoded
 from spots.recording.note import note
 from test_frames import stream
 
@@ -171,20 +171,26 @@ def test_files_that_cannot_be_opened(tmp_path, capsys):
     assert "cannot be read: Is a directory" in refused(capsys, "info", tmp_path)
 
 
+def headed(**changes):
+    fields = {"recording": 1, "program": "", "set": "", "part": 0, "host_s": 0.0, "utc_s": 0.0}
+    clock = Clock(last_us=0, low_s=0.0, high_s=0.0)
+    return Header(**{**fields, "info": {}, "clock": clock, **changes})
+
+
 def test_a_header_cut_short_and_one_of_a_later_version(tmp_path, capsys):
     path = tmp_path / "a.spots"
     record(path, stream(3))
     data = path.read_bytes()
     cut = bad(tmp_path, data[:400])
     assert "its header is cut short or damaged" in refused(capsys, "info", cut)
-    header = Header(recording=2, program="", set="", part=0, host_s=0.0, utc_s=0.0, info={})
+    header = headed(recording=2)
     later = bad(tmp_path, encoded(header))
     assert "of version 2, this program reads 1: update" in refused(capsys, "info", later)
 
 
 def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
     info = {"protocol": 7}
-    header = Header(recording=1, program="spots 9", set="", part=0, host_s=0, utc_s=0, info=info)
+    header = headed(program="spots 9", info=info)
     path = bad(tmp_path, encoded(header) + stream(1)[0])
     assert "speaks protocol 7, this program 2: use the program that wrote it, spots 9" in refused(
         capsys, "replay", path
@@ -192,7 +198,7 @@ def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
 
 
 def test_a_header_that_is_none_of_ours(tmp_path, capsys):
-    header = Header(recording=1, program="", set="", part=0, host_s="x", utc_s=0.0, info={})
+    header = headed(host_s="x")
     assert "the header is none of ours" in refused(capsys, "info", bad(tmp_path, encoded(header)))
     for content in ({"header": 5, "i": 0, "of": 1}, {"header": "[]", "i": 0, "of": 1}):
         path = bad(tmp_path, note(0, content))

@@ -77,7 +77,7 @@ GOOD = "seconds = 5.0\n[[touch]]\npoints = [[0, 1.0, 2.0], [1, 2.0, 3.0]]\n"
     [
         (GOOD + "speed = 3", "unknown field `speed`"),
         (GOOD.replace("seconds = 5.0", ""), "missing required field `seconds`"),
-        (GOOD.replace("5.0", "0"), r"> 0.*\$.seconds"),
+        (GOOD.replace("5.0", "0"), r">= 0.01.*\$.seconds"),
         (GOOD.replace("5.0", "'long'"), "Expected `float`"),
         (GOOD.replace("[1, 2.0", "[0, 2.0"), "ascend"),
         (GOOD.replace("2.0]", "-2.0]"), ">= 0"),

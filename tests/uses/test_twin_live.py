@@ -213,6 +213,8 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
     names, closed, given = ["B", "C", "A"], [], []
 
     class There:
+        read_only = False
+
         def __init__(self, name):
             self.info, self.port, self.stats = {"id": name}, f"port {name}", LinkStats()
 

@@ -163,7 +163,7 @@ def load(path: Path) -> CalibrationFile:
     except UnicodeDecodeError:
         raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
-    if version and int(version[1]) != VERSION:
+    if version and version[1] != str(VERSION):
         raise SpotsError(
             f"{path} is of version {version[1]}, this program reads {VERSION}: update whichever "
             "is older"
@@ -206,7 +206,6 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         found = msgspec.convert(content, CalibrationFile)
         made = Calibration(found.lines)
     except (
-        toml.TOMLDecodeError,
         msgspec.ValidationError,
         CalibrationError,
         KeyError,

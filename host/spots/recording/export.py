@@ -171,7 +171,7 @@ def _mcap(recording: Recording, out: Path, files: _Files) -> None:
         key = table.name, sensor
         if key not in channels:
             channels[key] = channel(table, sensor)
-        time_ns = begun_ns + round(1e9 * time_s)
+        time_ns = max(0, begun_ns + round(1e9 * time_s))
         if table.name == "text":
             message = log_message(time_ns, row[-1], header.info.get("board", ""))
         else:

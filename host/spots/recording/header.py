@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
@@ -12,6 +13,7 @@ from tactile import PROTOCOL
 
 from ..errors import SpotsError
 from ..frames import Decoder, Note
+from ..hello import made_sure
 from .note import note
 
 VERSION = 1
@@ -22,14 +24,19 @@ _COPIES = 2
 _SEARCHED_BYTES = 1 << 17
 
 
+# So long since a clock began, either way: keeps times of 1e-6 s in what a float can tell apart.
+_Clock_s = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+_Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
+
+
 class Clock(msgspec.Struct, frozen=True):
     """State of the `clockmap.ClockMap` when the recording began; see its `state`."""
 
-    last_us: int
-    low_s: float
-    high_s: float
-    at_us: int = 0
-    slope: float = 0.0
+    last_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)]
+    low_s: _Clock_s
+    high_s: _Clock_s
+    at_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)] = 0
+    slope: Annotated[float, msgspec.Meta(ge=-0.1, le=0.1)] = 0.0
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,17 +58,20 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         From the board's time to the host's monotonic clock.
     calibration : list of str or None
         The board's calibration, where the host knew it.
+    restarts : int
+        How often the board had restarted by then, since it was opened.
     """
 
     recording: int
     program: str
     set: str
     part: int
-    host_s: float
-    utc_s: float
+    host_s: _Clock_s
+    utc_s: _Utc_s
     info: dict
-    clock: Clock | None = None
+    clock: Clock
     calibration: list[str] | None = None
+    restarts: int = 0
 
 
 def encoded(header: Header) -> bytes:
@@ -112,6 +122,7 @@ def _parsed(path: Path, pieces: dict) -> Header:
         text = "".join(pieces[i] for i in range(len(pieces)))
         version = json.loads(text)["recording"]
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
+        info = made_sure(header.info) if header else {}
     except (KeyError, TypeError, ValueError, msgspec.MsgspecError) as error:
         raise SpotsError(f"{path}: the header is none of ours: {error}") from None
     if header is None:
@@ -124,4 +135,4 @@ def _parsed(path: Path, pieces: dict) -> Header:
             f"{path} is of a board that speaks protocol {protocol}, this program {PROTOCOL}: use "
             f"the program that wrote it, {header.program}"
         )
-    return header
+    return msgspec.structs.replace(header, info=info)

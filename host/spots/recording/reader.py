@@ -45,6 +45,8 @@ class Recording:
         Of the latest iteration, so far: what the recorded link lost.
     notes : int
         How many notes it met.
+    restarts : int
+        How often the board restarted meanwhile.
     cut_bytes : int
         Bytes of frames that the files end in the middle of.
     read_bytes : int
@@ -74,6 +76,7 @@ class Recording:
         start = b""
         for path, header in self._headers.items():
             clock = _resumed(header.clock)
+            self._decoder.restarted(header.restarts)
             arrived_s = self.end_s = header.host_s
             for block in chain([start], _blocks(path)):
                 self.read_bytes += len(block)
@@ -93,6 +96,10 @@ class Recording:
     def stats(self) -> LinkStats:
         return self._decoder.stats
 
+    @property
+    def restarts(self) -> int:
+        return max(0, self._decoder.restarts - self.header.restarts)
+
     def _restart(self) -> None:
         self._decoder = Decoder()
         self.notes = self.cut_bytes = self.read_bytes = 0
@@ -100,8 +107,8 @@ class Recording:
         self.complete = False
 
 
-def _resumed(known: Clock | None) -> ClockMap:
-    return ClockMap.resume(**msgspec.structs.asdict(known)) if known else ClockMap()
+def _resumed(known: Clock) -> ClockMap:
+    return ClockMap.resume(**msgspec.structs.asdict(known))
 
 
 def _noted(path: Path, content: object) -> ClockMap:

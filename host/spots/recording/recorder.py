@@ -31,8 +31,8 @@ class Recorder:
     path : str or Path
         A file that is not there yet.
     describe : callable
-        Returns the keys ``info``, ``clock`` and ``calibration`` of a `header.Header` as they are
-        now.
+        Returns the keys ``info``, ``clock``, ``calibration`` and ``restarts`` of a
+        `header.Header` as they are now.
     begun : bytes
         The beginning of a frame that has already been read.
     rotate_bytes : int, optional
@@ -138,11 +138,11 @@ class Recorder:
         if self._between_frames and now_s >= self._next_note_s:
             self._next_note_s = now_s + ARRIVAL_STEP_S
             piece = self._note() + piece
-        clock = self._describe()["clock"]
-        if self._between_frames and _bounds(clock) != self._bounds:
+        now = self._describe()
+        if self._between_frames and _bounds(now["clock"]) != self._bounds:
             # The clocks were compared again: from here on the board's times are mapped so.
-            self._bounds = _bounds(clock)
-            piece = self._note({"clock": clock}) + piece
+            self._bounds = _bounds(now["clock"])
+            piece = self._note({"clock": now["clock"], "restarts": now["restarts"]}) + piece
         self._append(piece)
         self._between_frames = piece.endswith(b"\0")
 

@@ -65,6 +65,8 @@ class Replay(Board):
 
     def __init__(self, recording: Recording, speed: float = 1.0):
         self._recording = recording
+        if math.isinf(speed):
+            self._poll_s = math.inf  # straight to the next frame, however long it took to come
         super().__init__(_Player(recording, speed))
 
     @property

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from ..errors import printable
 from .reader import Recording
 from .table import TABLES, shown
 
@@ -31,6 +32,7 @@ def summary(path: str | Path) -> dict:
         "frames": {table.name: counts[table.name] for table in TABLES.values()},
         "lost": stats.lost,
         "bad": stats.bad_crc,
+        "restarts": recording.restarts,
         "cut_bytes": recording.cut_bytes,
         "complete": recording.complete,
         "notes": recording.notes,
@@ -54,11 +56,11 @@ def report(found: dict) -> str:
         "begun": found["begun"],
         "duration": f"{found['duration_s']:.3f} s",
         "frames": frames or "none",
-        "lost": f"{found['lost']} lost, {found['bad']} bad",
+        "lost": f"{found['lost']} lost, {found['bad']} bad, {found['restarts']} restarts",
         "end": end + (f", {cut} bytes of a frame" if cut else ""),
     }
     width = max(map(len, rows))
-    return "\n".join(f"{name.ljust(width)}  {value}" for name, value in rows.items())
+    return "\n".join(f"{name.ljust(width)}  {printable(value)}" for name, value in rows.items())
 
 
 class _Known(dict):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..board import Board
 from ..errors import SpotsError
-from ..frames import Decoder, Text
+from ..frames import Text
 from .link import ZenohLink
 from .session import READ_ONLY, find, open_session
 
@@ -64,8 +64,7 @@ class Remote(Board):
         on = kinds != ["off"]
         if on and not self._listening:
             # What was sent while nobody listened is not lost: any sequence number may be next.
-            stats, self._decoder = self._decoder.stats, Decoder()
-            self._decoder.stats = stats
+            self._decoder.forget()
         self._listening = kinds if on else []
         self._far.listen(on)
         return {"stream": kinds}

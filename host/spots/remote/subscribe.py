@@ -11,7 +11,7 @@ from collections import defaultdict
 import msgspec
 import zenoh
 
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..frames import Touch
 from ..view import Pace, plain
 from ..watch import PLAIN_LINES_PER_S
@@ -36,12 +36,12 @@ def run(options: argparse.Namespace) -> None:
         if str(sample.encoding) != FRAMES_ENCODING:
             mail.put(str(sample.key_expr), bytes(sample.payload))
 
-    show = _as_json if options.json else _Lines().show
+    written = _as_json if options.json else _Lines().written
     with open_session() as session:
         session.declare_subscriber(expression, direct(receive))
         print(f"listening to {expression} (Ctrl-C ends it)", file=sys.stderr, flush=True)
         try:
-            _print(mail, show, options.seconds)
+            _print(mail, written, options.seconds)
         except KeyboardInterrupt:
             pass
         finally:
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
                 print(f"{mail.dropped} messages dropped: printing is too slow", file=sys.stderr)
 
 
-def _print(mail: Mailbox, show, seconds: float | None) -> None:
+def _print(mail: Mailbox, written, seconds: float | None) -> None:
     end_s = None if seconds is None else time.monotonic() + seconds
     while end_s is None or time.monotonic() < end_s:
         with mail.changed:
@@ -57,14 +57,23 @@ def _print(mail: Mailbox, show, seconds: float | None) -> None:
             mail.changed.wait_for(lambda: mail, left_s)
         while mail:
             name, data = mail.take()
-            try:
-                show(name, msgspec.json.decode(data, type=dict))
-            except (msgspec.DecodeError, KeyError, TypeError):
-                print(f"{name}: none of ours", file=sys.stderr)
+            text = _text(written, name, data)
+            if text is None:
+                print(f"{printable(name)}: none of ours", file=sys.stderr)
+            elif text:
+                print(text, flush=True)
 
 
-def _as_json(name: str, content: dict) -> None:
-    print(json.dumps({"key": name, **content}), flush=True)
+def _text(written, name: str, data: bytes) -> str | None:
+    """Return a message as a line, empty if it is not to be shown, or None if it is none of ours."""
+    try:
+        return printable(written(name, msgspec.json.decode(data, type=dict)))
+    except Exception:  # anyone may publish anything under such a name
+        return None
+
+
+def _as_json(name: str, content: dict) -> str:
+    return json.dumps({"key": name, **content})
 
 
 class _Lines:
@@ -74,18 +83,18 @@ class _Lines:
         self._began_s = time.time()
         self._paces: dict[str, Pace] = defaultdict(lambda: Pace(PLAIN_LINES_PER_S))
 
-    def show(self, name: str, content: dict) -> None:
+    def written(self, name: str, content: dict) -> str:
         _, board_id, *rest = name.split("/")
         kind = rest[-1]
         if kind in ("touch", "spectrum") and not self._paces[name].due(time.monotonic()):
-            return
+            return ""
         if kind == "touch":
             text = plain(_touch(content), self._began_s)
         else:
             text = f"{content['utc_s'] - self._began_s:8.3f} s  {kind}  " + "  ".join(
                 f"{name} {value}" for name, value in content.items() if name not in _ELSEWHERE
             )
-        print(f"{board_id}  {text}", flush=True)
+        return f"{board_id}  {text}"
 
 
 _ELSEWHERE = {"utc_s", "sensor", "sequence", "t_us"}
@@ -97,8 +106,8 @@ def _touch(content: dict) -> Touch:
         content["sequence"],
         content["t_us"],
         content["flags"],
-        round(content["contrast_log2"] * (1 << 20)),
-        round(content["brightness_log2"] * (1 << 20)),
+        round(float(content["contrast_log2"]) * (1 << 20)),
+        round(float(content["brightness_log2"]) * (1 << 20)),
         content["position_um"],
         content["force_mN"],
         content["utc_s"],

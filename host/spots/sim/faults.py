@@ -66,7 +66,7 @@ class Spells:
 
     def __init__(self, moments: Moments, seconds: float, from_s: float, rng, kind, ledger: Ledger):
         self._last_us = 1000 * moments.last_ms
-        fixed = (at for at in _repeated(sorted(moments.at_s), seconds) if at >= from_s)
+        fixed = _repeated(sorted(moments.at_s), seconds, from_s)
         at_random = _poisson(moments.per_min / 60, from_s, rng)
         self._starts = heapq.merge(fixed if moments.at_s else (), at_random)
         self._next_us = self._draw()
@@ -95,8 +95,9 @@ class Spells:
         return 1e6 * next(self._starts, float("inf"))
 
 
-def _repeated(at_s: list[float], seconds: float) -> Iterator[float]:
-    return (turn * seconds + at for turn in itertools.count() for at in at_s)
+def _repeated(at_s: list[float], seconds: float, from_s: float) -> Iterator[float]:
+    turns = itertools.count(int(from_s // seconds))  # a long way, one by one
+    return (at for turn in turns for at in (turn * seconds + one for one in at_s) if at >= from_s)
 
 
 def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:

@@ -18,6 +18,7 @@ _MOST = 1e12  # keeps out inf
 Positive = Annotated[float, msgspec.Meta(gt=0, le=_MOST)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=_MOST)]
 Time = NotNegative
+Cycle = Annotated[float, msgspec.Meta(ge=0.01, le=_MOST)]
 Place = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
 Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Strain = Annotated[float, msgspec.Meta(ge=0, le=50)]
@@ -229,7 +230,7 @@ class ScenarioFile(_Struct):
     first and last value outside. `strain_percent` and `bend_deg` are the short form.
     """
 
-    seconds: Positive
+    seconds: Cycle
     strain_percent: Strain = 0.0
     bend_deg: Bend = 0.0
     strain: list[tuple[Time, Strain]] = []

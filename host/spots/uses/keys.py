@@ -58,7 +58,7 @@ def picture(layout: KeyLayout) -> Panel:
     parts = []
     for name, keys in layout.layers.items():
         parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
-    return Panel(Group(*parts[:-1]), title=layout.name, width=COLUMNS + 6, padding=(1, 2))
+    return Panel(Group(*parts[:-1]), title=Text(layout.name), width=COLUMNS + 6, padding=(1, 2))
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
@@ -93,5 +93,6 @@ def _table(layout: KeyLayout, keys: list[PlacedKey]) -> Table:
         heading = slot.replace("_minus", " to sensor").replace("_plus", " away")
         table.add_column(heading, overflow="fold")
     for key in keys:
-        table.add_row(key.label, *(say(layout, key.actions[slot]) for slot in used))
+        does = (say(layout, key.actions[slot]) for slot in used)
+        table.add_row(*map(Text, (key.label, *does)))
     return table

@@ -130,8 +130,6 @@ def load(name: str | Path) -> KeyLayout:
     path, text = toml.find(name, FOLDER, "layout")
     try:
         file = msgspec.convert(toml.loads(text), _File)
-    except toml.TOMLDecodeError as error:
-        raise SpotsError(f"layout {path}: {error}") from None
     except msgspec.ValidationError as error:
         raise SpotsError(f"layout {path}{_line_of_path(text, str(error))}: {error}") from None
     return _Compiler(path, text, file).layout()

@@ -42,7 +42,7 @@ def picture(
     parts = [*_stick(state), Text(), numbers, Text(), _buttons(state.buttons, buttons)]
     if facts:
         parts += [Text(), Text("  " + facts, style="dim")]
-    return Panel(Group(*parts), title=title, width=_COLUMNS + 19, padding=(1, 2))
+    return Panel(Group(*parts), title=Text(title), width=_COLUMNS + 19, padding=(1, 2))
 
 
 def _stick(state: State) -> list[Text]:

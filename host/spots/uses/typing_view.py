@@ -39,7 +39,10 @@ def picture(
     layer = Text.assemble(("layer ", "dim"), engine.layer, ("   force ", "dim"), force)
     parts = [row(keys, lit if held else None), finger, layer, Text(), *paper, Text(), facts]
     return Panel(
-        Group(*parts), title=f"SPOTS keyboard  {layout.name}", width=COLUMNS + 6, padding=(1, 2)
+        Group(*parts),
+        title=Text(f"SPOTS keyboard  {layout.name}"),
+        width=COLUMNS + 6,
+        padding=(1, 2),
     )
 
 

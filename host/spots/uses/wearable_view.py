@@ -48,7 +48,7 @@ def picture(
             spoken(gesture.name),
             f"{gesture.confidence:.0%}",
             f"{gesture.position_um / 1000:.0f} mm",
-            does.get(gesture.name, "-"),
+            Text(does.get(gesture.name, "-")),
             style="bold" if i == 0 else "dim",
         )
     for _ in range(_ROWS - len(recent)):

@@ -1,0 +1,95 @@
+"""Look for bytes that break a target, and keep those that reach what none before did."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent), str(HERE.parent / "host")]
+
+from targets import TARGETS  # noqa: E402
+
+CORPUS = HERE / "corpus"
+FOUND = HERE.parents[1] / "build" / "fuzz"
+FILES_MAX = 90
+BYTES_MAX = 16_000
+LENGTH_MAX = 4096
+# On a loaded machine; a target that is stuck is found all the same.
+_STUCK_S = 60
+_OPTIONS = (f"-max_len={LENGTH_MAX}", f"-timeout={_STUCK_S}", "-print_final_stats=1")
+_FOUND = 1
+
+
+def main() -> int:
+    """Run one target, or tell which there are."""
+    parser = argparse.ArgumentParser(prog="fuzz", description=__doc__)
+    parser.add_argument("target", nargs="?", choices=TARGETS, metavar="TARGET")
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    if options.target is None:
+        print("\n".join(f"{name:18} {made.__doc__}" for name, made in TARGETS.items()))
+        return 0
+    return _fuzz(options.target, options.seconds, options.seed)
+
+
+def _fuzz(target: str, seconds: int, seed: int) -> int:
+    corpus = CORPUS / target
+    corpus.mkdir(parents=True, exist_ok=True)
+    FOUND.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        new, least = Path(folder, "new"), Path(folder, "least")
+        new.mkdir()
+        least.mkdir()
+        told = _engine(
+            target,
+            *(f"-max_total_time={seconds}", f"-seed={seed}", f"-artifact_prefix={FOUND}/{target}-"),
+            *(new, corpus),
+        )
+        tried = re.search(r"number_of_executed_units: (\d+)", told)
+        found = re.findall(r"Test unit written to (\S+)", told)
+        print(f"{target}: {seconds} s, {tried[1] if tried else '?'} tried, {len(found)} found")
+        if found or tried is None:
+            print(told[-4000:])
+            print(f"run it again: {sys.executable} {HERE}/engine.py {target} {' '.join(found)}")
+            return _FOUND
+        _engine(target, "-merge=1", least, corpus, new)
+        _keep(corpus, least)
+    return 0
+
+
+def _engine(target: str, *arguments) -> str:
+    command = [sys.executable, str(HERE / "engine.py"), target, *_OPTIONS, *map(str, arguments)]
+    return subprocess.run(command, stderr=subprocess.STDOUT, stdout=-1, text=True).stdout
+
+
+def _keep(corpus: Path, least: Path) -> None:
+    """Put the smallest files into the corpus in place of the last ones; those with a name stay."""
+    named = [path for path in corpus.iterdir() if not _made(path)]
+    room_files = FILES_MAX - len(named)
+    room_bytes = BYTES_MAX - sum(path.stat().st_size for path in named)
+    known = {path.read_bytes() for path in named}
+    for path in corpus.iterdir():
+        if _made(path):
+            path.unlink()
+    for path in sorted(least.iterdir(), key=lambda path: (path.stat().st_size, path.name)):
+        room_files -= 1
+        room_bytes -= path.stat().st_size
+        if room_files < 0 or room_bytes < 0:
+            break
+        if path.read_bytes() not in known:
+            shutil.copy(path, corpus)
+
+
+def _made(path: Path) -> bool:
+    return re.fullmatch(r"[0-9a-f]{40}", path.name) is not None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

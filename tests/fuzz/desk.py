@@ -1,0 +1,213 @@
+"""What targets play with: the firmware's application on a sensor that is not there, and fingers."""
+
+from __future__ import annotations
+
+import random
+import tempfile
+from array import array
+from pathlib import Path
+from types import SimpleNamespace
+
+from smallint import small
+
+import tactile.app
+from spots.frames import Decoder, Touch
+from tactile.contact import TICKS
+from tactile.decode import MISFIT, TOO_DARK, TOUCHING
+from tactile.settings import checksum
+
+# More would be one more of the same, and slow.
+LINES_MAX = 40
+_WRAP = 1 << 30
+_SETTLE_STEPS = 60  # a search over all gains ends within so many samples
+_COUNTS = (900, 1200, 2000, 2500, 3000, 1500)
+_LENGTH_UM = 85_000
+
+_STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
+for _name in ("SETTINGS_FILE", "CALIBRATION_FILE", "LAYOUT_FILE"):
+    setattr(tactile.app, _name, f"{_STORE.name}/{_name}")
+
+
+tactile.app.gc = SimpleNamespace(collect=lambda: None)  # CPython's costs more than all else
+
+
+class _Clock:
+    def __init__(self):
+        self.now_us = 0
+
+    def ticks_us(self):
+        return self.now_us % _WRAP
+
+    def ticks_add(self, ticks, us):
+        return (ticks + us) % _WRAP
+
+    def ticks_diff(self, a, b):
+        return (a - b + _WRAP // 2) % _WRAP - _WRAP // 2
+
+    def sleep_us(self, us):
+        self.now_us += us
+
+
+class _Serial:
+    def __init__(self):
+        self.heard = bytearray()
+        self.said = bytearray()
+
+    def read(self):
+        return self.heard.pop(0) if self.heard else -1
+
+    def write(self, data, size):
+        self.said += bytes(data[:size])
+        return True
+
+
+class _Sensor:
+    """As `as7341.AS7341`; counts grow with gain and exposure, and saturate."""
+
+    def __init__(self, clock):
+        self._clock = clock
+        self.pacing = SimpleNamespace(missed=0)
+        self.counts = array("i", bytes(4 * 6))
+        self.retries = self.complete = 0
+        self.steady = True
+
+    def start(self, plan, gain, exposure_us, led_mA):
+        self.plan, self.gain = tuple(plan), gain
+        self.exposure_us, self.led_mA = exposure_us, led_mA
+        self.full_scale = min(65_535, exposure_us)
+        self.led_on = led_mA > 0
+
+    def stop(self):
+        self.led_on = False
+
+    def switch_led(self, on):
+        self.led_on = on and self.led_mA > 0
+
+    def remaining_us(self):
+        return 0
+
+    def poll(self):
+        self._clock.now_us += self.exposure_us
+        self.complete = self._clock.ticks_us()
+        light = (2**self.gain * self.exposure_us * (1 + self.led_mA)) if self.led_on else 0
+        for i in range(6):
+            level = _COUNTS[i] * light // (512 * 10_000 * 20) + 3
+            self.counts[i] = min(level, self.full_scale)
+        self.saturated = max(self.counts) >= self.full_scale
+        return True
+
+    def check(self):
+        pass
+
+    def saturation(self):
+        return "digital" if self.saturated else None
+
+
+class Board:
+    """The application of the firmware, freshly started, on a clock of its own."""
+
+    def __init__(self):
+        for path in Path(_STORE.name).iterdir():
+            path.unlink()
+        clock, self._serial = _Clock(), _Serial()
+        board = SimpleNamespace(NAME="virtual", LED_MAX_MA=100)
+        self.app = tactile.app.App(board, "cpython", "00ff", _Sensor(clock), clock, self._serial)
+        self._decoder = Decoder()
+        self.settle()
+        self.said()
+
+    def hear(self, data):
+        """Give it what a host sends, and let it run for a sample."""
+        self._serial.heard += data
+        self.app.step()
+
+    def summed(self, line):
+        """Return a line with the checksum of what was uploaded so far in its place."""
+        commands = self.app._commands
+        upload = commands._layout if line.startswith(b"layout") else commands._cal
+        return line.replace(b"CHECKSUM", checksum(upload._lines or []).encode())
+
+    def said(self):
+        """Return the frames that it has sent since; none of them is bad."""
+        frames = self._decoder.feed(bytes(self._serial.said))
+        self._serial.said.clear()
+        assert not self._decoder.stats.bad_crc
+        assert not self._decoder.stats.lost
+        return frames
+
+    def settle(self):
+        """Let it end what was asked of it."""
+        for _ in range(_SETTLE_STEPS):
+            self.app.step()
+            if not self.app._claimed:
+                return
+
+    def state(self):
+        """Return what a command can change."""
+        app = self.app
+        return (
+            dict(app.settings.values),
+            app.strip.stream_touch,
+            app.strip.stream_spectrum,
+            list(app.calibration_lines),
+            list(app.uses.layout_lines),
+        )
+
+
+class Fingers:
+    """Takes the events of a keypad; `down` has what is held."""
+
+    def __init__(self):
+        self.down = set()
+
+    def key(self, page, usage, modifiers, pressed):
+        key = page, usage, modifiers
+        assert pressed != (key in self.down), "a key goes down and up in turn"
+        (self.down.add if pressed else self.down.remove)(key)
+
+    def stuck(self):
+        pass
+
+    def play(self, pad, seed):
+        """Press, slide, tap and lift at random; end without a finger."""
+        rng = random.Random(seed)
+        t = TICKS - 2000
+        for _ in range(40):
+            x_um, force_mN = rng.randrange(_LENGTH_UM), rng.randrange(9000)
+            speed_um = rng.choice((0, 0, 300, -1500))
+            flags = rng.choice((TOUCHING, TOUCHING, TOUCHING, TOUCHING | MISFIT))
+            for _ in range(rng.choice((2, 4, 30, 90))):
+                x_um = min(max(x_um + speed_um, 0), _LENGTH_UM)
+                t = (t + 10) % TICKS
+                pad.take(flags, x_um, force_mN, t)
+                pad.tick(t)
+            for _ in range(rng.choice((0, 2, 8, 60))):
+                t = (t + 10) % TICKS
+                pad.take(TOO_DARK, 0, 0, t)
+                pad.tick(t)
+        pad.release()
+
+
+def shrink(calibration):
+    """Make every number of a calibration one that cannot leave 31 bits."""
+    for owner in (calibration, *calibration.segments):
+        for name, value in vars(owner).items():
+            if isinstance(value, array):
+                setattr(owner, name, small(value))
+            elif isinstance(value, tuple) and value and isinstance(value[0], array):
+                setattr(owner, name, tuple(small(part) for part in value))
+
+
+def play_controller(controller, settings):
+    """Give a controller two seconds of readings."""
+    made = controller(settings, _LENGTH_UM)
+    rng = random.Random(0)
+    for i in range(200):
+        flags = TOUCHING if i % 40 < 25 else TOO_DARK
+        reading = Touch(0, i, 10_000 * i, flags, 0, 0, rng.randrange(_LENGTH_UM), 40 * i)
+        made.take(reading, 0.01 * i)
+        state = made.state
+        assert -32_767 <= state.x <= 32_767
+        assert -32_767 <= state.y <= 32_767
+        assert 0 <= state.z <= 32_767
+        assert 0 <= state.buttons < 1 << 16

@@ -1,0 +1,17 @@
+"""One process of atheris: TARGET, then libFuzzer's arguments."""
+
+import sys
+from pathlib import Path
+
+import atheris
+
+TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "host")]
+target = sys.argv.pop(1)
+with atheris.instrument_imports(include=["spots", "tactile", "tomllib"]):
+    import targets
+
+# libFuzzer starts its like for a merge by the first argument, through a shell.
+sys.argv[0] = f"{sys.executable} {__file__} {target}"
+atheris.Setup(sys.argv, lambda data: targets.run(target, data))
+atheris.Fuzz()

@@ -1,0 +1,396 @@
+"""What is fuzzed: by name, a function of bytes that raises only if something is wrong.
+
+Each reads its bytes as somebody's file, message or line, catches the error that is documented for
+bad ones, and asserts what must hold for good ones.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import io
+import math
+import tempfile
+import zlib
+from pathlib import Path
+
+from aiohttp import web
+from aiohttp.test_utils import make_mocked_request
+from rich.console import Console
+from smallint import small
+
+import desk
+import spots
+from spots.calibrate import file as calibration_file
+from spots.errors import SpotsError
+from spots.frames import ENCODED_MAX, Decoder, Touch
+from spots.recording.export import EXPORTS, export
+from spots.recording.summary import report, summary
+from spots.remote import subscribe
+from spots.sim import files, linkage
+from spots.sim.faults import BoardFaults, of_scenario
+from spots.sim.optics import Optics
+from spots.sim.scenario import Scenario
+from spots.uses import controller_settings, keys, layout, mounted, twin_points, wearable
+from spots.uses.controller import Controller
+from spots.view import View, plain
+from spots.web.app import _ACK_MAX, _add_headers, _Drawn
+from spots.web.feel import layout_shown
+from spots.web.guard import Guard
+from tactile import PROTOCOL, settings
+from tactile.calibration import Calibration, CalibrationError
+from tactile.decode import AVERAGE_MAX, DARK_SAMPLES, Decode
+from tactile.keypad import Keypad
+from tactile.layout import Layout, LayoutError
+from test_frames import encoded
+
+_TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
+FOLDER = Path(_TEMPORARY.name)
+_SEALED = b"="
+_SOME_TIMES_S = (0.0, 0.3, 12.5, 1e6)
+
+
+@contextlib.contextmanager
+def _refusing():
+    """Let pass a SpotsError, if it is one line that a terminal can show."""
+    try:
+        yield
+    except SpotsError as error:
+        _check_line(str(error))
+
+
+def _check_line(text: str) -> None:
+    assert text, "an error says something"
+    assert text.isprintable(), f"no line to print: {text!r}"
+
+
+def _stream(data: bytes) -> bytes:
+    """Return bytes as they are, or, after a mark, the frames of payloads between CR LF."""
+    if not data.startswith(_SEALED):
+        return data
+    told = data[1:].replace(b"PROTOCOL", b"%d" % PROTOCOL)
+    return b"".join(encoded(payload) for payload in told.split(b"\r\n"))
+
+
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", "replace")
+
+
+def _file(name: str, content: bytes) -> Path:
+    path = FOLDER / name
+    path.write_bytes(content)
+    return path
+
+
+def decoder(data: bytes) -> None:
+    """However a stream is cut, the same frames come out, and memory is bounded."""
+    stream = _stream(data)
+    at_once, pieces = Decoder(), Decoder()
+    frames, size = [], 1 + len(stream) % 7
+    for i in range(0, len(stream), size):
+        frames += pieces.feed(stream[i : i + size])
+        assert len(pieces.pending) <= ENCODED_MAX
+    assert repr(frames) == repr(at_once.feed(stream))  # NaN is not NaN
+    assert at_once.stats == pieces.stats
+
+
+def commands(data: bytes) -> None:
+    """Every line gets one reply, and one that is refused changes nothing."""
+    board = desk.Board()
+    for line in data.split(b"\n")[: desk.LINES_MAX]:
+        before = board.state()
+        line = board.summed(line)
+        board.hear(line + b"\n")
+        texts = [frame.content for frame in board.said() if "re" in getattr(frame, "content", ())]
+        refused = texts and "error" in texts[0]
+        if refused and "ended" not in texts[0]["error"]:
+            assert board.state() == before, (line, texts)
+        wanted = sum(1 for part in line.split(b"\r") if part)
+        board.settle()
+        texts += [frame.content for frame in board.said() if "re" in getattr(frame, "content", ())]
+        assert len(texts) == wanted, (line, texts)
+
+
+def calibration(data: bytes) -> None:
+    """What a board believes, it can calculate with: nothing leaves 31 bits."""
+    lines = _text(data).split("\n")
+    for strain_ppm in (0, 50_000):
+        try:
+            made = Calibration(lines, strain_ppm)
+        except CalibrationError:
+            continue
+        desk.shrink(made)
+        decode = Decode()
+        decode.calibration = made
+        for samples in (1, AVERAGE_MAX):
+            full = samples * 65_535
+            for sums in ([1] * 6, [full] * 6, [1, full] * 3, [full, 1] * 3):
+                decode.update(small(sums), samples, small([0] * 6), 0)
+                assert 0 <= decode.force_mN <= 65_535
+            decode.update(small([full] * 6), samples, small([DARK_SAMPLES * 9] * 6), 0)
+
+
+def layout_lines(data: bytes) -> None:
+    """What a board believes, it can play: every key that goes down goes up."""
+    try:
+        made = Layout(_text(data).split("\n"))
+    except LayoutError:
+        return
+    fingers = desk.Fingers()
+    pad = Keypad(fingers)
+    pad.set_layout(made, 85_000)
+    fingers.play(pad, zlib.crc32(data))
+    assert not fingers.down
+
+
+def settings_file(data: bytes) -> None:
+    """A settings file on the board: read whole, or refused with a sentence."""
+    lines = data.split(b"\n")
+    if data.startswith(_SEALED):
+        lines[0] = lines[0][1:]
+        with contextlib.suppress(UnicodeDecodeError):
+            texts = [line for line in data[1:].decode().split("\n") if line]
+            lines = [*data[1:].split(b"\n"), b"crc " + settings.checksum(texts).encode(), b""]
+    path = str(_file("settings.txt", b"\n".join(lines)))
+    fresh = settings.Settings(led_max_mA=100)
+    before = dict(fresh.values)
+    try:
+        fresh.change(settings.load_lines(path))
+    except ValueError:
+        assert fresh.values == before
+        return
+    after = dict(fresh.values)
+    fresh.change(fresh.lines())
+    assert fresh.values == after
+
+
+def calibration_toml(data: bytes) -> None:
+    """A calibration file, with its checksum made good after a mark."""
+    if data.startswith(_SEALED):
+        body = data[1:].replace(b"\r", b"")
+        data = body + b'[end]\ncrc32 = "%08x"\n' % zlib.crc32(body)
+    with _refusing():
+        found = calibration_file.load(_file("calibration.toml", data))
+        path = FOLDER / "again.toml"
+        calibration_file.save(found, path)
+        assert calibration_file.load(path).lines == found.lines
+
+
+def layout_toml(data: bytes) -> None:
+    """A layout file: what is accepted, board and page can show."""
+    with _refusing():
+        found = layout.load(_file("layout.toml", data))
+        Layout(found.lines)
+        _draw(keys.picture(found))
+        assert layout_shown(found)["layers"]
+        for placed in found.layers.values():
+            for key in placed:
+                assert 0 <= key.low < key.high <= 1.000001
+
+
+def sensor_toml(data: bytes) -> None:
+    """A sensor file: what is accepted has light that is a number."""
+    with _refusing():
+        file = files.load(files.SensorFile, _file("sensor.toml", data))
+        with _quiet():
+            rates = Optics(file).press(10.0, 4.0, 0.1, 90.0)
+        assert all(map(math.isfinite, rates)), rates
+
+
+def scenario_toml(data: bytes) -> None:
+    """A scenario file: what is accepted can be played at any time."""
+    with _refusing():
+        file = files.load(files.ScenarioFile, _file("scenario.toml", data))
+        scenario = Scenario(file)
+        faults = of_scenario(file, 1)
+        for time_s in _SOME_TIMES_S:
+            pose = scenario.pose(time_s)
+            assert 0 <= pose.strain <= 0.5
+            for press in scenario.presses(time_s):
+                assert press.force_mN > 0
+            assert math.isfinite(scenario.ambient_uW_cm2(time_s, time_s + 0.01))
+        if faults is not None:
+            BoardFaults(faults)
+            for kind in file.faults.moments():
+                spells = faults.spells(kind)
+                for _ in range(9):
+                    spells.begun(math.inf)
+
+
+def linkage_toml(data: bytes) -> None:
+    """A linkage file."""
+    sensor = files.load(files.SensorFile, "default")
+    with _refusing():
+        made = linkage.Mechanism(files.load(files.LinkageFile, _file("l.toml", data)), sensor)
+        made.angles_deg(10.0, 100.0)
+
+
+def mounted_toml(data: bytes) -> None:
+    """The file of a linkage that stands: what is accepted can be saved, read and solved."""
+    path = _file("mounted.toml", data)
+    mounted.is_mounted(str(path))
+    with _refusing():
+        found = mounted.load(path)
+        again = FOLDER / "again.toml"
+        mounted.save(found, again)
+        assert mounted.load(again) == found
+        assert found.offset_rad[0] == math.radians(found.joint[0].offset_deg)
+        found.strips(path)
+
+
+def points_csv(data: bytes) -> None:
+    """A table of points that a linkage was measured at."""
+    with _refusing():
+        rows, _ = twin_points._read(_file("points.csv", data))
+        assert all(map(math.isfinite, rows.ravel()))
+
+
+def path_toml(data: bytes) -> None:
+    """A path file; how long it takes is not asked."""
+    with _refusing():
+        files.load(files.PathFile, _file("path.toml", data))
+
+
+def controller_toml(data: bytes) -> None:
+    """Settings of the controller: what is accepted can be saved, read and played."""
+    with _refusing():
+        found = controller_settings.load(_file("controller.toml", data))
+        path = FOLDER / "again.toml"
+        controller_settings.save(found, path)
+        assert controller_settings.load(path) == found
+        desk.play_controller(Controller, found)
+
+
+def wearable_toml(data: bytes) -> None:
+    """A file of gestures."""
+    with _refusing():
+        wearable.Mapping(_file("wearable.toml", data))
+
+
+def recording(data: bytes) -> None:
+    """A recording: read, told about, played and exported."""
+    path = _file("a.spots", _stream(data))
+    with _refusing():
+        assert report(summary(path)).replace("\n", "").isprintable()
+        _use(path)
+
+
+def _use(path: Path) -> None:
+    with _refusing(), spots.open_recording(path, math.inf) as board:
+        view = View(board.info, board.port)
+        for frame in board.frames():
+            view.take(frame)
+            if isinstance(frame, Touch):
+                assert plain(frame, board.now_s())
+        _draw(view.picture(board.stats))
+    for kind in EXPORTS:
+        with _refusing():
+            for out in export(path, kind, FOLDER / f"out.{kind}"):
+                out.unlink()
+
+
+def _draw(picture) -> None:
+    Console(file=io.StringIO(), force_terminal=True).print(picture)
+
+
+def published(data: bytes) -> None:
+    """What anyone publishes on Zenoh, after its name in a line: a line, or none of ours."""
+    name, _, content = data.partition(b"\n")
+    for written in (subscribe._Lines().written, subscribe._as_json):
+        text = subscribe._text(written, _text(name), content)
+        assert text is None or text.isprintable()
+
+
+def page_message(data: bytes) -> None:
+    """What a page sends: a number that was drawn, or the end of the connection."""
+    _Drawn().take(_text(data[:_ACK_MAX]))
+
+
+_TOKEN = "kRx9-_token"
+_GUARDS = {
+    b"l": Guard("127.0.0.1", None),
+    b"6": Guard("::1", None),
+    b"t": Guard("0.0.0.0", _TOKEN),
+}
+
+
+def guard(data: bytes) -> None:
+    """A request: guard, Host, Origin, Cookie and query, a line each. Who gets in may."""
+    lines = [line.replace(b"\r", b"").replace(b"\0", b"") for line in data.split(b"\n")]
+    kind, host, origin, cookie, query = (lines + [b""] * 5)[:5]
+    named = {b"Host": host, b"Origin": origin, b"Cookie": cookie}
+    # As aiohttp reads them.
+    headers = [
+        (name.decode(), value.decode("utf-8", "surrogateescape"))
+        for name, value in named.items()
+        if value
+    ]
+    path = "/?" + query.decode("latin-1")
+    try:
+        request = make_mocked_request("GET", path, headers=headers)
+    except ValueError:
+        return  # no address
+    chosen = _GUARDS.get(kind, _GUARDS[b"t"])
+
+    async def handler(request):
+        return web.Response(text="in")
+
+    async def ask():
+        response = await chosen.middleware()(request, handler)
+        await _add_headers(request, response)
+        return response
+
+    try:
+        response = asyncio.run(ask())
+    except web.HTTPException as error:
+        response = error
+    for value in response.headers.values():
+        assert not {"\r", "\n"} & set(value)
+    if response.status != 200:
+        return
+    text = host.decode("utf-8", "surrogateescape")
+    assert not origin or origin.decode("utf-8", "surrogateescape") == f"http://{text}"
+    if chosen is _GUARDS[b"t"]:
+        assert _TOKEN.encode() in cookie
+    else:
+        assert "localhost" in text.lower() or "127." in text or ":" in text
+
+
+@contextlib.contextmanager
+def _quiet():
+    import numpy as np
+
+    with np.errstate(all="ignore"):
+        yield
+
+
+TARGETS = {
+    function.__name__: function
+    for function in (
+        decoder,
+        commands,
+        calibration,
+        layout_lines,
+        settings_file,
+        calibration_toml,
+        layout_toml,
+        sensor_toml,
+        scenario_toml,
+        linkage_toml,
+        mounted_toml,
+        points_csv,
+        path_toml,
+        controller_toml,
+        wearable_toml,
+        recording,
+        published,
+        page_message,
+        guard,
+    )
+}
+
+
+def run(name: str, data: bytes) -> None:
+    """Give bytes to a target; what it prints is of no interest."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        TARGETS[name](data)

@@ -1,0 +1,54 @@
+"""Every target with every file that fuzzing kept, and with what hypothesis makes of them."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from targets import TARGETS, run
+
+CORPUS = Path(__file__).parent / "corpus"
+FILES = {name: sorted((CORPUS / name).iterdir()) for name in TARGETS}
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_what_was_kept(name):
+    assert FILES[name]
+    for path in FILES[name]:
+        try:
+            run(name, path.read_bytes())
+        except Exception as error:
+            raise AssertionError(f"{path} breaks it") from error
+
+
+@st.composite
+def changed(draw, files):
+    """Pieces of files one after the other, some bytes between them."""
+    data = b""
+    for _ in range(draw(st.integers(1, 3))):
+        whole = draw(st.sampled_from(files)).read_bytes()
+        begin = draw(st.integers(0, len(whole)))
+        data += draw(st.binary(max_size=6))
+        data += whole[begin : draw(st.integers(begin, len(whole)))] if data else whole[:begin]
+    return data
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_any_bytes(name):
+    # Derandomized: chance is for 'make fuzz'.
+    @settings(max_examples=25, derandomize=True)
+    @given(st.one_of(st.binary(max_size=200), changed(FILES[name])))
+    def check(data):
+        run(name, data)
+
+    check()
+
+
+@pytest.mark.parametrize(("name", "good"), [("recording", "whole"), ("layout_toml", "mini")])
+def test_a_target_can_fail(name, good, monkeypatch):
+    import targets
+
+    monkeypatch.setattr(targets, "_draw", lambda picture: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run(name, (CORPUS / name / good).read_bytes())
