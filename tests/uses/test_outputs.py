@@ -55,7 +55,7 @@ def ended(device, end):
     try:
         with device:
             press(device)
-            raise end
+            raise end("it ends")
     except end:
         pass
 

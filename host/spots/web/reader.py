@@ -177,10 +177,11 @@ class Reader:
 
 
 def _settings(board: Board) -> dict:
+    unknown = {"full_scale": None, "dark": [0] * CHANNELS}
     try:
-        return board.command("get")
+        return unknown | board.command("get")
     except SpotsError:
-        return {"full_scale": None, "dark": [0] * CHANNELS}  # a recording
+        return unknown  # a recording
 
 
 _FACTS = (
