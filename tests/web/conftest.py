@@ -46,7 +46,8 @@ window.WebSocket = class extends WebSocket {
 """
 
 
-@pytest.fixture(scope="session")
+# Of a module: while Playwright runs, this thread has a loop, and others' tests want their own.
+@pytest.fixture(scope="module")
 def browser():
     path = next(filter(None, map(shutil.which, _BROWSERS)), None)
     if path is None:
