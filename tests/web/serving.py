@@ -143,12 +143,12 @@ def until(page, expression, timeout_s=60.0):
     eventually(page, lambda: page.evaluate(expression), timeout_s)
 
 
-def eventually(page, condition, timeout_s=60.0):
+def eventually(page, condition, timeout_s=60.0, every_ms=20):
     """Let a page live until a condition holds."""
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s, "it never came"
-        page.wait_for_timeout(20)
+        page.wait_for_timeout(every_ms)
 
 
 def apart(function, *arguments, timeout_s=120.0):

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from serving import until
+from serving import eventually, until
 from spots.demo import open_fast
 from spots.recording.replay import open_recording
 from spots.sim.files import ScenarioFile
@@ -65,6 +65,50 @@ def stall(page):
     return dialogs[0].dismiss
 
 
+# Notes at each frame of the screen with a reading in it which panels changed, but strip and keys.
+_NOTE_PANELS = """() => {
+  const ids = ["figures", "spectrum", "link"], ask = window.requestAnimationFrame.bind(window);
+  const observer = new MutationObserver(() => {});
+  const all = { subtree: true, childList: true, attributes: true, characterData: true };
+  for (const id of ids) observer.observe(document.getElementById(id), all);
+  let painted, reading;
+  const { clearRect } = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.clearRect = function (...area) {
+    painted = true;
+    clearRect.apply(this, area);
+  };
+  document.addEventListener("drawn", () => { reading = true; });
+  window.changed = [];
+  window.requestAnimationFrame = (draw) => ask((now_ms) => {
+    painted = reading = false;
+    observer.takeRecords();
+    draw(now_ms);
+    const seen = observer.takeRecords().map(({ target }) =>
+      ids.find((id) => document.getElementById(id).contains(target)));
+    if (painted) seen.push("history");
+    if (reading) window.changed.push([...new Set(seen)]);
+  });
+}"""
+
+
+def test_a_frame_with_a_reading_draws_one_chart_at_most_and_all_get_their_turn(
+    played, serve, open_page
+):
+    state, _ = played
+    page = open_page(serve(state).url)
+    until(page, "drawn.length > 0")
+    page.evaluate(_NOTE_PANELS)
+    until(page, "changed.length > 200")
+    changed = page.evaluate("changed")
+    assert max(map(len, changed)) == 1
+    assert {name for names in changed for name in names} == {
+        "figures",
+        "spectrum",
+        "link",
+        "history",
+    }
+
+
 @pytest.mark.parametrize(("pages", "stalled"), [(1, 0), (8, 1)])
 def test_from_frame_to_pixel(played, serve, open_page, pages, stalled):
     state, boards = played
@@ -79,8 +123,11 @@ def test_from_frame_to_pixel(played, serve, open_page, pages, stalled):
     until(opened[0], f"drawn.length > {SETTLED}")
     for page in opened:
         page.evaluate("drawn.length = 0")
-    until(opened[0], f"drawn.length > {MEASURED}")
-    found = [page.evaluate("drawn") for page in opened]
+    # Rarely asked, and all pages until the same moment: to hand its readings over costs a page
+    # a good part of a second, and all others a part of their processor.
+    eventually(opened[0], lambda: opened[0].evaluate("drawn.length") > MEASURED, every_ms=1000)
+    end_s = time.time()
+    found = [[one for one in page.evaluate("drawn") if one["shown_s"] < end_s] for page in opened]
     epoch_s = time.time() - boards[0].now_s()
     ages_s, rates = [], []
     for drawn in found:

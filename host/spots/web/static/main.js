@@ -14,25 +14,33 @@ import { recording } from "./panels/recording.js";
 import { link } from "./panels/link.js";
 
 // How often a panel is drawn at most, a second: what answers a finger at every frame, what is
-// looked at less often, what is read less still.
+// looked at less often, what is read less still. And the parts that it shows.
 const ANSWER = Infinity, LOOK = 15, READ = 5;
-const RATES = [
-  [strip, ANSWER], [keyboard, ANSWER],
-  [history, LOOK], [stick, LOOK], [spectrum, LOOK], [twin, LOOK],
-  [figures, READ], [board, READ], [recording, READ], [link, READ],
+const PANELS = [
+  [strip, ANSWER, "board", "touch"],
+  [keyboard, ANSWER, "board", "touch", "keys"],
+  [figures, READ, "touch"],
+  [board, READ, "board", "connection"],
+  [stick, LOOK, "stick"],
+  [twin, LOOK, "twin"],
+  [spectrum, LOOK, "board", "touch", "spectrum"],
+  [history, LOOK, "touch"],
+  [recording, READ, "recording", "may_record"],
+  [link, READ, "link"],
 ];
-// What waits for its time is drawn with the next message, or so long after the last one.
+// What waits is drawn with the next messages, or so long after the last one.
 const QUIET_MS = 100;
 
 // A panel is made once, from its element, and returns what draws it: (state, news, now_s). `state`
 // has the newest of every part, `news` the parts that changed since it drew last, `events`, and
 // `touches`, all readings that came. It is drawn again without news if it returns true.
-const panels = RATES.map(([make, rate]) => ({
-  draw: make(document.getElementById(make.name)), every_ms: 1000 / rate, due_ms: 0, news: null,
+const panels = PANELS.map(([make, rate, ...parts]) => ({
+  draw: make(document.getElementById(make.name)), parts,
+  every_ms: 1000 / rate, due_ms: 0, news: null,
 }));
 
 const state = {};
-let asked = false, quiet = 0, newest = null;
+let asked = false, told = false, quiet = 0, newest = null;
 
 const receipt = connect(
   (parts) => {
@@ -55,10 +63,12 @@ function letGo() {
 function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
-  // That a press begins or ends is told at once by all.
+  // That a press begins or ends is told by all as soon as each has its turn.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;
+  told = true;
   for (const panel of panels) {
+    if (!panel.news && !events.length && !panel.parts.some((part) => part in parts)) continue;
     const news = panel.news ??= { events: [], touches: [] };
     Object.assign(news, parts);
     news.events.push(...events);
@@ -76,13 +86,18 @@ function ask() {
 
 function frame(now_ms) {
   asked = false;
-  for (const panel of panels) {
-    if (!panel.news || now_ms < panel.due_ms) continue;
+  const due = panels.filter(({ news, due_ms }) => news && due_ms <= now_ms);
+  // While messages come, a frame has what answers a finger, and of the rest what waits longest:
+  // with more in it, it would be late.
+  const [longest] = due.filter(({ every_ms }) => every_ms).sort((a, b) => a.due_ms - b.due_ms);
+  for (const panel of due) {
+    if (told && panel.every_ms && panel !== longest) continue;
     const { news } = panel;
     panel.due_ms = now_ms + panel.every_ms;
     panel.news = null;
     if (panel.draw(state, news, now_ms / 1000)) panel.news = { events: [], touches: [] };
   }
+  told = false;
   clearTimeout(quiet);
   if (panels.some(({ news }) => news)) quiet = setTimeout(ask, QUIET_MS);
   if (newest) document.dispatchEvent(new CustomEvent("drawn", { detail: newest }));
