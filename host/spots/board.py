@@ -17,9 +17,9 @@ from tactile.decode import DROPPED
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .errors import PortLostError, RefusedError, SpotsError
 from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
-from .hello import made_sure
 from .link import Link
 from .recording.recorder import Recorder
+from .replies import made_sure
 
 # Commands whose reply comes when the work is done; the others answer at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0}
@@ -189,12 +189,13 @@ class Board:
             raise SpotsError(f"no reply to '{line}' within {timeout_s:g} s; is the board alive?")
         if "error" in reply.content:
             raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
-        if reply.content["re"] == "stream":
-            self._streams = [kind for kind in reply.content["stream"] if kind != "off"]
+        content = self._made_sure(reply)
+        if content["re"] == "stream":
+            self._streams = [kind for kind in content["stream"] if kind != "off"]
             self._come()
-        if "exposure_us" in reply.content:
-            self._every_s = reply.content["exposure_us"] * reply.content.get("average", 1) * 1e-6
-        return reply.content
+        if "exposure_us" in content:
+            self._take_settings(content)
+        return content
 
     def frames(self, seconds: float | None = None) -> Iterator[Frame]:
         """Yield readings and spectra as they come, those that waited first.
@@ -303,7 +304,7 @@ class Board:
 
     def _connect(self) -> None:
         self.info = self._hello()
-        self._every_s = self.info.get("exposure_us", 0) * self.info.get("average", 1) * 1e-6
+        self._take_settings(self.info)
         self._map_clocks()
         # Of a stream that an earlier program did not end: their times were not known yet.
         self._frames.clear()
@@ -331,10 +332,19 @@ class Board:
                 f"the board on {self.port} speaks protocol {version}, this program {PROTOCOL}: "
                 "update whichever is older"
             )
+        return self._made_sure(reply)
+
+    def _made_sure(self, reply: Text) -> dict:
+        name = reply.content["re"]
         try:
-            return made_sure(reply.content)
+            return made_sure(name, reply.content)
         except msgspec.ValidationError as error:
-            raise SpotsError(f"the board on {self.port} is none of ours: {error}") from None
+            raise SpotsError(
+                f"the board on {self.port} is none of ours: its reply to '{name}' tells: {error}"
+            ) from None
+
+    def _take_settings(self, told: dict) -> None:
+        self._every_s = told["exposure_us"] * told["average"] * 1e-6
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
@@ -433,11 +443,12 @@ class Board:
         if reply is None:
             self._ask_s = self.now_s() + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
             return  # nobody there, or damaged
-        if reply.content.get("stream") != []:
+        told = self._made_sure(reply)
+        if told["stream"] != []:
             return  # it has no news, or its firmware does not tell
         if not self._resuming:
             # Which question it answers nobody knows, but none before the first one.
-            self._begin_anew(self._asked_s, reply)
+            self._begin_anew(self._asked_s, told["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
                 self.command("stream " + " ".join(self._streams), _ANSWER_S)
@@ -445,11 +456,11 @@ class Board:
             except SpotsError:
                 self._ask_s = self.now_s()  # damaged, either way
 
-    def _begin_anew(self, sent_s: float, reply: Text) -> None:
+    def _begin_anew(self, sent_s: float, t_us: int) -> None:
         self._resuming = bool(self._streams)
         self.stats.restarts += 1
         self._decoder.restarted(self.stats.restarts)
-        self._clocks.begin_anew(sent_s, reply.content.get("t_us", reply.t_us), self.now_s())
+        self._clocks.begin_anew(sent_s, t_us, self.now_s())
         self._ask_s = self.now_s()
 
     def _idle(self, seconds: float) -> None:
@@ -469,7 +480,7 @@ class Board:
                 reply = self._replies.popleft()
                 if reply.content.get("re") == name:
                     if self._clocks.clock.began_anew(sent_s, reply.t_us, self.now_s()):
-                        self._begin_anew(sent_s, reply)
+                        self._begin_anew(sent_s, reply.t_us)
                     return reply
         return None
 

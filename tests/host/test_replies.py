@@ -1,0 +1,78 @@
+"""A board whose replies are none is refused in one sentence, whatever it tells."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import struct
+
+import pytest
+
+from spots.board import Board
+from spots.errors import SpotsError
+from tactile import PROTOCOL
+from test_frames import encoded
+
+_TEXT = 3
+GOOD = {
+    "hello": {"protocol": PROTOCOL, "id": "a1", "exposure_us": 10000},
+    "get": {"dark": [0] * 6, "full_scale": 1000, "fault": None},
+    "set": {"exposure_us": 10000, "average": 1},
+    "auto": {"gain": 9, "led_mA": 20, "exposure_us": 10000},
+    "dark": {"dark": [0] * 6},
+    "sync": {"t_us": 2**32 - 1},
+    "stream": {"stream": ["touch"]},
+}
+SOUND = {"id": [None, "x"], "fault": [None, "x"], "stream": [[], ["x"]]}
+WRONG = [None, True, -1, 1e300, 0.5, "x", [], [[]], ["x"], {}, {"x": 1}, 2**70]
+
+
+class Told:
+    """A link to a board that replies what it is told to."""
+
+    name = "told"
+
+    def __init__(self, replies):
+        self.replies, self._out, self._s = replies, b"", 0.0
+
+    def now_s(self):
+        self._s += 1e-4
+        return self._s
+
+    def read(self, timeout_s):
+        out, self._out = self._out, b""
+        self._s += 0.0 if out else timeout_s
+        return out
+
+    def write(self, data):
+        for line in data.decode().splitlines():
+            if line.split()[:1] and line.split()[0] in self.replies:
+                name = line.split()[0]
+                text = json.dumps({**self.replies[name], "re": name}).encode()
+                time = struct.pack("<I", int(self._s * 1e6))
+                self._out += encoded(bytes((_TEXT, 0, 0)) + time + text)
+
+    def close(self):
+        pass
+
+
+def ask(name, reply):
+    with Board(Told({**GOOD, name: reply})) as board:
+        return board.command(name)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_what_a_board_tells_is_passed_on(name):
+    reply = {**GOOD[name], "new": 1}
+    assert ask(name, reply).items() >= reply.items()
+
+
+@pytest.mark.parametrize("value", WRONG, ids=json.dumps)
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [(name, key) for name, reply in GOOD.items() for key in reply if key != "protocol"],
+)
+def test_another_value_is_refused_unless_it_is_sound(name, key, value):
+    sound = value in SOUND.get(key, [])
+    with contextlib.nullcontext() if sound else pytest.raises(SpotsError):
+        ask(name, {**GOOD[name], key: value})
