@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -14,6 +12,7 @@ from tactile import PROTOCOL
 from tactile.command import LINE_MAX, NAME_MAX
 from tactile.decode import DROPPED
 
+from .absence import Away, Silence
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .errors import PortLostError, RefusedError, SpotsError
 from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
@@ -27,22 +26,11 @@ _USUAL_REPLY_S = 2.0
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
 _POLL_S = 0.1
-# A board that streams and is silent for so long, and for so many readings, is asked whether it
-# has restarted. A question or its answer may be damaged: another one follows, soon at first.
-_SILENCE_S = 0.15
-_SILENT_READINGS = 3
-_ANSWER_S = 0.1
-_ASK_LATER_S = 0.05  # more from one question without an answer to the next
-_ASK_EVERY_S = 0.5  # but no more than this
-_STREAM_TRIES = 3
 _SYNC_TIMEOUT_S = 0.5
-# Without a reading for so long, and for so many of them, a board that streams has stalled.
-_STALLED_S = 0.5
+_ANSWER_S = 0.1  # of a board that may have restarted
+_STREAM_TRIES = 3
 # So long may its port be gone; a board takes some seconds to be a USB device again.
 _GONE_S = 10.0
-# It is looked for so often at first, and half as often each time, but no less than that.
-_REOPEN_S = 0.1
-_REOPEN_MOST_S = 1.0
 _WHO_S = 0.3  # to hear who answers on a port that came back
 _WHO_TRIES = 5
 # A consumer that falls behind by more than this many frames loses the oldest.
@@ -51,17 +39,6 @@ _QUEUE_FRAMES = 1 << 16
 # States of a link. Whoever has no board yet is searching for one.
 SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
 LOST, REFUSED = "lost", "refused"
-
-
-@dataclass
-class _Gone:
-    # A port that is away, by the clock of the process.
-    since_s: float
-    due_s: float
-    wait_s: float
-    is_open: bool = False
-    asked: int = 0  # who is there
-    refused: bool = False
 
 
 class Board:
@@ -107,14 +84,10 @@ class Board:
         self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
         self._replies: deque[Text] = deque(maxlen=64)
         self._streams: list[str] = []  # what the board was told to stream
-        self._gone: _Gone | None = None
+        self._silence = Silence(link.now_s())
+        self._away: Away | None = None
         self._resuming = False
         self._missing = False  # frames before the next one were dropped here
-        self._every_s = 0.0  # from one reading to the next
-        self._ask_s = link.now_s()  # when to ask, if nothing comes
-        self._asked = 0  # questions since it was heard, the first of them at
-        self._asked_s = 0.0
-        self._stalled_s = float("inf")
         self._on_close: Callable[[], None] | None = None
         self._on_state: Callable[[str], None] | None = None
         self._told_state = CONNECTED
@@ -145,9 +118,9 @@ class Board:
         ``stalled``: the port is there and the board, or its sensor, is silent; ``lost``: the port
         is away and looked for; ``refused``: another board is in its place.
         """
-        if self._gone is not None:
-            return REFUSED if self._gone.refused else LOST
-        if self._streams and self.now_s() > self._stalled_s:
+        if self._away is not None:
+            return REFUSED if self._away.refused else LOST
+        if self._streams and self._silence.stalled(self.now_s()):
             return STALLED
         return CONNECTED
 
@@ -192,7 +165,7 @@ class Board:
         content = self._made_sure(reply)
         if content["re"] == "stream":
             self._streams = [kind for kind in content["stream"] if kind != "off"]
-            self._come()
+            self._silence.read(self.now_s())
         if "exposure_us" in content:
             self._take_settings(content)
         return content
@@ -344,7 +317,7 @@ class Board:
             ) from None
 
     def _take_settings(self, told: dict) -> None:
-        self._every_s = told["exposure_us"] * told["average"] * 1e-6
+        self._silence.every_s = told["exposure_us"] * told["average"] * 1e-6
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
@@ -358,22 +331,21 @@ class Board:
         self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
 
     def _pump_or_resume(self, timeout_s: float) -> None:
-        if self._gone is not None:
+        if self._away is not None:
             self._reconnect(timeout_s)
             return
         try:
             if not self._streams:
                 self._pump(timeout_s)
                 return
-            due_s = min(self._ask_s, self._clocks.due_s)
+            due_s = min(self._silence.ask_s, self._clocks.due_s)
             self._pump(max(0.0, min(timeout_s, due_s - self.now_s())))
             self._resume()
             self._ask_time()
         except PortLostError:
             if not self._streams:
                 raise
-            now_s = time.monotonic()
-            self._gone = _Gone(now_s, now_s, _REOPEN_S)
+            self._away = Away()
 
     def _tell_state(self) -> None:
         state = self.state
@@ -388,33 +360,31 @@ class Board:
 
     def _reconnect(self, timeout_s: float) -> None:
         # A try, no more: who holds keys down has to be back in time to let go of them.
-        gone, now_s = self._gone, time.monotonic()
-        if now_s < gone.due_s:
-            time.sleep(min(timeout_s, gone.due_s - now_s))
+        away = self._away
+        if away.waits(timeout_s):
             return
         try:
-            if not gone.is_open:
+            if not away.is_open:
                 self._link.reopen()
-                gone.is_open, gone.asked = True, 0
+                away.is_open, away.asked = True, 0
                 self._decoder.feed(b"\0")  # the frame that was cut off ends here
             reply = self._exchange("hello", _WHO_S)
-            gone.asked += 1
-            if reply is None and gone.asked < _WHO_TRIES:
+            away.asked += 1
+            if reply is None and away.asked < _WHO_TRIES:
                 return  # its firmware may be starting
             self.info = self._recognised(self._checked(reply))
         except SpotsError as error:
-            if time.monotonic() - gone.since_s >= self.patience_s:
+            if away.for_s >= self.patience_s:
                 raise
             refused = isinstance(error, RefusedError)
-            if refused and not gone.refused:  # once, not a flood
+            if refused and not away.refused:  # once, not a flood
                 self.log.append({"log": "error", "text": str(error)})
-            gone.is_open, gone.refused = False, refused
-            gone.due_s = time.monotonic() + gone.wait_s
-            gone.wait_s = min(2 * gone.wait_s, _REOPEN_MOST_S)
+            away.refused = refused
+            away.look_later()
             return
-        self._gone = None
-        self._ask_s = self.now_s()  # whether it has begun anew
-        self._come()
+        self._away = None
+        self._silence.ask_s = self.now_s()  # whether it has begun anew
+        self._silence.read(self.now_s())
 
     def _recognised(self, info: dict) -> dict:
         if info.get("id") != self.info.get("id"):
@@ -425,43 +395,35 @@ class Board:
             )
         return info
 
-    def _heard(self) -> None:
-        self._asked = 0
-        self._ask_s = self.now_s() + max(_SILENCE_S, _SILENT_READINGS * self._every_s)
-
-    def _come(self) -> None:
-        self._stalled_s = self.now_s() + max(_STALLED_S, _SILENT_READINGS * self._every_s)
-
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
-        if self.now_s() < self._ask_s:
+        silence = self._silence
+        if self.now_s() < silence.ask_s:
             return
-        if self._asked == 0:
-            self._asked_s = self.now_s()
-        self._asked += 1
+        silence.asking(self.now_s())
         reply = self._exchange("sync", _ANSWER_S)
         if reply is None:
-            self._ask_s = self.now_s() + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
+            silence.unanswered(self.now_s())
             return  # nobody there, or damaged
         told = self._made_sure(reply)
         if told["stream"] != []:
             return  # it has no news, or its firmware does not tell
         if not self._resuming:
             # Which question it answers nobody knows, but none before the first one.
-            self._begin_anew(self._asked_s, told["t_us"])
+            self._begin_anew(silence.first_asked_s, told["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
                 self.command("stream " + " ".join(self._streams), _ANSWER_S)
                 return
             except SpotsError:
-                self._ask_s = self.now_s()  # damaged, either way
+                silence.ask_s = self.now_s()  # damaged, either way
 
     def _begin_anew(self, sent_s: float, t_us: int) -> None:
         self._resuming = bool(self._streams)
         self.stats.restarts += 1
         self._decoder.restarted(self.stats.restarts)
         self._clocks.begin_anew(sent_s, t_us, self.now_s())
-        self._ask_s = self.now_s()
+        self._silence.ask_s = self.now_s()
 
     def _idle(self, seconds: float) -> None:
         end_s = self.now_s() + seconds
@@ -487,7 +449,7 @@ class Board:
     def _pump(self, timeout_s: float) -> None:
         frames = self._decoder.feed(self._link.read(timeout_s))
         if frames:
-            self._heard()
+            self._silence.heard(self.now_s())
         for frame in frames:
             if not isinstance(frame, Note):
                 self._take(self._clocks.clock.timed(frame))
@@ -504,10 +466,10 @@ class Board:
             self._replies.append(frame)
 
     def _take_reading(self, frame: Frame) -> None:
-        if self._gone is not None:
+        if self._away is not None:
             return  # nobody knows yet whose it is
         self._resuming = False
-        self._come()
+        self._silence.read(self.now_s())
         if len(self._frames) == self._frames.maxlen:
             self.stats.overrun += 1
             self._missing = True

@@ -11,7 +11,7 @@ import pytest
 
 import spots
 from plugs import Hub
-from spots import board as module
+from spots import absence
 from spots.board import CONNECTED, LOST, REFUSED
 from spots.connect import start_simulator
 from spots.errors import RefusedError
@@ -31,8 +31,8 @@ def hub(monkeypatch):
     with Hub(3) as hub:
         monkeypatch.setattr("spots.link.list_ports.comports", hub.ports)
         # The waits are of the same kind, only shorter.
-        monkeypatch.setattr(module, "_REOPEN_S", 0.01)
-        monkeypatch.setattr(module, "_REOPEN_MOST_S", 0.05)
+        monkeypatch.setattr(absence, "_REOPEN_S", 0.01)
+        monkeypatch.setattr(absence, "_REOPEN_MOST_S", 0.05)
         yield hub
 
 
