@@ -177,6 +177,11 @@ class Device:
         self.usage = usage
         self.rest = rest
         self.world = None
+        self.received = None
+
+    def get_last_received_report(self):
+        report, self.received = self.received, None
+        return report
 
     def send_report(self, report):
         self.world.send(self, bytes(report))
@@ -188,6 +193,7 @@ class CircuitPython:
     def __init__(self):
         self.ticks = (1 << 29) - 30  # about to wrap
         self.got = []
+        self.leds = []
         self.full = False
         self.usb_connected = True
         self.sleeps_at_once = False
@@ -234,14 +240,14 @@ def circuitpython(monkeypatch):
 def sends(circuitpython):
     module, world = circuitpython
     module.enable(True, True)
-    return module.open_interfaces(["keyboard", "gamepad"]), world
+    return module.open_interfaces(["keyboard", "gamepad"], world.leds.append), world
 
 
 def test_circuitpython_is_what_the_settings_say(circuitpython):
     module, _ = circuitpython
     for keyboard, gamepad in ((0, 0), (1, 0), (0, 1), (1, 1)):
         module.enable(keyboard, gamepad)
-        there = module.open_interfaces(["keyboard", "gamepad"])
+        there = module.open_interfaces(["keyboard", "gamepad"], None)
         assert ("keyboard" in there, "gamepad" in there) == (keyboard, gamepad)
     pad = sys.modules["usb_hid"].devices[2].rest
     assert pad["report_descriptor"] == with_report_id(GAMEPAD_DESCRIPTOR, 4)
@@ -291,3 +297,44 @@ def test_circuitpython_whose_host_fell_asleep_meanwhile_has_not_sent(sends):
     world.ticks += 10
     assert by_name["keyboard"](REPORT)
     assert world.got == [(6, REPORT)]
+
+
+def test_circuitpython_shows_the_hosts_leds_at_the_next_report(sends):
+    by_name, world = sends
+    keyboard = next(device for device in sys.modules["usb_hid"].devices if device.usage == 6)
+    for leds in (b"\x02", None, b"\0"):
+        keyboard.received = leds
+        world.ticks += 10
+        assert by_name["keyboard"](REPORT)
+        world.ticks += 10
+        assert by_name["gamepad"](OTHER)
+    assert world.leds == [2, 0]
+
+
+class Wire:
+    def __init__(self, pin):
+        self.pin, self.value = pin, None
+        Wire.made = self
+
+    def switch_to_output(self, value):
+        self.value = value
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
+    modules = ("adafruit_as7341", "busio", "microcontroller", "storage", "usb_cdc")
+    module = fresh(
+        monkeypatch,
+        "circuitpython",
+        **{name: {} for name in modules},
+        adafruit_bus_device__i2c_device={"I2CDevice": None},
+        board={"LED": "the red one"},
+        digitalio={"DigitalInOut": Wire},
+        micropython={"const": lambda value: value},
+    )
+    usb = module.Usb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
+    assert (Wire.made.pin, Wire.made.value) == ("the red one", level == 0)
+    for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
+        usb._show_leds(leds)
+        assert (Wire.made.value == bool(level)) == lit
+    module.Usb(SimpleNamespace())._show_leds(2)  # a board without one

@@ -31,6 +31,7 @@ _WATCHDOG_S = const(8)  # the RP2040 knows no longer ones
 _CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
 _FINISH_US = const(20_000)  # what a frame longer than the port's buffer may take
 _COMMON_SIZE = const(64)  # frames up to here are sent again and again
+_CAPS_LOCK = const(2)  # HID usage tables, LED page, as a keyboard's output report has it
 
 
 class Bus:
@@ -202,13 +203,31 @@ class Serial:
 
 
 class Usb:
-    """The board as a USB keyboard and gamepad, where `boot` made it one."""
+    """The board as a USB keyboard and gamepad, where `boot` made it one.
+
+    Parameters
+    ----------
+    board_config : module
+        Where it has ``LED_PIN``, that shows caps lock; ``LED_ON`` is the level that lights it.
+    """
+
+    def __init__(self, board_config):
+        self._led = None
+        name = getattr(board_config, "LED_PIN", None)
+        if name is not None:
+            self._on = bool(board_config.LED_ON)
+            self._led = digitalio.DigitalInOut(getattr(board, name))
+            self._led.switch_to_output(value=not self._on)
 
     def open(self, names):
         """See `uses.Uses`."""
         from .usb_circuitpython import open_interfaces
 
-        return open_interfaces(names)
+        return open_interfaces(names, self._show_leds)
+
+    def _show_leds(self, leds):
+        if self._led is not None:
+            self._led.value = self._on == bool(leds & _CAPS_LOCK)
 
 
 def boot():
@@ -248,7 +267,7 @@ def main():
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
     serial = Serial(usb_cdc.data, Clock)
-    usb = Usb() if board_config.USB_HID else None
+    usb = Usb(board_config) if board_config.USB_HID else None
     scl = getattr(board, board_config.SCL_PIN)
     sda = getattr(board, board_config.SDA_PIN)
     sensor = Sensor(scl, sda, board_config.I2C_HZ, Clock)

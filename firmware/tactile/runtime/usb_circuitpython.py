@@ -39,14 +39,19 @@ def enable(keyboard, gamepad):
     usb_hid.enable(tuple(devices))
 
 
-def open_interfaces(names):
-    """Return what sends reports, by name, for those of the names that boot.py has set up."""
+def open_interfaces(names, show_leds):
+    """Return what sends reports, by name, for those of the names that boot.py has set up.
+
+    ``show_leds(leds)`` is told what the host wants of a keyboard's, at its next report: bit 1 is
+    caps lock.
+    """
     endpoint = _Endpoint()
     sends = {}
     for device in usb_hid.devices:
         for name in names:
             if (device.usage_page, device.usage) == _USAGES[name]:
-                sends[name] = _Interface(endpoint, device).send
+                told = show_leds if name == "keyboard" else None
+                sends[name] = _Interface(endpoint, device, told).send
     return sends
 
 
@@ -81,12 +86,17 @@ def _diff(end, start):
 
 
 class _Interface:
-    def __init__(self, endpoint, device):
+    def __init__(self, endpoint, device, show_leds):
         self._endpoint = endpoint
         self._device = device
+        self._show_leds = show_leds
 
     def send(self, report):
         """Give a report to the stack, if that is not going to wait for the host."""
+        if self._show_leds is not None:
+            leds = self._device.get_last_received_report()  # None unless it is news
+            if leds:
+                self._show_leds(leds[0])
         if not self._endpoint.free():
             return False
         try:
