@@ -26,7 +26,7 @@ def fast(opened, monkeypatch):
     """A board in simulated time is what the command line opens."""
     board = opened()
     board.close = lambda: None
-    monkeypatch.setattr(cli, "_open", lambda options: board)
+    monkeypatch.setattr(cli.arguments, "open_board", lambda options: board)
     return board
 
 
