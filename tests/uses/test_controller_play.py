@@ -14,7 +14,6 @@ import pytest
 from rich.console import Console
 
 from spots import SpotsError, cli, connect, demo
-from spots import board as board_module
 from spots.board import Board
 from spots.connect import prepare
 from spots.frames import Touch
@@ -218,7 +217,7 @@ def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev,
         held.append(evdev.UInput.made[-1].held())
 
     # Given up at once: the next board that starts on this machine may get the name of its port.
-    monkeypatch.setattr(board_module, "_GONE_S", 0.0)
+    board.patience_s = 0.0
     with pytest.raises(SpotsError, match="there is no port"), board, UInputGamepad() as gamepad:
         play.play(board, controller, gamepad, 60.0, on_state=unplug)
     device = evdev.UInput.made[-1]
