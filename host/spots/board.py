@@ -373,6 +373,7 @@ class Board:
             if reply is None and away.asked < _WHO_TRIES:
                 return  # its firmware may be starting
             self.info = self._recognised(self._checked(reply))
+            self._take_settings(self.info)
         except SpotsError as error:
             if away.for_s >= self.patience_s:
                 raise

@@ -217,6 +217,18 @@ def test_a_port_that_goes_away_and_comes_back_is_opened_again():
     assert board.stats.restarts == 1
 
 
+def test_a_board_that_comes_back_with_longer_exposures_is_given_their_time():
+    link, board = streaming()
+    link.restart()
+    link.gone, link.exposure_us = 3, 1_000_000
+    reading(board, 20)
+    link.streams = None  # silent
+    list(board.frames(2.5))
+    assert board.state == module.CONNECTED
+    list(board.frames(1.0))
+    assert board.state == module.STALLED
+
+
 def test_a_port_that_does_not_come_back_is_told(monkeypatch):
     monkeypatch.setattr(module, "_GONE_S", 0.0)
     link, board = streaming()
