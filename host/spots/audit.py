@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable
 from tactile.decode import LED_OFF
 
 from .frames import Decoder, Frame, Touch
-from .link import Link
 from .sim.files import ScenarioFile
+from .uses.usages import MODIFIERS, MODIFIERS_FROM
 
 # What interrupts readings. What begins while they have not come back yet belongs to the same
 # outage.
@@ -25,23 +25,6 @@ _OUTAGES_KEPT = 64
 # A key may stay for so long after its finger has gone: 0.3 s without a reading on the host, and
 # what a board needs that is itself without power or sensor.
 _LATE_S = 1.0
-_BITS = 8
-_MODIFIERS_FROM = 224
-
-
-class Tap:
-    """A link that shows what is read from it to ``look(data, now_s)``."""
-
-    def __init__(self, link: Link, look):
-        self._link = link
-        self._look = look
-        self.name, self.now_s, self.write = link.name, link.now_s, link.write
-        self.close = link.close
-
-    def read(self, timeout_s: float) -> bytes:
-        data = self._link.read(timeout_s)
-        self._look(data, self.now_s())
-        return data
 
 
 class Audit:
@@ -306,7 +289,7 @@ class Keys:
 
 def usages_of(report: bytes) -> list[int]:
     """Return what is down in a report of a boot keyboard, modifiers as usages."""
-    modifiers = [_MODIFIERS_FROM + i for i in range(_BITS) if report[0] >> i & 1]
+    modifiers = [MODIFIERS_FROM + i for i in range(MODIFIERS) if report[0] >> i & 1]
     return modifiers + [usage for usage in report[2:] if usage]
 
 

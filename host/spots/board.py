@@ -16,7 +16,7 @@ from .absence import Away, Silence
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .errors import PortLostError, RefusedError, SpotsError
 from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
-from .link import Link
+from .link import Link, Tap
 from .recording.recorder import Recorder
 from .replies import made_sure
 
@@ -262,10 +262,9 @@ class Board:
         self._link = recorder
         return recorder
 
-    def tap(self, wrap: Callable[[Link], Link]) -> Link:
-        """Put a link around the board's own, through which all is read from now on."""
-        self._link = wrap(self._link)
-        return self._link
+    def tap(self, look: Callable[[bytes, float], None]) -> None:
+        """Show ``look(data, now_s)`` all that is read from now on."""
+        self._link = Tap(self._link, look)
 
     def when_closed(self, action: Callable[[], None]) -> None:
         """Do something after the port was let go."""

@@ -9,7 +9,7 @@ from .board import Board
 from .calibrate.stage import calibrate
 from .connect import open_virtual, prepare
 from .errors import SpotsError
-from .link import Link
+from .link import Tap
 from .score import Score
 from .sim.faults import Faults, FaultyLink, of_scenario
 from .sim.files import ScenarioFile, SensorFile, load
@@ -18,21 +18,6 @@ from .sim.scenario import Scenario
 from .watch import watch
 
 FIVEBAR = "fivebar"
-
-
-class _Hashing:
-    """A link that keeps the SHA-256 of all that was read from it."""
-
-    def __init__(self, link: Link):
-        self._link = link
-        self.sha256 = hashlib.sha256()
-        self.name, self.now_s, self.write = link.name, link.now_s, link.write
-        self.close = link.close
-
-    def read(self, timeout_s: float) -> bytes:
-        data = self._link.read(timeout_s)
-        self.sha256.update(data)
-        return data
 
 
 def demo(
@@ -78,16 +63,16 @@ def demo(
     file = load(ScenarioFile, scenario)
     truth = Scenario(file)
     if fast:
-        board, link = open_fast(sensor, truth, seed, of_scenario(file, seed))
+        board, digest = open_fast(sensor, truth, seed, of_scenario(file, seed))
         started_s = 0.0
     else:
-        (board, started_s), link = open_virtual(sensor, scenario, seed), None
+        (board, started_s), digest = open_virtual(sensor, scenario, seed), None
     with board:
         if file.faults:
             board.command("save")  # or a restart would cost the calibration
         summary = show(board, truth, started_s, seconds, quiet)
-    if link is not None:
-        summary["stream_sha256"] = link.sha256.hexdigest()
+    if digest is not None:
+        summary["stream_sha256"] = digest.hexdigest()
     return summary
 
 
@@ -146,16 +131,17 @@ USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dic
 
 def open_fast(
     sensor: str, truth: Scenario, seed: int, faults: Faults | None = None
-) -> tuple[Board, _Hashing]:
-    """Open a calibrated virtual board in simulated time, and the link that hashes its stream."""
+) -> tuple[Board, hashlib._Hash]:
+    """Return a calibrated virtual board in simulated time, and the SHA-256 of all it sends."""
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
     bare = LockstepLink(file, truth, seed, faults=faults)
-    link = _Hashing(FaultyLink(bare, faults) if faults else bare)
-    board = Board(link)
+    digest = hashlib.sha256()
+    link = FaultyLink(bare, faults) if faults else bare
+    board = Board(Tap(link, lambda data, now_s: digest.update(data)))
     try:
         prepare(board, calibration)
     except BaseException:
         board.close()
         raise
-    return board, link
+    return board, digest

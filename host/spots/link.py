@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 import serial
@@ -50,6 +51,36 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Let the port go."""
+
+
+class Tap:
+    """A link that shows what is read from another one, and is that one in all else.
+
+    Parameters
+    ----------
+    link : Link
+    look : callable
+        ``look(data, now_s)``: what a read returned, and when.
+    """
+
+    def __init__(self, link: Link, look: Callable[[bytes, float], None]):
+        self._link, self._look = link, look
+        self.now_s, self.write, self.close = link.now_s, link.write, link.close
+
+    @property
+    def name(self) -> str:
+        return self._link.name
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        self._look(data, self.now_s())
+        return data
+
+    def reopen(self) -> None:
+        self._link.reopen()
+
+    def let_go(self) -> None:
+        self._link.let_go()
 
 
 class SerialLink:

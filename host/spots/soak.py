@@ -13,24 +13,26 @@ from collections.abc import Iterator
 from rich.console import Console
 from rich.progress import Progress
 
-from .audit import Audit, Keys, Memory, Recoveries, Tap, usages_of
+from .audit import Audit, Keys, Memory, Recoveries, usages_of
 from .board import Board
 from .calibrate.stage import calibrate
 from .connect import prepare
 from .errors import SpotsError
 from .frames import Key, Touch
+from .link import Tap
 from .sim.faults import WAYS, Faults, FaultyLink
 from .sim.files import ScenarioFile, SensorFile, load
 from .sim.lockstep import LockstepLink
 from .sim.scenario import Scenario
 from .uses.keyboard import KeyEngine
 from .uses.layout import load as load_layout
+from .uses.usages import KEYBOARD
 
 _TICK_S = 0.05
 _LAYOUT = "digits"  # the ten zones that a board has without a layout
 _RECOVERED_S = 1.0  # the longest that readings may stay away after a fault has ended
 _HOUR_S = 3600.0
-_KEYBOARD_PAGE, _KEYBOARD = 7, 0  # HID usage page, USB interface
+_INTERFACE = 0  # of the USB keyboard
 
 
 class Watch:
@@ -92,8 +94,8 @@ class Watch:
             self._brown_outs = brown_outs
             self.keys["usb"].release()
         for interface, report in self._bare.usb.reports:
-            if interface == _KEYBOARD:
-                self.keys["usb"].report(_KEYBOARD_PAGE, usages_of(report))
+            if interface == _INTERFACE:
+                self.keys["usb"].report(KEYBOARD, usages_of(report))
         self._bare.usb.reports.clear()
         for keys in self.keys.values():
             keys.look()

@@ -294,6 +294,18 @@ def test_the_state_of_a_link():
     assert told == ["stalled", "connected", "lost", "refused", "connected"]
 
 
+def test_another_board_is_refused_behind_a_tap_too():
+    seen = []
+    link, board = streaming()
+    board.tap(lambda data, now_s: seen.append(data))
+    link.gone, link.board_id = 1, "another"
+    until(board, "refused")
+    link.board_id = None
+    until(board, "connected")
+    reading(board, 5)
+    assert any(seen)
+
+
 def until(board, state):
     while board.state != state:
         list(board.frames(0.01))

@@ -236,6 +236,12 @@ def test_a_board_is_published_once(net):
             Publisher(Board(stand_in()), own)
 
 
+@pytest.mark.parametrize("board_id", [None, "", "a/b", "a*"])
+def test_a_board_without_a_proper_id_is_not_published(net, board_id):
+    with session(net.hub) as own, pytest.raises(SpotsError, match="no id to be published under"):
+        Publisher(Board(stand_in(board_id)), own)
+
+
 def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net):
     link = stand_in(kind=Restarting)
     refusals = []

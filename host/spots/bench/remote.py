@@ -192,8 +192,9 @@ class _Process:
 
 
 def _publish(pipe, config: str, names: list[str], rate_Hz: float) -> None:
-    os.environ["ZENOH_CONFIG"] = config
-    from ..remote.session import open_session
+    from ..remote.session import CONFIG_VARIABLE, open_session
+
+    os.environ[CONFIG_VARIABLE] = config
 
     session = open_session()
     while True:
@@ -295,8 +296,9 @@ class _Ledger:
 
 
 def _read(pipe, config: str) -> None:
-    os.environ["ZENOH_CONFIG"] = config
-    from ..remote.session import open_session
+    from ..remote.session import CONFIG_VARIABLE, open_session
+
+    os.environ[CONFIG_VARIABLE] = config
 
     session = open_session()
     while True:

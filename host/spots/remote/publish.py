@@ -17,7 +17,6 @@ from ..board import Board
 from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Frame, whole
-from ..link import Link
 from ..uses.outputs import ended_by_signals
 from .samples import encode, sample
 from .session import READ_ONLY, is_published, key, open_session
@@ -27,35 +26,6 @@ _JSON = zenoh.Encoding.APPLICATION_JSON
 _TURN_S = 0.05  # questions do not wait longer while a board is silent
 _HEALTH_EVERY_S = 1.0
 _QUESTIONS = 16  # that wait; the oldest are dropped
-
-
-class Tap:
-    """A link that hands on what is read through it and keeps a copy, in whole frames.
-
-    Parameters
-    ----------
-    link : link.Link
-    """
-
-    def __init__(self, link: Link):
-        self.name, self.now_s = link.name, link.now_s
-        self.write, self.close = link.write, link.close
-        self._link = link
-        self._copy = b""
-
-    def read(self, timeout_s: float) -> bytes:
-        data = self._link.read(timeout_s)
-        self._copy += data
-        return data
-
-    def reopen(self) -> None:
-        self._link.reopen()
-
-    def take(self) -> bytes:
-        """Return the whole frames that have come since the last time."""
-        size = whole(self._copy)
-        frames, self._copy = self._copy[:size], self._copy[size:]
-        return frames
 
 
 class Publisher:
@@ -82,11 +52,12 @@ class Publisher:
             raise SpotsError(f"{board.port} is no board that is plugged in: it is not published")
         self._board, self._session = board, session
         self.board_id = board.info["id"]
-        if not re.fullmatch("[0-9A-Za-z_-]+", self.board_id):
+        if not re.fullmatch("[0-9A-Za-z_-]+", self.board_id or ""):
             raise SpotsError(f"the board on {board.port} has no id to be published under")
         if is_published(session, self.board_id):
             raise SpotsError(f"the board {self.board_id} is published already")
-        self._tap: Tap = board.tap(Tap)
+        self._copy = b""  # of what was read and not sent yet
+        board.tap(self._keep)
         self._run = secrets.token_hex(4)
         self._outlets: dict[str, Callable] = {}
         self._frames = self._outlet("frames", encoding=FRAMES_ENCODING)
@@ -130,6 +101,9 @@ class Publisher:
         for entity in (*self._outlets.values(), *questions):
             entity.undeclare()
 
+    def _keep(self, data: bytes, now_s: float) -> None:
+        self._copy += data
+
     def _publish(self, frame: Frame) -> None:
         self._send()
         utc_s = time.time() - self._board.now_s() + frame.time_s
@@ -139,7 +113,8 @@ class Publisher:
 
     def _send(self) -> None:
         # Bytes are sent after the board object has looked at them: that it began anew is known.
-        data = self._tap.take()
+        size = whole(self._copy)
+        data, self._copy = self._copy[:size], self._copy[size:]
         if data:
             run = f"{self._run}.{self._board.stats.restarts}"
             self._frames.put(data, attachment=run)

@@ -19,8 +19,6 @@ from .mailbox import Mailbox
 from .publish import FRAMES_ENCODING
 from .session import direct, open_session
 
-EVERYTHING = "spots/**"
-
 
 def run(options: argparse.Namespace) -> None:
     """Run ``spots subscribe`` with the options that `cli` parsed."""
