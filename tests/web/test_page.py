@@ -17,6 +17,7 @@ from spots.web.state import State
 LONG_MS = 60_000
 KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"
 FLASH_MS = 500  # more than a key is lit that is only struck
+LIFT_S = 0.1  # of the board's time: much longer than a finger has to be away
 LENGTH_MM = 85.0
 
 # Where the press stands on the glass, and what figure is beside it.
@@ -235,6 +236,8 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
     assert [event["pressed"] for event in events if event["kind"] == "key"] == [False]
     held.press = None
     expect(press).to_have_count(0, timeout=LONG_MS)
+    lifted_s = one.link.now_s()  # a lift is one after more readings than the one that is drawn
+    eventually(page, lambda: one.link.now_s() > lifted_s + LIFT_S)
     held.press = Press(80.0, 3000, 4.0)
     expect(page.locator(".key.lit")).to_have_text(["0"], timeout=LONG_MS)
 
