@@ -53,8 +53,42 @@ class Link(Protocol):
         """Let the port go."""
 
 
-class Tap:
-    """A link that shows what is read from another one, and is that one in all else.
+class Through:
+    """A link in front of another one, which it is in all that a subclass does not change.
+
+    Parameters
+    ----------
+    link : Link
+    """
+
+    def __init__(self, link: Link):
+        self._link = link
+
+    @property
+    def name(self) -> str:
+        return self._link.name
+
+    def now_s(self) -> float:
+        return self._link.now_s()
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._link.read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        self._link.write(data)
+
+    def reopen(self) -> None:
+        self._link.reopen()
+
+    def let_go(self) -> None:
+        self._link.let_go()
+
+    def close(self) -> None:
+        self._link.close()
+
+
+class Tap(Through):
+    """Shows what is read from another link.
 
     Parameters
     ----------
@@ -64,23 +98,13 @@ class Tap:
     """
 
     def __init__(self, link: Link, look: Callable[[bytes, float], None]):
-        self._link, self._look = link, look
-        self.now_s, self.write, self.close = link.now_s, link.write, link.close
-
-    @property
-    def name(self) -> str:
-        return self._link.name
+        super().__init__(link)
+        self._look = look
 
     def read(self, timeout_s: float) -> bytes:
         data = self._link.read(timeout_s)
         self._look(data, self.now_s())
         return data
-
-    def reopen(self) -> None:
-        self._link.reopen()
-
-    def let_go(self) -> None:
-        self._link.let_go()
 
 
 class SerialLink:

@@ -16,6 +16,8 @@ from spots.board import CONNECTED, LOST, REFUSED
 from spots.connect import start_simulator
 from spots.errors import RefusedError
 from spots.link import SerialLink
+from spots.sim import files
+from spots.sim.faults import Faults, FaultyLink
 from spots.uses.layout import load
 from spots.uses.type_keys import type_on
 from spots.watch import watch
@@ -126,14 +128,16 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     typed.close()
 
 
-def test_the_firmware_itself_comes_back_under_another_name(monkeypatch):
+def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path):
     there, kept = {}, []
     monkeypatch.setattr("spots.link._usb_numbers", lambda: dict(there))
     start, end = start_simulator("default", "demo", 0)
     there[start["port"]] = "number"
     names = [start["port"]]
-    with spots.Board(SerialLink(start["port"])) as board:
+    nothing_wrong = Faults(files.Faults(), seconds=1.0)
+    with spots.Board(FaultyLink(SerialLink(start["port"]), nothing_wrong)) as board:
         board.patience_s = DEADLINE_S
+        board.record(tmp_path / "run.spots")
         board.touches()
         for _ in range(2):
             end()

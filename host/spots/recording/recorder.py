@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from ..frames import whole
-from ..link import Link
+from ..link import Link, Through
 from .disk import Disk
 from .header import VERSION, Header, encoded
 from .note import note
@@ -19,7 +19,7 @@ from .note import note
 ARRIVAL_STEP_S = 0.005
 
 
-class Recorder:
+class Recorder(Through):
     """A link that writes down what is read through it, before it hands it on.
 
     It knows of frames only where they end: it writes whole ones, and its own notes between them.
@@ -65,8 +65,7 @@ class Recorder:
     ):
         while isinstance(link, Recorder) and link._disk is None:
             link = link._link  # one that has ended is not in the way for ever
-        self.name, self.now_s, self.write = link.name, link.now_s, link.write
-        self._link = link
+        super().__init__(link)
         self._path = Path(path)
         self._describe = describe
         self._rotate_bytes = rotate_bytes
@@ -101,10 +100,6 @@ class Recorder:
         self._link.reopen()
         if self._disk is not None:
             self._keep(b"\0")  # the frame that was cut off ends here
-
-    def let_go(self) -> None:
-        """Close the port until it is opened again; the recording goes on."""
-        self._link.let_go()
 
     def stop(self) -> None:
         """End the recording; the link goes on. Twice is once."""

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..link import Link, Through
 from .bus import Bus
 from .files import Faults as FaultsFile
 from .files import Moments, ScenarioFile, SerialFaults
@@ -167,7 +168,7 @@ class Damage:
         return byte ^ 0x80 if byte == _CTRL_C else byte
 
 
-class FaultyLink:
+class FaultyLink(Through):
     """A `link.Link` whose bytes are damaged in both directions.
 
     Parameters
@@ -176,16 +177,12 @@ class FaultyLink:
     faults : Faults
     """
 
-    def __init__(self, link, faults: Faults):
-        self._link = link
+    def __init__(self, link: Link, faults: Faults):
+        super().__init__(link)
         self._faults = faults
-        self.name, self.now_s, self.close = link.name, link.now_s, link.close
 
     def read(self, timeout_s: float) -> bytes:
         return self._faults.to_host(self._link.read(timeout_s), 1e6 * self.now_s())
-
-    def reopen(self) -> None:
-        self._link.reopen()
 
     def write(self, data: bytes) -> None:
         self._link.write(self._faults.to_board(data, 1e6 * self.now_s()))
