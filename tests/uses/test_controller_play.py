@@ -117,6 +117,13 @@ def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
     assert device.held() == []
 
 
+def test_light_at_the_skin_of_an_arm_is_followed(rig):
+    made = rig(Scenario(load(ScenarioFile, "arm")))
+    made.play(PrintedGamepad(lambda line: None), 26.0)
+    assert made.score.summary()["x_rms_percent"] < 1.9  # not followed, it shifts faint touches: 2.0
+    assert made.board.command("get")["baseline"] == 1
+
+
 def test_the_figures_see_a_jump_that_no_finger_made(rig):
     made = rig(the_demo())
     made.play(PrintedGamepad(lambda line: None), 3.0)

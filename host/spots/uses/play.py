@@ -16,7 +16,7 @@ from ..errors import SpotsError
 from ..frames import Touch
 from ..sim.scenario import Scenario
 from ..view import Pace, live
-from .calibrated import hello_calibrated
+from .calibrated import hello_calibrated, tell_board
 from .controller import Controller
 from .controller_score import ControllerScore
 from .controller_settings import DEFAULT, Settings, load
@@ -79,6 +79,7 @@ def play(
     Parameters
     ----------
     board : Board
+        Told to follow the light of the untouched strip.
     controller : Controller
     gamepad : Gamepad
         The caller lets it go, whatever ends this.
@@ -99,6 +100,7 @@ def play(
                 on_state(state)
             gamepad.update(*state)
 
+    tell_board(board, "set baseline=1")
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     while end_s is None or board.now_s() < end_s:
