@@ -175,7 +175,7 @@ class Strip:
             self._framer.touch(self.index, decode)
         rests = self._uses.take(self.index, decode)
         if self.settings.values["baseline"]:
-            if sensor.led_on:
+            if not flags & LED_OFF:
                 self._follow(samples, rests)
         elif self._followed:
             self._forget_rest()

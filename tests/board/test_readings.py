@@ -5,7 +5,7 @@ import pytest
 from sensors import replaced
 
 from spots.sim.files import Ambient, ScenarioFile, load
-from spots.sim.scenario import Scenario
+from spots.sim.scenario import Pose, Scenario
 from tactile import decode
 
 
@@ -85,6 +85,20 @@ def test_steady_light_from_outside_is_subtracted(rig, calibration):
     readings = made.readings(50)
     assert all(r.trusted and r.flags & decode.DARK_SUBTRACTED for r in readings)
     assert np.mean([r.position_um for r in readings]) == pytest.approx(42_500, abs=150)
+
+
+def test_rest_that_is_asked_for_in_a_dark_window_is_taken_in_full_light(rig, calibration):
+    made = rig(calibration=calibration)
+    made.held.pose = lambda time_s: Pose(leak_share=0.2, leak_mm=30.0)
+    made.board.command("set baseline=1 exposure_us=2780")
+    made.settle(2.0)
+    made.board._link.write(b"dark\nrest\n")
+    made.settle(2.0)
+    in_the_window = made.board.command("get")["rest"]
+    made.board.command("rest")
+    made.settle(0.5)
+    assert in_the_window == pytest.approx(made.board.command("get")["rest"], rel=0.1)
+    assert min(in_the_window) > 200
 
 
 def lamp(level_uW_cm2):
