@@ -289,6 +289,14 @@ def test_circuitpython_waits_ever_more_rarely_for_a_host_that_does_not_ask(sends
     assert by_name["keyboard"](REPORT)
 
 
+def test_circuitpython_sends_after_days_without_a_report(sends):
+    by_name, world = sends
+    for days in (3.2, 5.0, 6.0, 20.0):
+        assert by_name["keyboard"](REPORT)
+        world.ticks += int(days * 86_400_000)
+    assert by_name["keyboard"](REPORT)
+
+
 def test_circuitpython_whose_host_fell_asleep_meanwhile_has_not_sent(sends):
     by_name, world = sends
     world.sleeps_at_once = True

@@ -67,7 +67,8 @@ class _Endpoint:
             self._wait(0)
             self._pause_ms = _PAUSE_MS
             return False
-        return _diff(supervisor.ticks_ms(), self._from_ms) >= 0
+        # A time long past looks as one to come.
+        return not 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= _PAUSE_MAX_MS
 
     def took(self):
         self._wait(_SPACE_MS)
