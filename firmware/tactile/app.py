@@ -5,7 +5,7 @@ import json
 
 from .as7341 import SensorError
 from .calibration import Calibration, CalibrationError
-from .command import Commands, LineReader
+from .command import LINE_MAX, Commands, LineReader
 from .frame import TEXT_MAX, Framer, Time32
 from .settings import SETTINGS_FILE, Settings, checksum, load_lines, save_lines
 from .strip import Strip
@@ -223,7 +223,8 @@ class App:
             return []
 
     def _listen(self):
-        while True:
+        # One line at most: whatever the host sends, readings and reports get their turn.
+        for _ in range(LINE_MAX):
             byte = self._serial.read()
             if byte < 0:
                 return
@@ -236,6 +237,7 @@ class App:
                     self._send(reply)
                 # Here a pause is expected; in the loop it would cost samples.
                 gc.collect()
+                return
 
     def _find_sensor(self):
         self._set_time()  # or it would lose its turns meanwhile

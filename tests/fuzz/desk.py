@@ -117,9 +117,11 @@ class Board:
         self.said()
 
     def hear(self, data):
-        """Give it what a host sends, and let it run for a sample."""
+        """Give it what a host sends, and let it run until it has heard all."""
         self._serial.heard += data
         self.app.step()
+        while self._serial.heard:
+            self.app.step()
 
     def summed(self, line):
         """Return a line with the checksum of what was uploaded so far in its place."""

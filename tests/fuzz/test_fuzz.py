@@ -6,6 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import desk
+from spots.frames import Text, Touch
+from tactile.command import LINE_MAX
 from targets import TARGETS, run
 
 CORPUS = Path(__file__).parent / "corpus"
@@ -32,6 +35,17 @@ def changed(draw, files):
         data += draw(st.binary(max_size=6))
         data += whole[begin : draw(st.integers(begin, len(whole)))] if data else whole[:begin]
     return data
+
+
+@pytest.mark.parametrize("flood", [b"x" * 5000, b"hello\n" * 20])
+def test_a_flood_lets_readings_have_their_turn(flood):
+    board = desk.Board()
+    board.hear(b"stream touch\n")
+    board.said()
+    board.hear(flood)
+    said = board.said()
+    replies = sum(isinstance(frame, Text) for frame in said)
+    assert sum(isinstance(frame, Touch) for frame in said) >= max(replies, 5000 // LINE_MAX // 2)
 
 
 @pytest.mark.parametrize("name", TARGETS)
