@@ -90,9 +90,9 @@ class Uses:
     def take(self, sensor, decode):
         """Take a reading; return whether what lies there has rested too long to be a finger."""
         self._sensor = sensor
+        self._rests = False
         if self._keys_on:
             t = self._time.high << 6 | self._time.low >> 10
-            self._rests = False
             self._keypad.take(decode.flags, decode.position_um, decode.force_mN, t)
             self._keypad.tick(t)
         if self._gamepad_on:

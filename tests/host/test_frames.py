@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spots.frames import Decoder, Key, Note, Spectrum, Text, Touch
+from tactile.frame import TEXT_MAX
 
 
 def encoded(payload):
@@ -166,7 +167,7 @@ def test_the_longest_text_passes():
 
 @pytest.mark.parametrize("size", [1, 300, 4096])
 def test_what_is_longer_than_any_frame_is_none_in_whatever_pieces_it_comes(size):
-    long = struct.pack("<BHI", 3, 0, 0) + json.dumps({"re": "x" * 600}).encode()
+    long = struct.pack("<BHI", 3, 0, 0) + json.dumps({"re": "x" * TEXT_MAX}).encode()
     data = encoded(long) + touch(1)
     decoder, frames = Decoder(), []
     for i in range(0, len(data), size):
