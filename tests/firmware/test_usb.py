@@ -132,6 +132,85 @@ def test_micropython_shows_the_hosts_leds(micropython):
     assert shown == [2, 0]
 
 
+class Port:
+    """stdin and stdout of a board whose port is always writable, and waits if nobody reads."""
+
+    def __init__(self):
+        self.us = (1 << 30) - 1000  # about to wrap
+        self.read_from, self.heard, self.got, self.waits = True, b"", 0, 0
+        self.stdin = self.stdout = SimpleNamespace(buffer=self)
+        self.poll = lambda: self
+        self.register = lambda stream, event: None
+        self.ipoll = lambda timeout_ms: [(None, 4 | bool(self.heard))]
+
+    def readinto(self, buffer):
+        buffer[:], self.heard = self.heard[:1], self.heard[1:]
+        return 1
+
+    def write(self, buffer, size):
+        if not self.read_from:
+            self.us += 500_000
+            self.waits += 1
+            return 0
+        self.got += 1
+        return size
+
+
+@pytest.fixture
+def serial(monkeypatch):
+    """MicroPython's serial port, and what is behind it."""
+    constants = {"const": lambda value: value}
+    module = fresh(monkeypatch, "micropython", micropython=constants, machine={})
+    port, turn = Port(), 1 << 30
+    module.sys, module.select = port, port
+    port.POLLIN, port.POLLOUT = 1, 4
+    module.time = SimpleNamespace(
+        ticks_us=lambda: port.us % turn,
+        ticks_add=lambda ticks, us: (ticks + us) % turn,
+        ticks_diff=lambda end, start: (end - start + turn // 2) % turn - turn // 2,
+    )
+    return module.Serial(), port
+
+
+def test_micropython_waits_ever_more_rarely_for_a_host_that_does_not_read(serial):
+    ours, port = serial
+    assert ours.write(b"x", 1)
+    port.read_from = False
+    for _ in range(60_000):  # ten minutes and the waits
+        port.us += 10_000
+        assert not ours.write(b"x", 1)
+    assert 8 <= port.waits <= 18
+    port.read_from = True
+    port.us += 64_000_000
+    for _ in range(10):
+        port.us += 10_000
+        assert ours.write(b"x", 1)
+
+
+def test_micropython_answers_a_host_that_says_something_at_once(serial):
+    ours, port = serial
+    port.read_from = False
+    for _ in range(1000):
+        port.us += 10_000
+        ours.write(b"x", 1)
+    assert not ours.write(b"x", 1)
+    port.read_from, port.heard = True, b"?"
+    assert ours.read() == ord("?")
+    assert ours.write(b"x", 1)
+
+
+@pytest.mark.parametrize("minutes", [5, 9, 12, 17, 40])
+def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
+    ours, port = serial
+    port.read_from = False
+    for _ in range(10_000):
+        port.us += 10_000
+        ours.write(b"x", 1)
+    port.read_from = True
+    port.us += minutes * 60_000_000
+    assert ours.write(b"x", 1)
+
+
 class Pin:
     OUT = 1
 

@@ -22,6 +22,9 @@ _SAFE_BOOT_STEP_MS = const(20)
 _AFTER_CRASH_MS = const(1_000)  # for Ctrl-C, when it crashes again and again
 _WATCHDOG_MS = const(8_000)  # the RP2040 knows no longer ones
 _CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
+_SLOW_US = const(200_000)  # a port whose host does not read keeps a write for half a second
+_PAUSE_US = const(250_000)  # after such a write; twice as long after each further one
+_PAUSE_MAX_US = const(64_000_000)
 
 
 class Bus:
@@ -84,6 +87,10 @@ class Serial:
 
     Frames go out on ``sys.stdout.buffer``: ``sys.stdout`` would add a CR to every LF. Each
     direction has its own poll, for `ipoll` allocates nothing once it has run.
+
+    While the host does not read, a full port of the RP2040 is not writable. The ESP32's always says
+    that it is, and then waits: so after a slow write nothing is sent for a while, but to a host
+    that says something.
     """
 
     def __init__(self):
@@ -94,15 +101,22 @@ class Serial:
         self._writable.register(sys.stdout, select.POLLOUT)
         self._readable = select.poll()
         self._readable.register(sys.stdin, select.POLLIN)
+        self._pause_us = self._from = 0
 
     def write(self, buffer, size):
         """Write `size` bytes if the port takes them now; return whether it took them all."""
+        began = time.ticks_us()
+        # A time long past looks as one to come.
+        if 0 < time.ticks_diff(self._from, began) <= self._pause_us:
+            return False
         for _, event in self._writable.ipoll(0):
             if event & select.POLLOUT:
                 try:
-                    return self._out.write(buffer, size) == size
+                    sent = self._out.write(buffer, size) == size
                 except OSError:
-                    return False
+                    sent = False
+                self._took(began)
+                return sent
         return False
 
     def read(self):
@@ -114,8 +128,17 @@ class Serial:
             if event & select.POLLIN and self._in.readinto(self._byte) == 1:
                 if self._byte[0] == _CTRL_C:
                     raise KeyboardInterrupt
+                self._pause_us = 0
                 return self._byte[0]
         return -1
+
+    def _took(self, began):
+        now = time.ticks_us()
+        if time.ticks_diff(now, began) < _SLOW_US:
+            self._pause_us = 0
+            return
+        self._pause_us = min(max(2 * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
+        self._from = time.ticks_add(now, self._pause_us)
 
 
 class Usb:
