@@ -313,6 +313,22 @@ def test_a_board_without_usb_reports_says_so_and_sends_frames(plugged, tmp_path)
 
 
 @micropython
+def test_a_board_with_too_few_endpoints_says_so_and_stays_on_its_port(plugged, tmp_path):
+    made = plugged("keys=1", "gamepad=1")
+    changed(tmp_path / "board_config.py", "USB_HID = True", "USB_HID = True\nUSB_HID_MAX = 1")
+    made.board.command("reboot")
+    made.settle(0.3)
+    (line,) = [line for line in made.board.log if line["log"] == "error"]
+    assert "no room for keyboard and gamepad" in line["text"]
+    assert line["text"] in made.board.command("gamepad off")["note"]
+    made.board.command("save")
+    made.board.command("reboot")
+    made.settle(0.5)
+    touch(made, 4)
+    assert reports(made) == typed(FIVE)
+
+
+@micropython
 def test_a_board_without_the_library_says_what_to_install_and_sends_frames(plugged, tmp_path):
     made = plugged("keys=1")
     (tmp_path / "usb").mkdir()

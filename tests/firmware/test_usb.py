@@ -211,6 +211,22 @@ def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
     assert ours.write(b"x", 1)
 
 
+def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypatch):
+    constants = {"const": lambda value: value}
+    machine = {"USBDevice": None}
+    module = fresh(monkeypatch, "micropython", micropython=constants, machine=machine)
+    monkeypatch.setitem(sys.modules, "tactile.runtime.usb_micropython", None)  # not installed
+    for platform, version, why in (
+        ("esp32", (1, 26, 1), "1.26 sends empty reports"),
+        ("esp32", (1, 27, 0), "library for USB is missing"),
+        ("rp2", (1, 26, 1), "library for USB is missing"),
+    ):
+        implementation = SimpleNamespace(version=version)
+        module.sys = SimpleNamespace(platform=platform, implementation=implementation)
+        with pytest.raises(OSError, match=why):
+            module.Usb(SimpleNamespace()).open(["keyboard"])
+
+
 class Pin:
     OUT = 1
 

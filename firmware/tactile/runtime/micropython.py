@@ -148,9 +148,11 @@ class Usb:
     ----------
     board_config : module
         Where it has ``LED_PIN``, that shows caps lock; ``LED_ON`` is the level that lights it.
+        Where it has ``USB_HID_MAX``, no more interfaces than that fit beside the serial port.
     """
 
     def __init__(self, board_config):
+        self._most = getattr(board_config, "USB_HID_MAX", None)
         self._led = None
         pin = getattr(board_config, "LED_PIN", None)
         if pin is not None:
@@ -161,6 +163,13 @@ class Usb:
         """See `uses.Uses`. The host sees the board leave and come back."""
         if not hasattr(machine, "USBDevice"):
             raise OSError("this MicroPython cannot be a USB device: install the newest one")
+        if sys.platform == "esp32" and sys.implementation.version[:2] == (1, 26):
+            raise OSError("MicroPython 1.26 sends empty reports on this chip: install a newer one")
+        if self._most is not None and len(names) > self._most:
+            raise OSError(
+                "USB of this board has no room for %s: switch keys or gamepad off, save and reboot"
+                % " and ".join(names)
+            )
         try:
             from .usb_micropython import open_interfaces
         except ImportError:
