@@ -147,8 +147,8 @@ class Drive:
             if error.errno in _READ_ONLY:
                 raise SpotsError(
                     f"the drive {self.port} may only be read, for the board itself writes to it: "
-                    "reset the board, press its button within half a second, and flash again when "
-                    "the drive is back"
+                    "reset the board, hold its button for two seconds right after that, and flash "
+                    "again when the drive is back"
                 ) from None
             raise SpotsError(
                 f"the drive {self.port} cannot be written ({error.strerror}): replug the board "

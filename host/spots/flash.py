@@ -19,8 +19,8 @@ from .place import Place, place
 from .prompt import Prompt
 from .stage import ENTRIES, LIBRARIES, Device, device_of
 
-# USB devices and one-argument tracebacks came with these.
-_OLDEST = {"micropython": (1, 23), "circuitpython": (8, 0)}
+# USB devices, and a clock of the RP2040 that counts finer than milliseconds, came with these.
+_OLDEST = {"micropython": (1, 23), "circuitpython": (9, 1)}
 _NAMES = {"micropython": "MicroPython", "circuitpython": "CircuitPython"}
 _RETURN_S = 20.0
 _POLL_S = 0.2

@@ -102,7 +102,7 @@ def refused_after_copying(capsys):
     ("about", "sentence"),
     [
         (("9.2.1", "raspberry_pi_pico"), "is raspberry_pi_pico, and qtpy_rp2040 is adafruit_qtpy"),
-        (("7.3.3", "adafruit_qtpy_rp2040"), "7.3.3: install CircuitPython 8.0 or newer"),
+        (("9.0.5", "adafruit_qtpy_rp2040"), "9.0.5: install CircuitPython 9.1 or newer"),
     ],
 )
 def test_a_board_that_will_not_do(mount, capsys, about, sentence):
@@ -127,7 +127,7 @@ def test_no_drive_two_drives_and_what_is_none(mount, capsys, tmp_path):
     ("number", "sentence"),
     [
         (errno.ENOSPC, "is full: remove files of yours"),
-        (errno.EROFS, "press its button within half a second"),
+        (errno.EROFS, "hold its button for two seconds"),
         (errno.EIO, "replug the board"),
     ],
 )
