@@ -67,6 +67,8 @@ class Board:
         their checksum.
     read_only : bool
         Whether `command` can change nothing: of recordings, and of boards on other machines.
+    ended : bool
+        Whether nothing will come any more, ever: of recordings.
 
     Raises
     ------
@@ -75,6 +77,7 @@ class Board:
     """
 
     read_only = False
+    ended = False
     _poll_s = _POLL_S
 
     def __init__(self, link: Link):

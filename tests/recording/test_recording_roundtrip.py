@@ -14,6 +14,11 @@ from spots.frames import Decoder, Key, Spectrum, Text, Touch
 from spots.recording import replay
 from spots.recording.note import note
 from spots.recording.recorder import ARRIVAL_STEP_S
+from spots.uses import play, wearable
+from spots.uses.controller_settings import load as load_settings
+from spots.uses.layout import load as load_layout
+from spots.uses.outputs import PrintedGamepad, PrintedKeyboard
+from spots.uses.type_keys import type_on
 from test_frames import encoded, stream, touch
 
 
@@ -39,6 +44,28 @@ def test_the_board_comes_back(seen, calibration):
         assert board.command("hello") == board.info
         with pytest.raises(spots.SpotsError, match=r"run.spots is a recording: 'save' is for"):
             board.command("save")
+
+
+@pytest.mark.parametrize("use", ["keyboard", "controller", "wearable"])
+def test_what_uses_a_recording_ends_with_it(seen, use):
+    with spots.open_recording(seen.path, AS_FAST_AS_POSSIBLE) as board:
+        if use == "keyboard":
+            type_on(board, load_layout("digits"), PrintedKeyboard())
+        elif use == "controller":
+            with PrintedGamepad() as gamepad:
+                play.play(board, play.controller_for(board, load_settings()), gamepad)
+        else:
+            wearable.play(board, print, None, False, wearable.Mapping())
+        assert board.ended
+
+
+def test_a_recording_is_not_recorded(seen, tmp_path):
+    path = tmp_path / "again.spots"
+    with spots.open_recording(seen.path) as board:
+        assert not board.ended
+        with pytest.raises(spots.SpotsError, match=r"run.spots is a recording already: copy"):
+            board.record(path)
+    assert not path.exists()
 
 
 def test_replies_are_in_the_recording_too(seen):

@@ -11,6 +11,7 @@ from ..board import Board
 from ..errors import SpotsError
 from ..frames import Frame, LinkStats
 from .reader import Recording
+from .recorder import Recorder
 
 # So many at once: a board's queue holds them, however far behind its reader is.
 _PUMPED_FRAMES = 1000
@@ -74,6 +75,11 @@ class Replay(Board):
         """What the recorded link lost, up to here."""
         return self._recording.stats
 
+    @property
+    def ended(self) -> bool:
+        """Whether all that was recorded has come."""
+        return self._next is None and not self._frames
+
     def command(self, line: str, timeout_s: float | None = None) -> dict:
         """Raises SpotsError for all but ``hello`` and ``stream``, which change nothing."""
         name = line.split()[:1]
@@ -89,6 +95,10 @@ class Replay(Board):
             yield from super().frames(seconds)
         except _EndError:
             return
+
+    def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
+        """Raises SpotsError: it is one already."""
+        raise SpotsError(f"{self.port} is a recording already: copy the file")
 
     def close(self) -> None:
         """Let the file go."""

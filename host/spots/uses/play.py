@@ -103,7 +103,7 @@ def play(
     tell_board(board, "set baseline=1")
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
-    while end_s is None or board.now_s() < end_s:
+    while not board.ended and (end_s is None or board.now_s() < end_s):
         for frame in board.frames(_TICK_S):
             if isinstance(frame, Touch) and frame.sensor == 0:
                 send(controller.take(frame, board.now_s()))

@@ -63,7 +63,7 @@ def type_on(
     board.patience_s = math.inf  # no key is down meanwhile
     end_s = None if seconds is None else board.now_s() + seconds
     try:
-        while end_s is None or board.now_s() < end_s:
+        while not board.ended and (end_s is None or board.now_s() < end_s):
             for frame in board.frames(_TICK_S):
                 if isinstance(frame, Touch) and frame.sensor == 0:
                     engine.take(frame, board.now_s())

@@ -118,7 +118,7 @@ def play(
     pace, touch, heard_s = Pace(), None, board.now_s()
     try:
         with live(Console()) if drawing else nullcontext() as display:
-            while end_s is None or board.now_s() < end_s:
+            while not board.ended and (end_s is None or board.now_s() < end_s):
                 for frame in board.frames(_TICK_S):
                     if not isinstance(frame, Touch) or frame.sensor != 0:
                         continue
