@@ -27,6 +27,7 @@ _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
 _POLL_S = 0.1
 _SYNC_TIMEOUT_S = 0.5
+_SYNC_TRIES = 4
 _ANSWER_S = 0.1  # of a board that may have restarted
 _STREAM_TRIES = 3
 # So long may its port be gone; a board takes some seconds to be a USB device again.
@@ -328,9 +329,18 @@ class Board:
         self._clocks.keep(self.now_s())
 
     def _sync(self) -> None:
-        sent_s = self.now_s()
-        reply = self.command("sync", _SYNC_TIMEOUT_S)
-        self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
+        for tries_left in reversed(range(_SYNC_TRIES)):
+            sent_s = self.now_s()
+            try:
+                reply = self.command("sync", _SYNC_TIMEOUT_S)
+            except SpotsError:
+                if not tries_left:
+                    raise
+                # It answers in order: a reply that is only late is not taken for the next one.
+                self._hello()
+            else:
+                self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
+                return
 
     def _pump_or_resume(self, timeout_s: float) -> None:
         if self._away is not None:

@@ -3,7 +3,11 @@
 import pytest
 
 from spots import SpotsError
+from spots.board import Board
 from spots.connect import upload
+from spots.link import Through
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Held
 from tactile.settings import checksum
 
 
@@ -15,6 +19,42 @@ def test_hello_tells_who_it_is(rig):
     assert info["plan"] == ["F3", "F4", "F5", "F6", "F7", "F8"]
     assert (info["exposure_us"], info["gain"], info["led_mA"]) == (10_000, 9, 20)
     assert info["calibration"] is None
+
+
+class Hesitant(Through):
+    """From its fourth question for the time on, what the board says is held back for a while."""
+
+    def __init__(self, link, for_s, loses):
+        super().__init__(link)
+        self._for_s, self._loses = for_s, loses
+        self._asked, self._until_s, self._held = 0, 0.0, b""
+
+    def write(self, data):
+        super().write(data)
+        self._asked += data == b"sync\n"
+        if self._asked == 4 and not self._until_s:
+            self._until_s = self.now_s() + self._for_s
+
+    def read(self, timeout_s):
+        data = super().read(timeout_s)
+        if self.now_s() < self._until_s:
+            self._held += b"" if self._loses else data
+            return b""
+        held, self._held = self._held, b""
+        return held + data
+
+
+@pytest.mark.parametrize("loses", [False, True])
+@pytest.mark.parametrize("for_s", [0.51, 0.7, 1.2])
+def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
+    sensor, for_s, loses
+):
+    with Board(LockstepLink(sensor, Held())) as board:
+        in_time = board._clocks.clock
+    with Board(Hesitant(LockstepLink(sensor, Held()), for_s, loses)) as board:
+        late = board._clocks.clock
+    assert late.uncertainty_s < 0.001
+    assert late.host_s(5_000_000) == pytest.approx(in_time.host_s(5_000_000), abs=0.002)
 
 
 @pytest.mark.parametrize(

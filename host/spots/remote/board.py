@@ -9,7 +9,6 @@ from .link import ZenohLink
 from .session import READ_ONLY, find, open_session
 
 _STREAMS = {"touch", "spectrum"}
-_SYNC_TRIES = 4
 
 
 class Remote(Board):
@@ -47,15 +46,6 @@ class Remote(Board):
                 return None  # its board is away, or it is nobody of ours
             reply["stream"] = self._listening
         return Text(0, 0, 0, {**reply, "re": name})
-
-    def _sync(self) -> None:
-        # Here a question may be late or dropped.
-        for _ in range(_SYNC_TRIES - 1):
-            try:
-                return super()._sync()
-            except SpotsError:
-                continue
-        super()._sync()
 
     def _stream(self, words: list[str]) -> dict:
         kinds = sorted(set(words))
