@@ -2,11 +2,13 @@
 
 import struct
 
+import msgspec
 import pytest
 
 import spots
-from reels import record, recorder, replayed
+from reels import INFO, ScriptedLink, record, recorder, replayed
 from spots.recording.reader import Recording
+from spots.recording.recorder import Recorder
 from test_frames import encoded, stream
 
 
@@ -87,11 +89,30 @@ def test_a_file_that_breaks_off_within_a_set_costs_its_rest_alone(rotated):
 def test_a_set_never_writes_over_a_file(tmp_path):
     path = tmp_path / "run.spots"
     other = tmp_path / "run-001.spots"
-    other.write_text("mine")
     tap = recorder(path, stream(200), rotate_bytes=1600)
+    other.write_text("mine")  # somebody made it meanwhile
     refusal = r"run-001.spots exists: choose another name"
     with pytest.raises(spots.SpotsError, match=refusal):
         all(tap.read(1) for _ in range(200))
     assert other.read_text() == "mine"
     assert tap.read(1)  # the link is as good as before
     assert 10 < len(replayed(path)[0]) < 100
+
+
+@pytest.mark.parametrize("name", ["run-001.spots", "run-017.spots", "run-1000.spots"])
+def test_a_set_does_not_begin_where_one_of_its_later_files_is_in_the_way(tmp_path, name):
+    (tmp_path / name).write_text("mine")
+    for other in ("run-01.spots", "run-001.csv", "rerun-001.spots"):
+        (tmp_path / other).write_text("in nobody's way")
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(spots.SpotsError, match=f"{name} exists: choose another name"):
+        recorder(tmp_path / "run.spots", stream(1), rotate_bytes=1600)
+    assert sorted(tmp_path.iterdir()) == before
+    (tmp_path / name).unlink()
+    recorder(tmp_path / "run.spots", stream(1), rotate_bytes=1600).stop()
+
+
+def test_a_header_that_is_none_makes_no_file(tmp_path):
+    with pytest.raises(msgspec.ValidationError):
+        Recorder(ScriptedLink([]), tmp_path / "run.spots", lambda: {"info": INFO, "clock": {}})
+    assert list(tmp_path.iterdir()) == []

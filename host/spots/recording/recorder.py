@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 import time
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 
+from ..errors import SpotsError
 from ..frames import whole
 from ..link import Link, Through
 from .disk import Disk
@@ -36,7 +38,8 @@ class Recorder(Through):
     begun : bytes
         The beginning of a frame that has already been read.
     rotate_bytes : int, optional
-        Begin another file where one would become longer: FILE-001.spots after FILE.spots.
+        Begin another file where one would become longer: FILE-001.spots after FILE.spots. None
+        with such a name may be there yet.
     utc_s : callable
         The time since 1970.
 
@@ -76,6 +79,8 @@ class Recorder(Through):
         self._disk: Disk | None = None
         self.paths: list[Path] = []
         self.bytes = 0
+        if rotate_bytes is not None:
+            _refuse_parts(self._path)
         self._begin()
 
     def __enter__(self) -> Recorder:
@@ -154,9 +159,10 @@ class Recorder(Through):
             **self._describe(),
         }
         self._bounds = _bounds(header["clock"])
+        data = encoded(msgspec.convert(header, Header))  # one that is refused makes no file
         self._disk = Disk(part_path(self._path, part))
         self.paths.append(self._disk.path)
-        self._append(encoded(msgspec.convert(header, Header)))
+        self._append(data)
         self._header_bytes = self._disk.bytes
 
     def _note(self, content: dict | None = None) -> bytes:
@@ -179,6 +185,14 @@ def _bounds(clock: dict) -> tuple:
 def part_path(path: Path, part: int) -> Path:
     """Return the name of a file of a set: FILE.spots, FILE-001.spots, ..."""
     return path if part == 0 else path.with_name(f"{path.stem}-{part:03d}{path.suffix}")
+
+
+def _refuse_parts(path: Path) -> None:
+    # Now, while somebody looks, and not hours later where the first file is full.
+    name = re.compile(re.escape(path.stem) + r"-\d{3,}" + re.escape(path.suffix))
+    there = [file for file in path.parent.glob("*") if name.fullmatch(file.name)]
+    if there:
+        raise SpotsError(f"{min(there)} exists: choose another name or remove it")
 
 
 def _version() -> str:
