@@ -105,6 +105,13 @@ def test_csv(seen, truth, tmp_path):
             check(row, wanted)
 
 
+@pytest.mark.parametrize(("out", "name"), [("d.v1", "d.v1"), ("d.v2", "d.v2"), ("d.csv", "d")])
+def test_tables_drop_no_more_of_their_name_than_csv(tmp_path, out, name):
+    record(tmp_path / "run.spots", stream(5))
+    paths = exports.export(tmp_path / "run.spots", "csv", tmp_path / out)
+    assert [path.name for path in paths] == [f"{name}-touch.csv"]
+
+
 def test_npz(seen, truth, tmp_path, monkeypatch):
     monkeypatch.setattr(exports, "_ROWS_AT_ONCE", 64)
     (path,) = exported(seen, tmp_path, "npz")

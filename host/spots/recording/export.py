@@ -81,10 +81,11 @@ def _new(path: Path, mode: str, options: dict) -> Iterator:
 
 def _csv(recording: Recording, out: Path, files: _Files) -> None:
     writers: dict[str, Callable] = {}
+    stem = out.stem if out.suffix == ".csv" else out.name  # what else has a dot is part of the name
     for table, row in rows(recording):
         write = writers.get(table.name)
         if write is None:
-            path = out.with_name(f"{out.stem}-{table.name}.csv")
+            path = out.with_name(f"{stem}-{table.name}.csv")
             file = files.new(path, "w", newline="", encoding="utf-8")
             write = writers[table.name] = csv.writer(file).writerow
             write(_flat_names(table))
