@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TypeVar
@@ -79,6 +80,30 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
         return msgspec.convert(loads(text), kind)
     except msgspec.ValidationError as error:
         raise SpotsError(f"{what}: {error}") from None
+
+
+def save(text: str, path: str | Path) -> None:
+    """Write a file, or replace it: at every moment the old one or the new one is whole.
+
+    Raises
+    ------
+    SpotsError
+        If it cannot be written; then what was there still is.
+    """
+    path = Path(path)
+    beside = path.with_name(path.name + ".new")
+    try:
+        file = open(beside, "w", encoding="utf-8", newline="\n")
+        try:
+            with file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(beside, path)
+        finally:
+            beside.unlink(missing_ok=True)
+    except OSError as error:
+        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _finite(text: str) -> float:

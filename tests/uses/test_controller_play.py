@@ -345,6 +345,18 @@ def test_a_person_measures_rest_and_ends(rig, tmp_path):
     assert settings.z.max_mN == pytest.approx(5000, rel=0.05)
     assert settings.button == load_settings().button
     assert str(path) in person.said[-1]
+    assert not any("comments" in words for words in person.said)
+
+
+def test_a_file_that_is_there_keeps_what_is_not_measured_and_comments_are_told_of(rig, tmp_path):
+    held, path = Held(), tmp_path / "mine.toml"
+    path.write_text('# mine\nhold_ms = 42\n[z]\nfrom = "force"\nexpo = 0.7\n')
+    made, person = rig(held), Person(held, TOUCHES)
+    controller_setup.set_up(made.board, path, person)
+    settings = load_settings(path)
+    assert (settings.hold_ms, settings.z.expo, settings.x) == (42, 0.7, None)
+    assert "# mine" not in path.read_text()
+    assert person.said[0] == f"{path} keeps what is not measured, but not its comments"
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Settings files: what is wrong is told, what is written is read back."""
 
+import resource
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -88,3 +90,17 @@ def test_what_is_written_is_read_back(tmp_path_factory, places, deadband, expo, 
 def test_the_default_is_read_back_too(tmp_path):
     save(load(), tmp_path / "mine.toml")
     assert load(tmp_path / "mine.toml") == load()
+
+
+def test_a_full_disk_leaves_the_file_that_was_there(tmp_path):
+    path = tmp_path / "mine.toml"
+    save(Settings(hold_ms=42.0), path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
+    try:
+        with pytest.raises(SpotsError, match=r"cannot write .*mine.toml: File too large"):
+            save(load(), path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert load(path) == Settings(hold_ms=42.0)
+    assert list(tmp_path.iterdir()) == [path]

@@ -128,22 +128,19 @@ def load(path: str | Path = DEFAULT) -> Settings:
 
 
 def save(settings: Settings, path: str | Path) -> None:
-    """Write a settings file.
+    """Write a settings file, without comments; see `toml.save`.
 
     Raises
     ------
     SpotsError
-        If it cannot be written.
+        If it cannot be written; then what was there still is.
     """
     content = msgspec.to_builtins(settings)
     buttons = content.pop("button")
     lines = _table("", content)
     for one in buttons:
         lines += ["", "[[button]]", *_table("", one)]
-    try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
+    toml.save("\n".join(lines) + "\n", path)
 
 
 def _table(name: str, content: dict) -> list[str]:

@@ -38,7 +38,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     board : Board
         With a calibration.
     path : str or Path
-        Kept but for what is measured, if it is there; else begun from the default.
+        Kept but for its comments and what is measured, if it is there; else begun from the default.
     say : callable
         Told each line that the person is to read.
 
@@ -47,9 +47,12 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     SpotsError
         If no touch comes in time, or the touches are no stick. Nothing is written then.
     """
-    settings = load(path if Path(path).exists() else DEFAULT)
+    there = Path(path).exists()
+    settings = load(path if there else DEFAULT)
     length_um = length_of(board)
     board.command("stream touch")
+    if there:
+        say(f"{path} keeps what is not measured, but not its comments")
     found = {}
     for step, words in _STEPS.items():
         say(words)
