@@ -68,24 +68,41 @@ def build(board: str, root: Path = Path("build")) -> Path:
     Raises
     ------
     SpotsError
-        If there is no such board, or no mpy-cross, or it refuses a module. The folder is then
-        what it was.
+        If there is no such board, or no mpy-cross, or it refuses a module, or the folder cannot
+        be written. It is then what it was.
     """
     device = device_of(board)
-    root.mkdir(parents=True, exist_ok=True)
     target = root / board
+    try:
+        _build(device, target)
+    except OSError as error:
+        raise SpotsError(
+            f"{target} cannot be written: {_why(error)}: make room there, or build from another "
+            "folder"
+        ) from None
+    return target
+
+
+def _build(device: Device, target: Path) -> None:
+    root = target.parent
+    root.mkdir(parents=True, exist_ok=True)
     # Beside the target: a rename within one file system is whole or not at all.
-    with tempfile.TemporaryDirectory(prefix=f".{board}-", dir=root) as temporary:
+    with tempfile.TemporaryDirectory(prefix=f".{device.name}-", dir=root) as temporary:
         fresh = Path(temporary) / "new"
         fresh.mkdir()
-        stage(board, fresh)
+        stage(device.name, fresh)
         # MicroPython's mpy-cross makes no files that CircuitPython takes.
         if device.runtime == "micropython":
             _compile(fresh, device)
         if target.exists():
             target.rename(Path(temporary) / "old")
         fresh.rename(target)
-    return target
+
+
+def _why(error: OSError) -> str:
+    if isinstance(error, shutil.Error):  # of a tree: a list of (from, to, why)
+        return error.args[0][0][2]
+    return error.strerror
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

@@ -1,6 +1,7 @@
 """What goes onto each board: compiled where it can be, and nothing stale."""
 
 import json
+import resource
 from pathlib import Path
 
 import pytest
@@ -78,6 +79,33 @@ def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
     monkeypatch.setattr(builder, "_mpy_cross", lambda: ["false"])
     with pytest.raises(SpotsError, match="mpy-cross refuses tactile/"):
         build("virtual", tmp_path)
+    assert files_of(tmp_path / "virtual") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
+
+
+def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "build").write_text("mine")
+    assert main(["build", "virtual"]) == 2
+    sentence = "spots: build/virtual cannot be written: File exists: make room there"
+    assert capsys.readouterr().err.startswith(sentence)
+    with pytest.raises(SpotsError, match=r"x/virtual cannot be written: Not a directory"):
+        build("virtual", tmp_path / "build" / "x")
+    assert (tmp_path / "build").read_text() == "mine"
+
+
+def test_a_full_disk_leaves_the_old_build(tmp_path):
+    before = files_of(build("virtual", tmp_path))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        with pytest.raises(
+            SpotsError, match=r"virtual cannot be written: .*File too large"
+        ) as told:
+            build("virtual", tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert len(str(told.value)) < 1000  # one of the files, not all
     assert files_of(tmp_path / "virtual") == before
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
 
