@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from itertools import islice
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 from tactile import decode
@@ -94,10 +94,11 @@ def examine_board(board: Board) -> Iterator[Finding]:
         return
     yield Finding("sensor", True, "it answers on the bus")
     board.command("stream spectrum")
-    spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * state["exposure_us"] / 1e6), _SPECTRA))
+    reading_us = state["exposure_us"] * state["average"]
+    spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * reading_us / 1e6), _SPECTRA))
     yield from _light(board, spectra, state["full_scale"])
     board.command("stream off")
-    yield _rate(spectra, state["exposure_us"])
+    yield _rate(spectra, reading_us)
 
 
 def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
@@ -128,14 +129,17 @@ def _light(board: Board, spectra: list[Spectrum], full_scale: int) -> Iterator[F
         yield Finding("light", True, text)
 
 
-def _rate(spectra: list[Spectrum], exposure_us: int) -> Finding:
+def _rate(spectra: list[Spectrum], reading_us: int) -> Finding:
     if len(spectra) < 2:
         return Finding("rate", False, "no spectra come: spots command reboot")
+    # In a dark window one comes each exposure, however many are averaged else.
+    steps = list(pairwise(spectra))
+    steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps
     # Numbers of frames count those that were lost on the way too.
-    frames = (spectra[-1].sequence - spectra[0].sequence) % (1 << 16)
-    passed_us = (spectra[-1].t_us - spectra[0].t_us) % (1 << 32)
-    rate_hz, most_hz = frames / passed_us * 1e6, 1e6 / exposure_us
-    text = f"{rate_hz:.1f} frames a second, the exposure allows {most_hz:.1f}"
+    frames = sum((b.sequence - a.sequence) % (1 << 16) for a, b in steps)
+    passed_us = sum((b.t_us - a.t_us) % (1 << 32) for a, b in steps)
+    rate_hz, most_hz = frames / passed_us * 1e6, 1e6 / reading_us
+    text = f"{rate_hz:.1f} frames a second, exposure and average allow {most_hz:.1f}"
     if rate_hz < _SLOWEST * most_hz:
         return Finding("rate", False, text + ": use a longer exposure, or a bus at 400 kHz")
     return Finding("rate", True, text)

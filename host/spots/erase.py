@@ -52,5 +52,10 @@ def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erasing asks first: add --yes where nobody can answer")
     question = f"remove the firmware, its settings and its calibration from {port}? [y/N] "
-    if input(question).strip().lower() not in ("y", "yes"):
+    try:
+        answer = input(question)
+    except EOFError:
+        print()  # the question's line is still open
+        answer = ""
+    if answer.strip().lower() not in ("y", "yes"):
         raise SpotsError("nothing was removed")

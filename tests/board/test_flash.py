@@ -1,5 +1,6 @@
 """The firmware onto a virtual board whose file system is empty, through its serial port."""
 
+import io
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -197,6 +198,18 @@ def test_erase_takes_what_is_ours_and_asks_first(empty, capsys, monkeypatch):
         assert "nothing to remove" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("typed", ["\n", "n\n", ""])
+def test_erase_takes_all_but_yes_for_no(empty, capsys, monkeypatch, typed):
+    build_into(empty)
+    before = files_of(empty)
+    person = io.StringIO(typed)
+    person.isatty = lambda: True
+    monkeypatch.setattr(sys, "stdin", person)
+    with virtual_board(empty) as port:
+        assert "nothing was removed" in refused(capsys, "erase", "virtual", "--port", port)
+    assert files_of(empty) == before
+
+
 def build_into(folder):
     """Put the firmware onto a board's file system."""
     for path, data in files_of(build("virtual", folder.parent / "build")).items():
@@ -227,12 +240,35 @@ def test_a_doctor_asks_for_a_press_before_it_blames_the_led():
     assert "50.0 %" in light[1].text
 
 
+def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
+    class Blinks(Patient):
+        def frames(self, seconds):
+            assert seconds > 12 * 0.64
+            dark_us, lit_us = range(0, 50_000, 10_000), range(400_000, 4_880_000, 640_000)
+            at_us = [*((t_us, 1 << 7) for t_us in dark_us), *((t_us, 0) for t_us in lit_us)]
+            for i, (t_us, flags) in enumerate(at_us):
+                yield spots.Spectrum(0, i, t_us, flags, 9, (9,) * 6)
+
+    (rate,) = [found for found in examine_board(Blinks(average=64)) if found.check == "rate"]
+    assert rate.ok
+    assert rate.text == "1.6 frames a second, exposure and average allow 1.6"
+
+
 class Patient:
     """A board that answers as it is told."""
 
-    def __init__(self, firmware=spots.__version__, fault=None, counts=(9,) * 6, flags=0, step=10):
+    def __init__(
+        self,
+        firmware=spots.__version__,
+        fault=None,
+        counts=(9,) * 6,
+        flags=0,
+        step=10,
+        average=1,
+    ):
         self.info = {"board": "pico", "runtime": "micropython", "id": "1", "firmware": firmware}
         self._state = {"fault": fault, "exposure_us": 10_000, "full_scale": 1000}
+        self._state["average"] = average
         self._spectra = [spots.Spectrum(0, i, i * step * 1000, flags, 9, counts) for i in range(12)]
 
     def command(self, line):
@@ -251,6 +287,11 @@ class Patient:
         ({"counts": (990,) * 6}, "light", "99.0 %"),
         ({"flags": 1 << 7}, "light", "led_mA"),
         ({"step": 20}, "rate", "50.0 frames a second"),
+        (
+            {"step": 80, "average": 4},
+            "rate",
+            "12.5 frames a second, exposure and average allow 25.0",
+        ),
     ],
 )
 def test_a_doctor_for_an_ill_board(ill, check, advice):
