@@ -35,12 +35,12 @@ def open(
     sensor, scenario : str
         Files of the virtual board, by path or name.
     seed : int
-        Of the virtual board's noise.
+        Of the virtual board's noise, from 0.
 
     Raises
     ------
     SpotsError
-        If no board, or more than one, is there; the text says what to do.
+        If no board, or more than one, is there, or an argument is wrong; the text says what to do.
     """
     if port == VIRTUAL:
         return open_virtual(sensor, scenario, seed)[0]
@@ -113,6 +113,8 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     started_s : float
         Host time of time 0 of its scenario.
     """
+    if seed < 0:
+        raise SpotsError(f"a seed is a whole number from 0, not {seed}")
     from .calibrate.stage import calibrate  # the simulator only where it is used
     from .sim.files import SensorFile, load
 
@@ -172,10 +174,15 @@ def start_simulator(
 
     def end():
         process.stdin.close()
-        process.stdout.close()
         process.wait()
+        process.stdout.close()  # not before: it may just be starting, and write
 
-    start = json.loads(process.stdout.readline() or '{"error": "the simulator did not start"}')
+    try:
+        line = process.stdout.readline()
+    except BaseException:
+        end()
+        raise
+    start = json.loads(line or '{"error": "the simulator did not start"}')
     if "error" in start:
         end()
         raise SpotsError(start["error"])

@@ -351,6 +351,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         (["--port", "recording:a", "--measure", "p.csv"], "--measure is for boards"),
         (["--port", "virtual"], "arm.toml is of boards: a simulated linkage goes with"),
         (["--port", "0", "--port", "1", "--picture", "a.png"], "--picture draws a simulated"),
+        (["--port", "0", "--measure", "p.csv", "--picture", "a.png"], "--picture draws"),
     ],
 )
 def test_options_that_do_not_go_together(arguments, words, machine, capsys):
@@ -360,9 +361,26 @@ def test_options_that_do_not_go_together(arguments, words, machine, capsys):
     assert err.count("\n") == 1
 
 
-def test_boards_options_are_refused_by_a_simulation(capsys):
-    assert cli.main(["twin", "--record", "a.spots"]) == 2
-    assert "are for boards: name them with --port" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--record", "a.spots"], "are for boards: name them with --port"),
+        (["--port", "virtual", "--measure", "p.csv"], "--measure is for boards"),
+        (["--port", "virtual", "--picture", "a.png"], "--port virtual has no end"),
+    ],
+)
+def test_what_a_simulation_cannot_do_is_refused(arguments, words, monkeypatch, capsys):
+    monkeypatch.setattr(twin_command, "simulated", lambda *_: pytest.fail("simulated before"))
+    assert cli.main(["twin", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_line_is_out_when_it_is_told(monkeypatch):
+    calls = []
+    monkeypatch.setattr(twin_command, "line", lambda *_: "a line")
+    monkeypatch.setattr("builtins.print", lambda *_, **options: calls.append(options))
+    twin_command._Lines()(SimpleNamespace(time_s=0.0))
+    assert calls == [{"flush": True}]
 
 
 def test_a_simulated_linkage_is_followed_in_real_time(machine, monkeypatch, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 
@@ -13,9 +14,36 @@ from . import boards, calibrations, look, proofs, recordings, remote, uses
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, uses, calibrations, recordings, remote, proofs
 
+_NO_ROOM = errno.ENOSPC, errno.EDQUOT
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; a mistake of the user's is one sentence and exit code 2."""
+    code = 0
+    try:
+        try:
+            code = _run(arguments)
+        finally:
+            # Here, for the interpreter's own flush cannot be caught.
+            print(end="", flush=True)
+        return code
+    except BrokenPipeError:
+        pass  # Whoever read our output has seen enough.
+    except SystemExit as end:
+        # How rich ends on a broken pipe.
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
+    except OSError as error:
+        if error.errno not in _NO_ROOM:
+            raise
+        reason = f"cannot write: {error.strerror}; make room, or send the output elsewhere"
+        print(f"spots: {reason}", file=sys.stderr)
+        code = 2
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
+
+
+def _run(arguments: list[str] | None) -> int:
     options = _parser().parse_args(arguments)
     if getattr(options, "zenoh_config", None):
         os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name for it
@@ -26,9 +54,6 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:
-        # Whoever read our output has seen enough.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 
+from ..errors import SpotsError
 from . import arguments
 
 
@@ -50,6 +51,7 @@ def _monitor(options: argparse.Namespace) -> None:
 def _demo(options: argparse.Namespace) -> None:
     from ..web import browser
 
+    _check(options)
     plain = options.seconds is options.use is None and not (options.json or options.fast)
     if options.page or (plain and browser.opens()):
         from ..web.serve import show_demo
@@ -72,6 +74,20 @@ def _demo(options: argparse.Namespace) -> None:
     )
     if options.json:
         print(json.dumps(summary))
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raise SpotsError for options of the demo that do not go together."""
+    from ..demo import FIVEBAR
+
+    if options.page and (options.seconds or options.json or options.fast):
+        raise SpotsError(
+            "--page is shown in real time until Ctrl-C: leave out --seconds, --json and --fast"
+        )
+    if options.use == FIVEBAR and options.scenario:
+        raise SpotsError("--use fivebar goes along a path of its own: leave out --scenario")
+    if options.use == FIVEBAR and options.fast and options.seconds:
+        raise SpotsError("--use fivebar --fast goes along its path once: leave out --seconds")
 
 
 def _serve(options: argparse.Namespace) -> None:

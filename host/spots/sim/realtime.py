@@ -171,7 +171,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
         "started_s": clock.started_s,
     }
     try:
-        print(json.dumps(start), flush=True)
+        _tell(start)
         _serve(machine, bus, usb, console, data, noise, board_faults)
     finally:
         machine.close()
@@ -233,6 +233,13 @@ def _serve(
                 server.answer(request, bus, usb, machine.answers)
 
 
+def _tell(message: dict) -> None:
+    # Unbuffered, so that nothing is left for the interpreter's end. Whoever started it may be gone;
+    # then standard input closes too.
+    with contextlib.suppress(BrokenPipeError):
+        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
+
+
 def _patience_s(bus: Bus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
     if stuck:
         return _STUCK_S
@@ -246,5 +253,5 @@ if __name__ == "__main__":
         with contextlib.suppress(KeyboardInterrupt):
             main(sys.argv[1], sys.argv[2], int(sys.argv[3]), *sys.argv[4:6])
     except SpotsError as error:
-        print(json.dumps({"error": str(error)}), flush=True)
+        _tell({"error": str(error)})
         sys.exit(2)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -38,6 +37,12 @@ def run(options: argparse.Namespace) -> None:
     ports, virtual = options.port, VIRTUAL in options.port
     tell = _json if options.json else None
     boards = (ports and not virtual) or is_mounted(options.linkage)
+    if options.measure and virtual:
+        raise SpotsError("--measure is for boards: nobody can move a simulated linkage by hand")
+    if options.picture and (virtual or boards):
+        raise SpotsError(
+            "--picture draws a simulated path: boards know no truth, and --port virtual has no end"
+        )
     if options.calibrate:
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
@@ -52,8 +57,6 @@ def run(options: argparse.Namespace) -> None:
         with opened(options.linkage, ports, options.record) as source:
             _measure(source, Path(options.measure))
     elif boards:
-        if options.picture:
-            raise SpotsError("--picture draws a simulated linkage: boards know no truth")
         with opened(options.linkage, ports, options.record) as source:
             played = bool(ports) and ports[0].startswith(RECORDING)
             show(source, options.seconds, tell, played)
@@ -181,7 +184,7 @@ class _Lines:
             self._began_s = terminal.time_s
         if terminal.time_s >= self._due_s:
             self._due_s = terminal.time_s + 1 / _LINES_PER_S
-            print(line(terminal, self._began_s), flush=sys.stdout.isatty())
+            print(line(terminal, self._began_s), flush=True)
 
 
 def line(terminal: Terminal, began_s: float) -> str:

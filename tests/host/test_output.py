@@ -1,0 +1,129 @@
+"""An output that takes nothing more, and a start or options that come to nothing."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import spots
+from spots import SpotsError, cli, connect
+
+FULL = Path("/dev/full")
+SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]  # the last with rich
+TIMEOUT_S = 120
+
+
+def said(arguments, stdout, unbuffered=""):
+    """Run the command line with that output; return its exit code and what it says of it."""
+    run = subprocess.run(
+        [sys.executable, "-m", "spots", *arguments],
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    return run.returncode, run.stderr
+
+
+@pytest.fixture
+def closed():
+    """A pipe that nobody reads."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    yield writer
+    os.close(writer)
+
+
+@pytest.mark.parametrize("arguments", SHORT)
+def test_nobody_reads_the_output(arguments, closed):
+    assert said(arguments, closed) == (0, "")
+
+
+def test_a_mistake_is_told_where_nobody_reads_the_output(closed):
+    code, told = said(["keys", "check", "nope.toml"], closed)
+    assert code == 2
+    assert "nope.toml" in told
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="this system has no file that is always full")
+@pytest.mark.parametrize("arguments", SHORT)
+def test_there_is_no_room_for_the_output(arguments):
+    with FULL.open("w") as full:
+        code, told = said(arguments, full)
+    assert code == 2
+    assert told.startswith(f"spots: cannot write: {os.strerror(errno.ENOSPC)}; make room")
+    assert told.count("\n") == 1
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="this system has no file that is always full")
+def test_there_is_no_room_for_an_output_without_a_buffer():
+    with FULL.open("w") as full:
+        code, told = said(["keys", "check", "mini"], full, unbuffered="1")
+    assert code == 2
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--page", "--seconds", "3"], "--page is shown in real time"),
+        (["--page", "--json"], "--page is shown in real time"),
+        (["--page", "--fast"], "--page is shown in real time"),
+        (["--use", "fivebar", "--scenario", "nope"], "leave out --scenario"),
+        (["--use", "fivebar", "--page", "--scenario", "nope"], "leave out --scenario"),
+        (["--use", "fivebar", "--fast", "--seconds", "3"], "leave out --seconds"),
+    ],
+)
+def test_options_of_the_demo_that_do_not_go_together(arguments, words, monkeypatch, capsys):
+    for shows in ("spots.demo.demo", "spots.web.serve.show_demo"):
+        monkeypatch.setattr(shows, lambda *_: pytest.fail("shown before"))
+    assert cli.main(["demo", *arguments]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+
+
+def test_a_virtual_board_that_is_interrupted_as_it_starts_ends_quietly(monkeypatch, capfd):
+    started = []
+
+    class Interrupted(subprocess.Popen):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            started.append(self)
+            self.stdout = SimpleNamespace(readline=self._interrupt, close=self.stdout.close)
+
+        def _interrupt(self):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(connect.subprocess, "Popen", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        connect.start_simulator("default", "demo", 0)
+    (process,) = started
+    assert process.returncode == 0
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
+def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed):
+    run = subprocess.run(
+        [sys.executable, "-m", "spots.sim.realtime", sensor, "demo", "0", "virtual", ""],
+        stdin=subprocess.DEVNULL,
+        stdout=closed,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONUNBUFFERED": ""},
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert run.stderr == b""
+    assert run.returncode == code
+
+
+def test_a_seed_that_is_none():
+    with pytest.raises(SpotsError, match="a seed is a whole number from 0, not -1"):
+        spots.open("virtual", seed=-1)
