@@ -127,3 +127,12 @@ def test_a_save_that_is_cut_leaves_the_old_file(made, path, monkeypatch):
     with pytest.raises(SpotsError, match="No space left"):
         file.save(msgspec.structs.replace(made, joint=None), path)
     assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_folder_is_no_file_to_save_in(made, tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    with pytest.raises(SpotsError, match=r"cannot write .*folder: "):
+        file.save(made, folder)
+    assert list(tmp_path.iterdir()) == [folder]

@@ -6,7 +6,6 @@ was cut short or changed.
 
 from __future__ import annotations
 
-import os
 import re
 import zlib
 from datetime import datetime, timezone
@@ -131,16 +130,7 @@ def save(calibration: CalibrationFile, path: Path) -> None:
         If it cannot be written.
     """
     text = _text(calibration)
-    text += f'{_END}crc32 = "{_crc32(text)}"\n'
-    beside = path.with_name(path.name + ".new")
-    try:
-        with open(beside, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
-    except OSError as error:
-        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
+    toml.save(f'{text}{_END}crc32 = "{_crc32(text)}"\n', path)
 
 
 def load(path: Path) -> CalibrationFile:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -183,12 +182,7 @@ def save(mounted: Mounted, path: Path, comment: str = "") -> None:
     SpotsError
         If it cannot be written.
     """
-    beside = path.with_name(path.name + ".new")
-    try:
-        beside.write_text(_text(mounted, comment), encoding="utf-8")
-        os.replace(beside, path)
-    except OSError as error:
-        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
+    toml.save(_text(mounted, comment), path)
 
 
 def _text(mounted: Mounted, comment: str) -> str:
