@@ -81,6 +81,29 @@ def test_without_a_name_nothing_is_written(files, capsys):
     assert sorted(files.iterdir()) == before
 
 
+@pytest.mark.parametrize("name", ["points.csv", "strips/a.toml", "strips/../strips/b.toml"])
+def test_a_linkage_file_replaces_nothing_it_is_made_from(name, files, capsys):
+    (files / "strips").mkdir()
+    for strip in ("a.toml", "b.toml"):
+        (files / "strips" / strip).write_text("a calibration")
+    before = (files / name).read_bytes()
+    assert calibrate(files, "--out", str(files / name)) == 2
+    said = capsys.readouterr().err
+    assert "would replace" in said
+    assert said.count("\n") == 1
+    assert (files / name).read_bytes() == before
+
+
+def test_a_folder_is_no_linkage_file(files, capsys):
+    (files / "found").mkdir()
+    before = sorted(files.iterdir())
+    assert calibrate(files, "--out", str(files / "found")) == 2
+    said = capsys.readouterr().err
+    assert "cannot write" in said
+    assert said.count("\n") == 1
+    assert sorted(files.iterdir()) == before
+
+
 def test_what_points_cannot_tell_is_named(files, capsys):
     rows = (files / "points.csv").read_text().splitlines()
     # All on one line of equal angle: joint 1 hardly turned.
@@ -137,8 +160,8 @@ def test_points_are_measured_one_by_one(tmp_path):
         replies = iter([*answers, ""])
         return twin_points.measure(source, points, lambda question: next(replies), said.append)
 
-    assert measure("40 150", "forty 150", "40") == 1
-    assert said.count("two numbers in mm, such as: 40 150") == 2
+    assert measure("40 150", "forty 150", "40", "nan 3", "1e999 5", "5 -inf") == 1
+    assert said.count("two numbers in mm, such as: 40 150") == 5
     angles_deg[:] = 41.0, None
     assert measure("41 150") == 1
     assert "joint 2 tells nothing" in said[-1]

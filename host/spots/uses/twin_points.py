@@ -41,9 +41,12 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     Raises
     ------
     SpotsError
-        If a file is wrong, or the points are too few or do not go together.
+        If a file is wrong or would be replaced by `out`, or the points are too few or do not go
+        together.
     """
     drawn = mounted.load(linkage)
+    if out is not None:
+        _spare(out, [points, *(linkage.parent / joint.calibration for joint in drawn.joint)])
     rows, lines = _read(points)
     x_mm, y_mm, *angles_deg = rows.T
     angles, sigmas = np.radians(angles_deg[:2]), np.radians(angles_deg[2:])
@@ -99,6 +102,8 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tel
         try:
             x_mm, y_mm = map(float, words)
         except ValueError:
+            x_mm = y_mm = math.nan
+        if not (math.isfinite(x_mm) and math.isfinite(y_mm)):
             tell("two numbers in mm, such as: 40 150")
             continue
         try:
@@ -111,6 +116,13 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tel
         count += 1
         told = ", ".join(f"{angle:.3f} +- {sigma:.3f} deg" for angle, sigma in joints)
         tell(f"joints at {told}")
+
+
+def _spare(out: Path, kept: list[Path]) -> None:
+    """Refuse to write over a file that cannot be had again from the linkage file."""
+    for path in kept:
+        if out.resolve() == path.resolve():
+            raise SpotsError(f"--out {out} would replace {path}: name another file")
 
 
 def _angles(source: Source) -> list[list[Angle]]:
