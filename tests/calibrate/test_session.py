@@ -25,7 +25,7 @@ from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
 from spots.calibrate.presser import PersonPresser, StagePresser
 from spots.calibrate.presses import Conditions
-from spots.calibrate.session import Session, settings
+from spots.calibrate.session import Session, Wanted, settings
 from spots.calibrate.stage import FULL_MN, Stage
 from spots.connect import upload
 from spots.frames import Spectrum, Touch
@@ -204,6 +204,34 @@ def test_a_session_that_is_whole_takes_no_press_again(full, capsys):
     assert "the board uses and keeps calibration" in capsys.readouterr().out
 
 
+def test_an_unfinished_joint_is_left_out_until_it_is_finished(full, tmp_path, capsys):
+    path, out = tmp_path / "a.jsonl", tmp_path / "a.toml"
+    lines = full.session.read_bytes().splitlines(keepends=True)
+    others = [line for line in lines if b'"kind":"joint"' not in line]
+    path.write_bytes(b"".join([*others, *lines[len(others) :][:3]]))
+    assert run("force", "--session", path) == 0
+    said = capsys.readouterr().out
+    assert said.count("the joint is left out: a joint needs 4 angles or more in each dir") == 1
+    assert file.load(out).lines == file.load(full.out).lines
+    assert file.load(out).joint is None
+    assert run("joint", "--session", path) == 0
+    assert file.load(out).joint is not None
+
+
+def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
+    path, out = tmp_path / "a.jsonl", tmp_path / "a.toml"
+    lines = full.session.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(line for line in lines if b'"kind":"joint"' not in line))
+    out.write_bytes(full.out.read_bytes())
+    assert run("joint", "--places", 4, "--session", path) == 0
+    # Of the last three angles of seven, four have two already.
+    assert run("joint", "--places", 7, "--session", path) == 0
+    assert capsys.readouterr().out.count("degrees was taken already: turn on") == 4
+    for direction in (1, -1):
+        angles = [p.angle_deg for p in Session(path).of("joint") if p.direction == direction]
+        assert len(angles) == len(set(angles)) == 5
+
+
 def test_more_places_add_to_those_there_are(full, tmp_path):
     path = tmp_path / "more.jsonl"
     path.write_bytes(full.session.read_bytes())
@@ -240,6 +268,7 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
         (["position", "--strain-percent", 5], "only there"),
         (["position", "--places", 5], "position needs 12 or more"),
         (["force", "--places", 5], "force needs 14 or more"),
+        (["position", "--places", 0], "position needs 12 or more"),
         (["strain", "--strain-percent", 10], "strain comes after position and force"),
         (["joint"], "there is no file"),
         (["position", "--plan", "F1,F2"], "six different diodes"),
@@ -250,6 +279,19 @@ def test_a_mistake_is_one_sentence_and_changes_nothing(tmp_path, capsys, words, 
     path = tmp_path / "a.jsonl"
     assert says in refused(capsys, *words, "--session", path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_calibration_is_never_written_over_its_session(full, tmp_path, capsys):
+    before = full.session.read_bytes()
+    named = tmp_path / "s.toml"
+    named.write_bytes(before)
+    assert "would replace the session" in refused(capsys, "force", "--session", named)
+    other = tmp_path / "s.jsonl"
+    other.write_bytes(before)
+    out = tmp_path.parent / tmp_path.name / ".." / tmp_path.name / "s.jsonl"
+    said = refused(capsys, "force", "--session", other, "--out", out)
+    assert "name another file with --out" in said
+    assert named.read_bytes() == other.read_bytes() == before
 
 
 def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path, capsys):
@@ -488,6 +530,15 @@ def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
     made = file.load(path.with_suffix(".toml"))
     assert made.residuals[0].position_rms_um < 50
     assert made.joint.deg_per_um == pytest.approx(np.degrees(1 / 25_000), rel=0.005)
+
+
+def test_a_least_force_in_grams_is_asked_again():
+    out = io.StringIO()
+    shown = Guide(Console(file=out, width=200), stdin=io.StringIO("20\n11,3\nnan\n0,2\n"))
+    wanted = Wanted(kind="force", place_um=76_500, force_mN=FULL_MN)
+    assert PersonPresser(shown).least_mN(wanted, None) == pytest.approx(210)
+    for answer in ("20", "11,3", "nan"):
+        assert f"'{answer}' will not do: type a number such as 1.5, at most 6" in out.getvalue()
 
 
 def test_nobody_there_is_said(sensor, tmp_path):

@@ -21,13 +21,18 @@ _LENGTH_MM = 85.0
 
 def run(options: argparse.Namespace) -> None:
     """Run ``spots calibrate`` with the options that `cli` parsed."""
-    count = options.places or COUNTS[options.kind]
+    count = COUNTS[options.kind] if options.places is None else options.places
     if count < LEAST_COUNTS[options.kind]:
         raise SpotsError(f"--places: {options.kind} needs {LEAST_COUNTS[options.kind]} or more")
     if (options.kind == "strain") != (options.strain_percent is not None):
         raise SpotsError("say --strain-percent with 'strain', and only there")
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
+    if out.resolve() == session.path.resolve():
+        raise SpotsError(
+            f"the calibration would replace the session {session.path}: name another file with "
+            "--out"
+        )
     guide = Guide()
     with ExitStack() as stack:
         if options.port == VIRTUAL:

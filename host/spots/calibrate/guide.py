@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 
 from rich.bar import Bar
@@ -109,17 +110,20 @@ class Guide:
             raise SpotsError("nobody answers on standard input: run this in a terminal")
         return line.strip()
 
-    def ask_number(self, question: str, lowest: float = float("-inf")) -> float:
-        """Return a number of at least `lowest`; ask until one is given."""
+    def ask_number(
+        self, question: str, lowest: float = -math.inf, highest: float = math.inf
+    ) -> float:
+        """Return a number from `lowest` to `highest`; ask until one is given."""
         while True:
             answer = self.ask(question)
             try:
                 value = float(answer.replace(",", "."))
             except ValueError:
-                value = float("nan")
-            if lowest <= value < float("inf"):
+                value = math.nan
+            if math.isfinite(value) and lowest <= value <= highest:
                 return value
-            self.say(f"'{answer}' will not do: type a number such as 1.5")
+            most = f", at most {highest:g}" if highest < math.inf else ""
+            self.say(f"'{answer}' will not do: type a number such as 1.5{most}")
 
     def _draw(self) -> None:
         if self._live is not None:

@@ -260,7 +260,7 @@ def _missing(session: Session) -> str | None:
 def _finish(setup: Setup) -> None:
     """Fit all that the session has, write the file, and give it to the board."""
     session, guide = setup.session, setup.guide
-    calibration = make(session)
+    calibration = make(session, guide.say)
     file.save(calibration, setup.out)
     for residual in calibration.residuals:
         force = residual.force_rms_mN
@@ -291,6 +291,11 @@ def _joint(setup: Setup, count: int) -> None:
         setup.guide.skip(min(known, count))
         for share in shares[known:]:
             wanted = setup.presser.turn(direction, share)
+            # With one angle twice, no line can be fitted to the session ever after.
+            if _turned(setup.session, wanted):
+                setup.guide.skip()
+                setup.guide.say(f"{wanted} was taken already: turn on")
+                continue
             setup.guide.want(wanted)
             reading = setup.taker.take(wanted)
             position = _positions_um(setup)
@@ -305,6 +310,14 @@ def _joint(setup: Setup, count: int) -> None:
     setup.guide.say(
         f"joint: R2 {joint.r2:.5f}, resolution {joint.resolution_deg:.3f} deg, accuracy "
         f"{joint.accuracy_deg:.3f} deg, backlash {joint.backlash_deg:.3f} deg, in {setup.out}"
+    )
+
+
+def _turned(session: Session, wanted: Wanted) -> bool:
+    """Return whether the joint was at this angle already, from this direction."""
+    return any(
+        (p.angle_deg, p.direction) == (wanted.angle_deg, wanted.direction)
+        for p in session.of("joint")
     )
 
 

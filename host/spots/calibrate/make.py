@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tactile.calibration import Calibration, CalibrationError
@@ -17,8 +19,15 @@ from .session import Session
 _DECODED_SAMPLES = 64  # counts are means: in sums of so many little of them is lost
 
 
-def make(session: Session) -> file.CalibrationFile:
+def make(session: Session, say: Callable[[str], None] = print) -> file.CalibrationFile:
     """Return the calibration that the presses of a session give.
+
+    Parameters
+    ----------
+    session : Session
+        Its joint is left out as long as it gives none.
+    say : callable
+        Given a line that says so.
 
     Raises
     ------
@@ -42,9 +51,20 @@ def make(session: Session) -> file.CalibrationFile:
         _residual(lines, strain, places, pressed if strain == 0 else None)
         for strain, places in along.items()
     ]
-    turned = session.of("joint")
-    joint = fit_joint(turned) if turned else None
+    joint = _joint(session, say)
     return file.CalibrationFile.now(session.conditions, lines, residuals, joint)
+
+
+def _joint(session: Session, say: Callable[[str], None]) -> file.Joint | None:
+    turned = session.of("joint")
+    if not turned:
+        return None
+    try:
+        return fit_joint(turned)
+    except SpotsError as error:
+        # The strip is calibrated without it, too, and the joint may not be finished yet.
+        say(f"the joint is left out: {error}")
+        return None
 
 
 def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses | None) -> file.Residual:

@@ -12,7 +12,7 @@ import numpy as np
 from .guide import Guide
 from .reader import Reader
 from .session import Wanted
-from .stage import Stage
+from .stage import FIRM_MN, Stage
 
 _JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
 _LEAST_MARGIN = 1.05
@@ -80,6 +80,8 @@ class PersonPresser:
             f"press at {place} as lightly as still lights every channel; what does the scale say, "
             "in N? ",
             lowest=0.01,
+            # What is dark under a firm press has no positions, and grams are no newtons.
+            highest=FIRM_MN / 1000,
         )
         return 1000 * force_N * _LEAST_MARGIN
 
