@@ -90,8 +90,7 @@ def save(text: str, path: str | Path) -> None:
     SpotsError
         If it cannot be written; then what was there still is.
     """
-    path = Path(path)
-    beside = path.with_name(path.name + ".new")
+    beside = Path(f"{path}.new")
     try:
         file = open(beside, "w", encoding="utf-8", newline="\n")
         try:
