@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -14,7 +12,7 @@ from ..clockmap import ClockMap
 from ..errors import SpotsError
 from ..frames import Decoder, Frame, LinkStats, Note
 from .header import Clock, Header, read
-from .recorder import part_path
+from .recorder import part_path, parts_beside
 
 # Statistics are ahead of the frames by at most so much: small, and yet little work a frame.
 _BLOCK_BYTES = 512
@@ -126,11 +124,8 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     """Return the later files of a set with their headers, if `path` is its first."""
     if first.part != 0:
         return {}
-    name = re.compile(re.escape(path.stem) + r"-(\d{3,})" + re.escape(path.suffix))
-    beside = map(name.fullmatch, os.listdir(path.parent))
-    parts = sorted(int(match[1]) for match in beside if match)
     found = {}
-    for part in parts:
+    for part in parts_beside(path):
         file = part_path(path, part)
         try:
             header = _header(file)

@@ -79,8 +79,10 @@ class Recorder(Through):
         self._disk: Disk | None = None
         self.paths: list[Path] = []
         self.bytes = 0
-        if rotate_bytes is not None:
-            _refuse_parts(self._path)
+        if rotate_bytes is not None and (there := parts_beside(self._path)):
+            # Now, while somebody looks, and not hours later where the first file is full.
+            taken = part_path(self._path, there[0])
+            raise SpotsError(f"{taken} exists: choose another name or remove it")
         self._begin()
 
     def __enter__(self) -> Recorder:
@@ -187,12 +189,11 @@ def part_path(path: Path, part: int) -> Path:
     return path if part == 0 else path.with_name(f"{path.stem}-{part:03d}{path.suffix}")
 
 
-def _refuse_parts(path: Path) -> None:
-    # Now, while somebody looks, and not hours later where the first file is full.
-    name = re.compile(re.escape(path.stem) + r"-\d{3,}" + re.escape(path.suffix))
-    there = [file for file in path.parent.glob("*") if name.fullmatch(file.name)]
-    if there:
-        raise SpotsError(f"{min(there)} exists: choose another name or remove it")
+def parts_beside(path: Path) -> list[int]:
+    """Return the numbers of the later files of a set that are there, by their names."""
+    name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
+    beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
+    return sorted(int(match[1]) for match in beside if match)
 
 
 def _version() -> str:
