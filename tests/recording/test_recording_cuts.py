@@ -1,6 +1,7 @@
 """However a recording ends or is damaged: the whole frames are there, and no wrong one."""
 
 import contextlib
+import itertools
 import multiprocessing
 import os
 import random
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 import kills
 import spots
-from reels import record, replayed
+from reels import record, recorder, replayed
 from spots.frames import Decoder
 from spots.recording.note import note
 from spots.recording.reader import Recording
@@ -60,6 +61,54 @@ def test_cut_at_every_byte_the_whole_frames_are_there(whole, tmp_path):
         assert recording.cut_bytes == size - 1 - data.rfind(b"\0", 0, size)
         assert recording.complete == (size == len(data))
     assert 0 < header_ends < ends[0] / 2  # one of two copies is enough
+
+
+@contextlib.contextmanager
+def ctrl_c_at_line(count):
+    """Interrupt the recorder before the count-th line of it that is run."""
+    left = [count]
+
+    def line(frame, event, argument):
+        if event == "line":
+            left[0] -= 1
+            if not left[0]:
+                raise KeyboardInterrupt
+        return line
+
+    def call(frame, event, argument):
+        return line if "recording" in frame.f_code.co_filename else None
+
+    tracing = sys.gettrace()
+    sys.settrace(call)
+    try:
+        yield
+    finally:
+        sys.settrace(tracing)
+
+
+@pytest.mark.parametrize("rotate_bytes", [None, 1000])
+def test_ctrl_c_at_any_line_of_the_recorder_leaves_a_recording_with_an_end(tmp_path, rotate_bytes):
+    pieces = [key(0), key(1), b"\x55" * 400, b"\0", key(2), b"".join(map(key, range(3, 9))), key(9)]
+    for i in itertools.count(1):
+        path = tmp_path / f"{i}.spots"
+        tap = recorder(path, pieces, step_s=0.002, rotate_bytes=rotate_bytes)
+        handed, interrupted = b"", False
+        try:
+            with ctrl_c_at_line(i):
+                for _ in pieces:
+                    handed += tap.read(1.0)
+        except KeyboardInterrupt:
+            interrupted = True
+        tap.stop()
+        frames, recording = replayed(path)
+        assert recording.complete, i
+        assert [frame.sequence for frame in frames] == list(range(len(frames)))
+        read = len(Decoder().feed(handed))
+        assert read <= len(frames) <= read + 6, i  # a piece may be written and not handed on yet
+        if not interrupted:
+            break
+    assert i > 100
+    assert rotate_bytes is None or len(recording.paths) > 1
 
 
 def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path, monkeypatch):

@@ -97,7 +97,7 @@ class Recorder(Through):
         if data and self._disk is not None:
             try:
                 self._keep(data)
-            except BaseException:
+            except Exception:  # Ctrl-C, too, comes here; after it the file is fit for an end
                 self._release()
                 raise
         return data
@@ -134,8 +134,9 @@ class Recorder(Through):
         if self._rotate_bytes is not None and self._between_frames:
             full = self._disk.bytes + len(piece) > self._rotate_bytes
             if full and self._disk.bytes > self._header_bytes:
-                self._release()
+                before = self._disk
                 self._begin()
+                before.close()
         now_s = self.now_s()
         if self._between_frames and now_s >= self._next_note_s:
             self._next_note_s = now_s + ARRIVAL_STEP_S
@@ -145,27 +146,35 @@ class Recorder(Through):
             # The clocks were compared again: from here on the board's times are mapped so.
             self._bounds = _bounds(now["clock"])
             piece = self._note({"clock": now["clock"], "restarts": now["restarts"]}) + piece
+        self._between_frames = False  # until it is known: Ctrl-C may come before the next line
         self._append(piece)
         self._between_frames = piece.endswith(b"\0")
 
     def _begin(self) -> None:
         part = len(self.paths)
-        self._begun_s = self._next_note_s = self.now_s()
+        begun_s = self.now_s()
         header = {
             "recording": VERSION,
             "program": "spots " + _version(),
             "set": self._set,
             "part": part,
-            "host_s": self._begun_s,
+            "host_s": begun_s,
             "utc_s": self._utc_s(),
             **self._describe(),
         }
-        self._bounds = _bounds(header["clock"])
         data = encoded(msgspec.convert(header, Header))  # one that is refused makes no file
-        self._disk = Disk(part_path(self._path, part))
-        self.paths.append(self._disk.path)
-        self._append(data)
-        self._header_bytes = self._disk.bytes
+        disk = Disk(part_path(self._path, part))
+        self.paths.append(disk.path)
+        try:
+            disk.append(data)
+        except BaseException:
+            disk.close()
+            raise
+        self.bytes += disk.bytes
+        self._header_bytes = disk.bytes
+        self._bounds = _bounds(header["clock"])
+        self._begun_s = self._next_note_s = begun_s
+        self._disk = disk
 
     def _note(self, content: dict | None = None) -> bytes:
         return note(int(1e6 * (self.now_s() - self._begun_s)), content)
