@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import resource
+from contextlib import contextmanager
 
 import pytest
 from hypothesis import settings
@@ -25,6 +27,22 @@ def sensor():
 def calibration(sensor):
     """Lines of its calibration, from presses of the simulated stage."""
     return list(calibrate(sensor))
+
+
+@pytest.fixture
+def full_disk():
+    """Return a context in which no file grows beyond so many bytes."""
+
+    @contextmanager
+    def limit(file_bytes):
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    return limit
 
 
 def pytest_terminal_summary(terminalreporter):

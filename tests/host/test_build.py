@@ -1,7 +1,6 @@
 """What goes onto each board: compiled where it can be, and nothing stale."""
 
 import json
-import resource
 from pathlib import Path
 
 import pytest
@@ -94,17 +93,11 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path, monkeypatch, cap
     assert (tmp_path / "build").read_text() == "mine"
 
 
-def test_a_full_disk_leaves_the_old_build(tmp_path):
+def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
     before = files_of(build("virtual", tmp_path))
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
-    try:
-        with pytest.raises(
-            SpotsError, match=r"virtual cannot be written: .*File too large"
-        ) as told:
-            build("virtual", tmp_path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    refused = pytest.raises(SpotsError, match=r"virtual cannot be written: .*File too large")
+    with full_disk(100), refused as told:
+        build("virtual", tmp_path)
     assert len(str(told.value)) < 1000  # one of the files, not all
     assert files_of(tmp_path / "virtual") == before
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]

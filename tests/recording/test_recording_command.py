@@ -3,7 +3,6 @@
 import json
 import os
 import pty
-import resource
 import signal
 import subprocess
 import sys
@@ -103,15 +102,11 @@ def test_a_board_that_goes_away_leaves_its_recording(fast, tmp_path, capsys):
     assert len(replayed(path)[0]) > 100
 
 
-def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path):
+def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path, full_disk):
     tap = recorder(tmp_path / "run.spots", stream(200))
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
-    try:
-        with pytest.raises(spots.SpotsError, match=r"run.spots: the recording ended, nothing more"):
-            all(tap.read(1) for _ in range(200))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    ended = pytest.raises(spots.SpotsError, match=r"run.spots: the recording ended, nothing more")
+    with full_disk(2000), ended:
+        all(tap.read(1) for _ in range(200))
     frames, recording = replayed(tmp_path / "run.spots")
     assert len(frames) > 10
     assert not recording.complete

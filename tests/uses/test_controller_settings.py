@@ -1,7 +1,5 @@
 """Settings files: what is wrong is told, what is written is read back."""
 
-import resource
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -92,15 +90,11 @@ def test_the_default_is_read_back_too(tmp_path):
     assert load(tmp_path / "mine.toml") == load()
 
 
-def test_a_full_disk_leaves_the_file_that_was_there(tmp_path):
+def test_a_full_disk_leaves_the_file_that_was_there(tmp_path, full_disk):
     path = tmp_path / "mine.toml"
     save(Settings(hold_ms=42.0), path)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
-    try:
-        with pytest.raises(SpotsError, match=r"cannot write .*mine.toml: File too large"):
-            save(load(), path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    refused = pytest.raises(SpotsError, match=r"cannot write .*mine.toml: File too large")
+    with full_disk(10), refused:
+        save(load(), path)
     assert load(path) == Settings(hold_ms=42.0)
     assert list(tmp_path.iterdir()) == [path]

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from spots.board import Board
 from spots.connect import prepare
 from spots.errors import PortLostError, SpotsError
+from spots.link import Through
 from spots.sim.lockstep import LockstepLink
 from spots.uses.layout import load
 from spots.web.reader import Reader
@@ -19,19 +20,15 @@ from spots.web.serve import Server
 from spots.web.state import State
 
 
-class PacedLink:
+class PacedLink(Through):
     """A link in simulated time that never runs ahead of the real one, with a cable to pull."""
 
     def __init__(self, link):
-        self._link = link
-        self.name = link.name
+        super().__init__(link)
         self._ahead_s = link.now_s() - time.monotonic()
         self.plugged = True
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
         self.written = []
-
-    def now_s(self):
-        return self._link.now_s()
 
     def pace(self):
         """Keep to the clock from here on."""
@@ -52,9 +49,6 @@ class PacedLink:
     def reopen(self):
         self._check()
         self.pace()
-
-    def close(self):
-        self._link.close()
 
     def _check(self):
         if not self.plugged:

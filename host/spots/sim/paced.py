@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 
+from ..link import Through
 from .lockstep import LockstepLink
 
 
-class PacedLink:
+class PacedLink(Through):
     """A `lockstep.LockstepLink` that never runs ahead of real time.
 
     Links with the same epoch have one clock: two boards can be parts of one machine.
@@ -20,14 +21,8 @@ class PacedLink:
     """
 
     def __init__(self, link: LockstepLink, epoch_s: float):
-        self._link = link
+        super().__init__(link)
         self._epoch_s = epoch_s
-        self.name, self.now_s, self.write, self.close = (
-            link.name,
-            link.now_s,
-            link.write,
-            link.close,
-        )
 
     def read(self, timeout_s: float) -> bytes:
         """Wait until the board's time has come, then let it run as the link it is does."""

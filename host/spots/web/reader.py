@@ -120,13 +120,12 @@ class Reader:
         health = _Health(board, self._state)
         try:
             while not self._stopping.is_set():
-                began_s = time.monotonic()
                 for frame in board.frames(_TICK_S):
                     self._take(frame, feel, health, board)
                     if self._stopping.is_set():
                         return
-                if time.monotonic() - began_s < _TICK_S / 2:
-                    self._stopping.wait(_TICK_S)  # a recording that has ended does not wait
+                if board.ended:
+                    self._stopping.wait(_TICK_S)  # its frames do not wait
                 feel.tick(board.now_s())
                 health.show()
                 if self._recordings:
