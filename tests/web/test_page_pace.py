@@ -60,6 +60,41 @@ def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, 
     assert not any("missed" in message for message in messages)
 
 
+def test_a_page_far_away_is_told_more_often_than_one_that_draws_slowly(state, serve):
+    server = serve(state)
+    state.put("touch", "the first")
+    counts = {"far": 0, "slow": 0}
+
+    async def watch(name, pong_s):
+        async with aiohttp.ClientSession() as session:
+            socket = await session.ws_connect(live(server), autoping=False)
+            answers = set()
+            while counts["far"] < 100:
+                message = await socket.receive(timeout=60)
+                state.put("touch", {"i": sum(counts.values())})
+                if message.type == aiohttp.WSMsgType.PING:
+                    answers.add(later(pong_s, socket.pong(message.data)))
+                else:
+                    answers.add(later(0.06, socket.send_str(str(message.json()["n"]))))
+                    counts[name] += 1
+            state.put("touch", "the last")
+            await asyncio.gather(*answers)
+            await socket.close()
+
+    def later(seconds, answer):
+        async def wait():
+            await asyncio.sleep(seconds)
+            await answer
+
+        return asyncio.ensure_future(wait())
+
+    async def both():
+        await asyncio.gather(watch("far", 0.06), watch("slow", 0.0))
+
+    run(both())
+    assert counts["far"] > 1.5 * counts["slow"]
+
+
 def test_a_message_is_what_changed_since_the_last(state, serve):
     server = serve(state)
 

@@ -18,10 +18,11 @@ SECONDS = 40.0
 SETTLED_S = 10.0
 
 
-def drawing(pages, draw_s, stalled=0):
+def drawing(pages, draw_s, stalled=0, away_s=0.0):
     """Let pages draw on two processors; return the times it took and the draws a second of each.
 
-    A message is drawn at the next frame of the screen, when those before it are.
+    A message is drawn at the next frame of the screen, when those before it are; `away_s` goes by
+    until it is there, and again until that is known.
     """
     clock = SimpleNamespace(now_s=0.0)
     paces = [Pace(lambda: clock.now_s) for _ in range(pages + stalled)]
@@ -44,13 +45,16 @@ def drawing(pages, draw_s, stalled=0):
             waiting.add(i)
         else:
             number = one.send()
+            one.answered(2 * away_s)
             assert one.sent - one.drawn <= 2
             if i < pages:
-                begin_s = max(math.ceil(now_s / SCREEN_S) * SCREEN_S, heapq.heappop(free_s))
+                frame_s = math.ceil((now_s + away_s) / SCREEN_S) * SCREEN_S
+                begin_s = max(frame_s, heapq.heappop(free_s))
                 heapq.heappush(free_s, begin_s + draw_s)
-                heapq.heappush(events, (begin_s + draw_s, i, "drawn", number))
+                known_s = begin_s + draw_s + away_s
+                heapq.heappush(events, (known_s, i, "drawn", number))
                 if now_s > SETTLED_S:
-                    took[i].append(begin_s + draw_s - now_s)
+                    took[i].append(known_s - now_s)
             heapq.heappush(events, (now_s + one.every_s, i, "tell", 0))
     rates = [len(times) / (SECONDS - SETTLED_S) for times in took[:pages]]
     return np.concatenate(took), rates, paces
@@ -60,6 +64,13 @@ def test_one_page_is_told_at_every_frame_of_its_screen():
     took_s, rates, _ = drawing(1, 0.006)
     assert rates[0] > 55
     assert took_s.max() < pace.LATE_S
+
+
+@pytest.mark.parametrize("away_s", [0.01, 0.02, 0.05, 0.2])
+def test_a_page_far_away_is_told_as_often_as_may_be_on_the_way(away_s):
+    _, rates, _ = drawing(1, 0.006, away_s=away_s)
+    way_s = 2 * away_s + 0.006
+    assert rates[0] > 0.75 * min(55, pace.WINDOW / (way_s + SCREEN_S / 2))
 
 
 @pytest.mark.parametrize("draw_s", [0.004, 0.008, 0.012])

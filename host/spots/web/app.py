@@ -24,6 +24,7 @@ _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
 _HEARTBEAT_S = 20.0
 _ANSWER_S = 10.0
+_PING_EVERY = 32  # messages
 _REQUEST_MAX = 1024  # bytes
 
 
@@ -86,7 +87,7 @@ class App:
         if len(self._clients) >= _CLIENTS_MAX:
             raise web.HTTPServiceUnavailable(text="too many pages are open")
         socket = web.WebSocketResponse(
-            heartbeat=_HEARTBEAT_S, max_msg_size=_ACK_MAX, compress=False
+            autoping=False, heartbeat=_HEARTBEAT_S, max_msg_size=_ACK_MAX, compress=False
         )
         await socket.prepare(request)
         news, drawn = asyncio.Event(), _Drawn()
@@ -97,7 +98,11 @@ class App:
         telling = asyncio.create_task(self._tell(socket, news, drawn, first))
         try:
             async for message in socket:
-                if message.type != WSMsgType.TEXT or not drawn.take(message.data):
+                if message.type == WSMsgType.PONG:
+                    drawn.answered(message.data)
+                elif message.type == WSMsgType.PING:
+                    await socket.pong(message.data)
+                elif message.type != WSMsgType.TEXT or not drawn.take(message.data):
                     await socket.close(
                         code=WSCloseCode.POLICY_VIOLATION, message=b"this page is to be looked at"
                     )
@@ -117,8 +122,11 @@ class App:
             cursor, parts = self._state.since(cursor)
             if parts or first:
                 parts, first = first | parts, {}
-                message = msgspec.json.encode({"n": drawn.pace.send(), **parts}).decode()
+                number = drawn.pace.send()
+                message = msgspec.json.encode({"n": number, **parts}).decode()
                 try:
+                    if number % _PING_EVERY == 1:
+                        await socket.ping(drawn.ask())
                     await socket.send_str(message)
                 except ConnectionError:
                     return
@@ -130,11 +138,13 @@ class App:
 
 
 class _Drawn:
-    """What a page says it has drawn."""
+    """What a page says it has drawn, and how far away it is."""
 
     def __init__(self):
         self.pace = Pace(time.monotonic)
         self._changed = asyncio.Event()
+        self._asked = b""
+        self._asked_s = 0.0
 
     def take(self, text: str) -> bool:
         """Take an acknowledgement; return whether it is one."""
@@ -143,6 +153,17 @@ class _Drawn:
         self.pace.acknowledge(int(text))
         self._changed.set()
         return True
+
+    def ask(self) -> bytes:
+        """Return what to send in a ping. A browser answers it even while the page draws."""
+        self._asked_s = time.monotonic()
+        self._asked = str(self.pace.sent).encode()
+        return self._asked
+
+    def answered(self, data: bytes) -> None:
+        """Take what came in a pong."""
+        if data == self._asked:  # and none of the socket's own
+            self.pace.answered(time.monotonic() - self._asked_s)
 
     async def room(self) -> None:
         """Wait until another message may be sent."""

@@ -7,7 +7,8 @@ from collections.abc import Callable
 WINDOW = 2  # messages that a page may not have drawn yet
 SOONEST_S = 1 / 60
 SELDOM_S = 0.1
-# A page that keeps up has drawn a message at the next frame of its screen or the one after.
+# A page that keeps up has drawn a message at the next frame of its screen or the one after, and
+# what it took on the way is no fault of its own.
 LATE_S = 0.03
 _SLOWER, _FASTER = 1.25, 0.99
 
@@ -34,6 +35,7 @@ class Pace:
     def __init__(self, now_s: Callable[[], float]):
         self._now_s = now_s
         self._sent_s: dict[int, float] = {}
+        self._way_s: float | None = None
         self.every_s = SOONEST_S
         self.sent = self.drawn = 0
 
@@ -51,7 +53,14 @@ class Pace:
     def acknowledge(self, number: int) -> None:
         """Take it that a page has drawn all messages up to one."""
         for one in range(self.drawn + 1, min(number, self.sent) + 1):
-            late = self._now_s() - self._sent_s.pop(one) > LATE_S
+            late = self._now_s() - self._sent_s.pop(one) > LATE_S + (self._way_s or 0.0)
             every_s = self.every_s * (_SLOWER if late else _FASTER)
             self.every_s = min(max(every_s, SOONEST_S), SELDOM_S)
             self.drawn = one
+
+    def answered(self, way_s: float) -> None:
+        """Take it that so much went by until there was an answer that had not to be drawn for.
+
+        The least counts: where processors are short, such an answer waits for them, too.
+        """
+        self._way_s = way_s if self._way_s is None else min(self._way_s, way_s)
