@@ -352,6 +352,10 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         (["--port", "virtual"], "arm.toml is of boards: a simulated linkage goes with"),
         (["--port", "0", "--port", "1", "--picture", "a.png"], "--picture draws a simulated"),
         (["--port", "0", "--measure", "p.csv", "--picture", "a.png"], "--picture draws"),
+        (["--calibrate", "p.csv", "--port", "0"], "--calibrate reads points, and no board"),
+        (["--calibrate", "p.csv", "--seconds", "3"], "--calibrate reads points, and no board"),
+        (["--calibrate", "p.csv", "--json"], "--calibrate reads points, and no board"),
+        (["--out", "a.toml"], "--out is what --calibrate POINTS.csv finds"),
     ],
 )
 def test_options_that_do_not_go_together(arguments, words, machine, capsys):

@@ -34,8 +34,8 @@ document.addEventListener("drawn", ({ detail }) => {
   });
 });
 """
-# A figure changes five times a second, so that it can be read; on a slow machine with one of so many
-# messages, for a message draws but one panel of those that can wait.
+# A figure changes five times a second, so that it can be read; on a slow machine with one of so
+# many messages, since each draws but one panel of those that can wait.
 FIGURE_S = 1.0
 FIGURE_MESSAGES = 12
 

@@ -16,7 +16,7 @@ from ..errors import SpotsError
 from ..frames import Touch
 from ..sim.scenario import Scenario
 from ..view import Pace, live
-from .calibrated import hello_calibrated, tell_board
+from .calibrated import hello_calibrated, ticks
 from .controller import Controller
 from .controller_score import ControllerScore
 from .controller_settings import DEFAULT, Settings, load
@@ -100,15 +100,11 @@ def play(
                 on_state(state)
             gamepad.update(*state)
 
-    tell_board(board, "set baseline=1")
-    board.command("stream touch")
-    end_s = None if seconds is None else board.now_s() + seconds
-    while not board.ended and (end_s is None or board.now_s() < end_s):
-        for frame in board.frames(_TICK_S):
-            if isinstance(frame, Touch) and frame.sensor == 0:
-                send(controller.take(frame, board.now_s()))
-                if on_reading:
-                    on_reading(frame)
+    for touches in ticks(board, seconds, _TICK_S):
+        for touch in touches:
+            send(controller.take(touch, board.now_s()))
+            if on_reading:
+                on_reading(touch)
         send(controller.tick(board.now_s()))
 
 

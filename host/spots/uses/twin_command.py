@@ -43,7 +43,15 @@ def run(options: argparse.Namespace) -> None:
         raise SpotsError(
             "--picture draws a simulated path: boards know no truth, and --port virtual has no end"
         )
+    if options.out and not options.calibrate:
+        raise SpotsError("--out is what --calibrate POINTS.csv finds: name the points, too")
     if options.calibrate:
+        others = "port", "seconds", "json", "record", "measure", "picture"
+        if any(getattr(options, name) for name in others):
+            raise SpotsError(
+                "--calibrate reads points, and no board: it goes with --linkage, --place-sigma-mm "
+                "and --out alone"
+            )
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))

@@ -13,7 +13,7 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..view import Pace, live
-from .calibrated import length_of, tell_board
+from .calibrated import length_of, tell_board, ticks
 from .keyboard import KeyEngine, KeySink
 from .keys import push
 from .layout import KeyLayout, load
@@ -58,15 +58,11 @@ def type_on(
         If the board has no calibration, is lost, or the keyboard takes no more.
     """
     engine = KeyEngine(layout, length_of(board), keyboard)
-    tell_board(board, "set baseline=1")
-    board.command("stream touch")
     board.patience_s = math.inf  # no key is down meanwhile
-    end_s = None if seconds is None else board.now_s() + seconds
     try:
-        while not board.ended and (end_s is None or board.now_s() < end_s):
-            for frame in board.frames(_TICK_S):
-                if isinstance(frame, Touch) and frame.sensor == 0:
-                    engine.take(frame, board.now_s())
+        for touches in ticks(board, seconds, _TICK_S):
+            for touch in touches:
+                engine.take(touch, board.now_s())
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0

@@ -15,9 +15,8 @@ from .. import toml
 from ..board import Board
 from ..connect import open_named
 from ..errors import SpotsError
-from ..frames import Touch
 from ..view import Pace, live
-from .calibrated import length_of, tell_board
+from .calibrated import length_of, tell_board, ticks
 from .gestures import NAMES, Gesture, Gestures
 from .keyboard import LOST_S, KeySink
 from .outputs import ended_by_signals, open_keyboard
@@ -112,18 +111,13 @@ def play(
     """
     gestures, found = Gestures(), []
     length_um = length_of(board)
-    tell_board(board, "set baseline=1")
-    board.command("stream touch")
-    end_s = None if seconds is None else board.now_s() + seconds
     pace, touch, heard_s = Pace(), None, board.now_s()
     try:
         with live(Console()) if drawing else nullcontext() as display:
-            while not board.ended and (end_s is None or board.now_s() < end_s):
-                for frame in board.frames(_TICK_S):
-                    if not isinstance(frame, Touch) or frame.sensor != 0:
-                        continue
-                    touch, heard_s = frame, board.now_s()
-                    for gesture in gestures.take(frame):
+            for touches in ticks(board, seconds, _TICK_S):
+                for touch in touches:
+                    heard_s = board.now_s()
+                    for gesture in gestures.take(touch):
                         found.append(gesture)
                         on_gesture(gesture)
                 if board.now_s() - heard_s > LOST_S:
