@@ -461,11 +461,12 @@ class Board:
 
     def _pump(self, timeout_s: float) -> None:
         frames = self._decoder.feed(self._link.read(timeout_s))
+        arrived_s = self.now_s()
         if frames:
-            self._silence.heard(self.now_s())
+            self._silence.heard(arrived_s)
         for frame in frames:
             if not isinstance(frame, Note):
-                self._take(self._clocks.clock.timed(frame))
+                self._take(self._clocks.clock.timed(frame, arrived_s))
         self._clocks.learn()
 
     def _take(self, frame: Frame) -> None:

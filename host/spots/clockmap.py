@@ -7,6 +7,8 @@ from collections import deque
 from .frames import Frame, Text
 
 _WRAP = 1 << 32
+_TURN_S = _WRAP * 1e-6
+_SURE_S = 60.0  # far more than the clocks can be off
 _TRIPS = 64
 # Trips that lie closer together tell nothing of a drift; no pair of crystals drifts more.
 _DRIFT_US = 30_000_000
@@ -70,24 +72,24 @@ class ClockMap:
         clock._at_us, clock._slope = at_us, slope
         return clock
 
-    def timed(self, frame: Frame) -> Frame:
+    def timed(self, frame: Frame, arrived_s: float) -> Frame:
         """Return a board's frame with its host time; a text has none."""
         if isinstance(frame, Text):
             return frame
-        return frame._replace(time_s=self.host_s(frame.t_us))
+        return frame._replace(time_s=self.host_s(frame.t_us, arrived_s))
 
     def round_trip(self, sent_s: float, t_us: int, received_s: float) -> None:
         """Learn from a round trip."""
-        board_us = self.unwrap(t_us)
+        board_us = self._unwrap(t_us, received_s)
         board_s = board_us * 1e-6
         self._trips.append((board_us, sent_s - board_s, received_s - board_s))
         self._at_us = board_us
         self._slope = self._best_slope()
         self._low_s, self._high_s = self._bounds(self._slope)
 
-    def host_s(self, t_us: int) -> float | None:
-        """Return the host time of a board time, or None before any round trip."""
-        board_us = self.unwrap(t_us)
+    def host_s(self, t_us: int, arrived_s: float) -> float | None:
+        """Return the host time of a board time that came then; None before any round trip."""
+        board_us = self._unwrap(t_us, arrived_s)
         if self._high_s == float("inf"):
             return None
         return board_us * 1e-6 + self._offset_s(board_us)
@@ -97,12 +99,20 @@ class ClockMap:
         if self._high_s == float("inf"):
             return False
         told_s = t_us * 1e-6
-        turn_s = _WRAP * 1e-6
         offset_s = self._offset_s(self._last_us)
         middle_s = (sent_s + received_s) / 2
-        off_s = (middle_s - offset_s - told_s + turn_s / 2) % turn_s - turn_s / 2
+        off_s = (middle_s - offset_s - told_s + _TURN_S / 2) % _TURN_S - _TURN_S / 2
         since_s = max(0.0, received_s - offset_s - self._at_us * 1e-6)
         return abs(off_s) > _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
+
+    def _unwrap(self, t_us: int, arrived_s: float) -> int:
+        """Return it as `unwrap` does, however long nobody asked, where the clocks are known."""
+        board_us = self.unwrap(t_us)
+        if self._high_s != float("inf"):
+            age_s = arrived_s - (board_us * 1e-6 + self._offset_s(board_us))
+            # What waited in a buffer is old, but none so old.
+            self._last_us += int((age_s + _SURE_S) // _TURN_S) * _WRAP if age_s > 0 else 0
+        return self._last_us
 
     def _offset_s(self, board_us: int) -> float:
         middle_s = (self._low_s + self._high_s) / 2

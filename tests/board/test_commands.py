@@ -54,7 +54,7 @@ def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
     with Board(Hesitant(LockstepLink(sensor, Held()), for_s, loses)) as board:
         late = board._clocks.clock
     assert late.uncertainty_s < 0.001
-    assert late.host_s(5_000_000) == pytest.approx(in_time.host_s(5_000_000), abs=0.002)
+    assert late.host_s(5_000_000, 5.0) == pytest.approx(in_time.host_s(5_000_000, 5.0), abs=0.002)
 
 
 @pytest.mark.parametrize(

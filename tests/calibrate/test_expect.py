@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,8 @@ from spots.connect import prepare
 from spots.frames import Spectrum, Touch
 from spots.sim.lockstep import LockstepLink
 from spots.sim.scenario import Held, Press
+from spots.web.expected import expected_shown
+from tactile.settings import checksum
 
 SETTLED_S, READ_S = 0.3, 0.2
 OFF = 0.03  # of the brightest channel
@@ -59,3 +63,9 @@ def test_one_press_is_as_expected(strip, calibration, place_mm, force_mN):
 
 def test_two_presses_are_not(strip, calibration):
     assert departure(strip, calibration, (10.0, 3000), (75.0, 8000)) > 2 * OFF
+
+
+def test_lines_that_are_no_calibration_expect_nothing():
+    board = SimpleNamespace(calibration=["nonsense 1"])
+    info = {"calibration": checksum(board.calibration)}
+    assert expected_shown(board, info, [0] * 6) is None

@@ -16,7 +16,7 @@ def test_unwrapping_follows_any_steps_shorter_than_half_a_turn(steps):
 
 
 def test_before_any_round_trip_nothing_is_known():
-    assert ClockMap().host_s(5) is None
+    assert ClockMap().host_s(5, 1.0) is None
     assert ClockMap().uncertainty_s == float("inf")
 
 
@@ -29,7 +29,7 @@ def test_the_truth_lies_within_the_uncertainty(offset_s, trips):
         answered_us = round((now_s + out_s) * 1e6)
         clock.round_trip(now_s + offset_s, answered_us, now_s + out_s + back_s + offset_s)
         at_us = answered_us + 5000
-        error_s = clock.host_s(at_us) - (at_us * 1e-6 + offset_s)
+        error_s = clock.host_s(at_us, at_us * 1e-6 + offset_s) - (at_us * 1e-6 + offset_s)
         assert abs(error_s) <= clock.uncertainty_s + 2e-6
 
 
@@ -39,4 +39,26 @@ def test_two_lopsided_round_trips_together_beat_each_alone():
     assert clock.uncertainty_s == pytest.approx(0.0055)
     clock.round_trip(0.999, 1_000_000, 1.010)  # fast out, slow back
     assert clock.uncertainty_s == pytest.approx(0.001)
-    assert clock.host_s(500_000) == pytest.approx(0.5, abs=0.0011)
+    assert clock.host_s(500_000, 1.0) == pytest.approx(0.5, abs=0.0011)
+
+
+@pytest.mark.parametrize("pause_s", [600.0, 2400.0, 4200.0, 4300.0, 90_000.0])
+@pytest.mark.parametrize("waited_s", [0.0, 0.5, 1800.0])
+def test_a_board_that_nobody_read_for_long_has_the_right_time(pause_s, waited_s):
+    clock, offset_s = ClockMap(), 1234.5
+
+    def told(board_s, after_s=0.0):
+        return clock.host_s(round(board_s * 1e6) % (1 << 32), board_s + after_s + offset_s)
+
+    def trip(board_s):
+        clock.round_trip(offset_s + board_s, round(board_s * 1e6) % (1 << 32), offset_s + board_s)
+
+    trip(2000.0)
+    assert told(2000.0 + 1e-3) == pytest.approx(offset_s + 2000.0, abs=0.01)
+    if waited_s < pause_s < 4000.0:  # what came first is still in a buffer
+        assert told(2001.0, waited_s) == pytest.approx(offset_s + 2001.0, abs=0.01)
+    now_s = 2000.0 + pause_s
+    assert told(now_s, min(waited_s, 1.0)) == pytest.approx(offset_s + now_s, abs=0.01)
+    trip(now_s + 1)
+    assert clock.uncertainty_s < 1e-3
+    assert told(now_s + 2) == pytest.approx(offset_s + now_s + 2, abs=0.01)

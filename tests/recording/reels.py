@@ -72,7 +72,7 @@ def record(path, pieces, step_s=0.01, **options):
     decoder, known, frames = Decoder(), clock(), []
     with recorder(path, pieces, step_s, known, **options) as tap:
         for _ in pieces:
-            frames += [known.timed(frame) for frame in decoder.feed(tap.read(1.0))]
+            frames += [known.timed(frame, tap.now_s()) for frame in decoder.feed(tap.read(1.0))]
     return frames, decoder.stats
 
 

@@ -198,6 +198,8 @@ def test_a_header_that_is_none_of_ours(tmp_path, capsys):
     for content in ({"header": 5, "i": 0, "of": 1}, {"header": "[]", "i": 0, "of": 1}):
         path = bad(tmp_path, note(0, content))
         assert "the header is none of ours" in refused(capsys, "info", path)
+    deep = [note(0, {"header": "[" * 500, "i": i, "of": 200}) for i in range(200)]
+    assert "the header is none of ours" in refused(capsys, "info", bad(tmp_path, b"".join(deep)))
     path = bad(tmp_path, note(0, {"header": "", "i": []}))
     assert "is no recording" in refused(capsys, "info", path)
 

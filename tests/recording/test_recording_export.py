@@ -2,6 +2,7 @@
 
 import csv
 import json
+import struct
 import sys
 
 import numpy as np
@@ -13,7 +14,8 @@ from reels import record
 from spots.cli import main
 from spots.frames import Key, Spectrum, Text, Touch
 from spots.recording import export as exports
-from test_frames import stream
+from tactile.frame import TEXT_MAX
+from test_frames import encoded, stream
 
 KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "text": Text}
 
@@ -127,6 +129,19 @@ def test_npz(seen, truth, tmp_path, monkeypatch):
             if "content" in row:
                 row["content"] = json.loads(row["content"])
             check(row, wanted)
+
+
+def test_the_longest_text_is_whole_in_npz(tmp_path, monkeypatch):
+    monkeypatch.setattr(exports, "_ROWS_AT_ONCE", 1)
+    texts = [{"re": "get", "x": "\u00e9" * count} for count in (3, (TEXT_MAX - 20) // 6, 7)]
+    pieces = [
+        encoded(struct.pack("<BHI", 3, i, 0) + json.dumps(text).encode())
+        for i, text in enumerate(texts)
+    ]
+    record(tmp_path / "a.spots", pieces)
+    (path,) = exports.export(tmp_path / "a.spots", "npz", tmp_path / "a.npz")
+    contents = np.load(path)["text"]["content"]
+    assert [json.loads(content) for content in contents] == texts
 
 
 def test_a_log_line_is_one_in_foxglove():

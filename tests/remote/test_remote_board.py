@@ -299,6 +299,8 @@ def test_mistakes_are_one_sentence(net, tmp_path, monkeypatch, capsys):
     for arguments, told in {
         ("monitor", "--port", "zenoh:"): "no board is published on Zenoh: run 'spots publish'",
         ("monitor", "--port", "zenoh:a1"): "no board a1 is published on Zenoh",
+        ("monitor", "--port", "zenoh://a1"): "'//a1' is no board's id",
+        ("monitor", "--port", "zenoh:a1/"): "'a1/' is no board's id",
         ("subscribe", "//"): "'//' is no key expression",
         ("subscribe", "--zenoh-config", "nowhere"): "there is no Zenoh configuration nowhere",
         ("subscribe", "--zenoh-config", str(bad)): "is no Zenoh configuration",

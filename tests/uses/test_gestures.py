@@ -1,5 +1,7 @@
 """Gestures are told apart, with how sure that is; what wanders means nothing."""
 
+import sys
+
 import pytest
 
 from spots.frames import Touch
@@ -143,3 +145,30 @@ def test_a_release_forgets(arm):
     arm.go(30, 30, 1.0)
     arm.lift(0.5)
     assert arm.names == []
+
+
+def test_a_finger_that_never_rests_costs_no_more_the_longer_it_moves():
+    arm = Arm()
+    work = []  # opcodes
+
+    def count(frame, event, argument):
+        frame.f_trace_opcodes = True
+        work[-1] += event == "opcode"
+        return count
+
+    tracing = sys.gettrace()
+    for _ in range(2):
+        for _ in range(60):
+            arm.go(20, 60, 1.0)
+            arm.go(60, 20, 1.0)
+        work.append(0)
+        sys.settrace(lambda frame, *_: count if "gestures" in frame.f_code.co_filename else None)
+        arm.go(20, 60, 1.0)
+        sys.settrace(tracing)
+    assert 0 < work[1] < 1.1 * work[0]
+    assert len(arm.gestures._path._lately) == g._KEPT
+    arm.lift()
+    assert arm.names == []
+    arm.go(20, 50, 0.2)
+    arm.lift(0.5)
+    assert arm.names == [g.SWIPE_PLUS]

@@ -174,3 +174,22 @@ def test_points_are_measured_one_by_one(tmp_path):
     assert [row["joint1_deg"] for row in rows] == pytest.approx([40, 42], abs=0.001)
     assert [row["joint2_deg"] for row in rows] == pytest.approx([55, 57], abs=0.001)
     assert rows[0]["sigma1_deg"] == pytest.approx(JOINT.resolution_deg / math.sqrt(20), abs=1e-5)
+    # A table that an editor left without its last line end goes on in a line of its own.
+    points.write_bytes(points.read_bytes().rstrip())
+    assert measure("44 151") == 3
+    table, lines = twin_points._read(points)
+    assert table[:, 0].tolist() == [40, 42, 44]
+    assert lines == [2, 3, 4]
+
+
+def test_calibrations_on_another_drive_are_named_whole(files, monkeypatch):
+    def relpath(path, start):
+        raise ValueError("path is on mount 'C:', start on mount 'D:'")
+
+    monkeypatch.setattr(twin_points.os.path, "relpath", relpath)
+    (files / "found").mkdir()
+    assert calibrate(files, "--out", str(files / "found" / "arm.toml")) == 0
+    arm = mounted.load(files / "found" / "arm.toml")
+    strips = files.resolve() / "strips"
+    named = [(strips / name).as_posix() for name in ("a.toml", "b.toml")]
+    assert [joint.calibration for joint in arm.joint] == named

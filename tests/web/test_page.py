@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import time
+
+import pytest
 from playwright.sync_api import expect
 
 from serving import Bench, eventually, until
+from spots.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
 from spots.demo import open_fast
+from spots.frames import Touch
 from spots.recording.replay import open_recording
 from spots.sim.files import ScenarioFile, load
+from spots.sim.lockstep import LockstepLink
 from spots.sim.scenario import Held, Press, Scenario
 from spots.uses.layout import load as load_layout
 from spots.web import reader
@@ -216,6 +223,53 @@ def test_a_board_that_is_unplugged_is_found_again(bench, serve, open_page):
     assert first is None
     assert len(set(later)) == 1
     assert None not in later
+
+
+@pytest.mark.parametrize("name", [SEARCHING, STALLED, LOST, REFUSED])
+def test_whatever_is_wrong_with_a_board_has_words(name, serve, open_page):
+    state = State()
+    state.put("board", {"state": name, "message": "the reason"})
+    board = open_page(serve(state).url).locator("#board")
+    expect(board).to_have_text(re.compile(r"[a-z ]+: the reason"), timeout=LONG_MS)
+    expect(board).not_to_contain_text("undefined")
+
+
+def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
+    sensor, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(reader, "_SILENCE_S", 0.3)
+    path = tmp_path / "run.spots"
+    board = Board(LockstepLink(sensor, Held()))
+    with board, board.record(path):
+        for stream, seconds in (("touch", 0.3), ("off", 1.0), ("touch", 0.3)):
+            board.command(f"stream {stream}")
+            last = [frame for frame in board.frames(seconds) if isinstance(frame, Touch)][-1:]
+    state, opened, said = State(), [], []
+
+    def open_board(board_id):
+        opened.append(board_id)
+        return open_recording(path)
+
+    put, shown = state.put, []
+
+    def keep(name, value):
+        put(name, value)
+        if name == "board" and len(opened) == 1:
+            said.append(value["state"])
+        if name == "touch" and value and len(opened) == 1:
+            shown.append(value["time_s"])
+
+    state.put = keep
+    one = Reader(open_board, load_layout("digits"), state, search_every_s=0.01)
+    one.start()
+    try:
+        end_s = time.monotonic() + 60
+        while len(opened) < 2 and time.monotonic() < end_s:
+            time.sleep(0.01)
+    finally:
+        one.stop()
+    assert said[:4] == [CONNECTED, LOST, CONNECTED, LOST]
+    assert shown[-1] == pytest.approx(last[0].time_s, abs=0.1)
 
 
 def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_page, monkeypatch):

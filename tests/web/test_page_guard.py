@@ -193,10 +193,13 @@ def test_another_address_asks_for_the_token(serve, open_page):
     assert len(token) >= 20
     for path in ("", "live", "static/main.js", "?token=wrong", "?token=", "?token=%C3%BC"):
         assert status(home, path)[0] == 401
-    assert status(home, Cookie="spots-token=wrong")[0] == 401
+    cookie = f"spots-token-{server.port}"
+    for wrong in ("wrong", "", "\u00fc", "\u00ff\udcff"):
+        assert status(home, Cookie=f"{cookie}={wrong}")[0] == 401
+    assert status(home, Cookie=f"spots-token-{server.port + 1}={token}")[0] == 401
     assert status(home, f"?token={token}", Host="evil.example")[0] == 403
     assert status(home, f"?token={token}", Origin="http://evil.example")[0] == 403
-    assert status(home, Cookie=f"spots-token={token}")[0] == 200
+    assert status(home, Cookie=f"{cookie}={token}")[0] == 200
     page = open_page(f"{home}?token={token}")
     assert "token" not in page.url
     expect(page.locator("body")).to_have_attribute("data-link", "live", timeout=LONG_MS)

@@ -26,7 +26,7 @@ def post(server, word, path="recording", token=None, **headers):
     """Return status and text of the answer."""
 
     async def ask():
-        cookies = {"spots-token": token} if token else {}
+        cookies = {f"spots-token-{server.port}": token} if token else {}
         url = f"http://127.0.0.1:{server.port}/{path}"
         async with (
             aiohttp.ClientSession(cookies=cookies) as session,

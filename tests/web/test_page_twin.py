@@ -151,6 +151,40 @@ def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, 
     assert part(state)["note"] == "joint 2: it was unplugged"
 
 
+def test_recordings_that_are_played_again_are_followed_again():
+    state, counts = State(), []
+    feed = twin_feed.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), state)
+    for _ in range(3):
+        before = part(state)["trail"]
+        for i in range(200):
+            for joint in (0, 1, 2):  # a third sensor is none of a linkage's
+                feed.take(joint, at(-0.3 - 0.001 * i, i))
+        counts.append(len(part(state)["trail"]))
+        assert part(state)["x_mm"] is not None
+        assert part(state)["note"] == ""
+        assert part(state)["trail"] == before or not before
+    assert counts[0] == counts[1] == counts[2] > 10
+
+
+def test_boards_with_named_ports_are_found_again_by_their_ids(machine, monkeypatch):
+    asked = []
+
+    def finder(port, *_):
+        def open_board(board_id):
+            asked.append((port, board_id))
+            raise SpotsError("away")
+
+        return open_board
+
+    monkeypatch.setattr(twin_feed, "finder", finder)
+    for ports, known in ((["0", "1"], None), (["0", "1"], "an id")):
+        readers = twin_feed.linkage_readers(str(machine.arm), ports, load_layout("digits"), State())
+        for one in readers:
+            with pytest.raises(SpotsError):
+                one._open_board(known)
+    assert asked == [("0", None), ("1", None), ("0", "an id"), ("1", "an id")]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -113,15 +113,15 @@ def _flat(row: tuple) -> list:
 def _npz(recording: Recording, out: Path, files: _Files) -> None:
     waiting: dict[str, list] = {}
     done: dict[str, list] = {}
-    dtypes: dict[str, np.dtype] = {}
+    tables: dict[str, Table] = {}
 
     def pack(name: str) -> None:
-        done.setdefault(name, []).append(np.array(waiting.pop(name), dtypes[name]))
+        found = waiting.pop(name)
+        done.setdefault(name, []).append(np.array(found, _dtype(tables[name], found)))
 
     file = files.new(out)
     for table, row in rows(recording):
-        if table.name not in dtypes:
-            dtypes[table.name] = np.dtype([_field(*column) for column in table.columns.items()])
+        tables[table.name] = table
         column = waiting.setdefault(table.name, [])
         column.append(row)
         if len(column) == _ROWS_AT_ONCE:
@@ -133,10 +133,13 @@ def _npz(recording: Recording, out: Path, files: _Files) -> None:
     np.savez_compressed(file, header=header, **arrays)
 
 
-def _field(name: str, dtype: str | tuple) -> tuple:
-    if dtype == "U":
-        dtype = "U500"  # as many bytes as a text frame has
-    return (name, *dtype) if isinstance(dtype, tuple) else (name, dtype)
+def _dtype(table: Table, found: list[tuple]) -> np.dtype:
+    fields = []
+    for i, (name, dtype) in enumerate(table.columns.items()):
+        if dtype == "U":
+            dtype = f"U{max(len(row[i]) for row in found)}"
+        fields.append((name, *dtype) if isinstance(dtype, tuple) else (name, dtype))
+    return np.dtype(fields)
 
 
 def _mcap(recording: Recording, out: Path, files: _Files) -> None:

@@ -123,7 +123,7 @@ def _parsed(path: Path, pieces: dict) -> Header:
         version = json.loads(text)["recording"]
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
         info = made_sure("hello", header.info) if header else {}
-    except (KeyError, TypeError, ValueError, msgspec.MsgspecError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
         raise SpotsError(f"{path}: the header is none of ours: {error}") from None
     if header is None:
         raise SpotsError(

@@ -80,7 +80,7 @@ class Recording:
                 self.read_bytes += len(block)
                 for frame in self._decoder.feed(block):
                     if not isinstance(frame, Note):
-                        yield arrived_s, clock.timed(frame)
+                        yield arrived_s, clock.timed(frame, arrived_s)
                         continue
                     self.notes += 1
                     arrived_s = self.end_s = header.host_s + 1e-6 * frame.since_us

@@ -70,7 +70,10 @@ def find(session: zenoh.Session, wanted: str) -> str:
             changed.notify_all()
 
     tokens = key(wanted or "*", "alive")
-    watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
+    try:
+        watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
+    except zenoh.ZError:
+        raise SpotsError(f"'{wanted}' is no board's id: zenoh: alone takes the only one") from None
     try:
         with changed:
             changed.wait_for(lambda: alive, _PATIENCE_S)

@@ -7,6 +7,7 @@ bends and stretches places and forces are less certain than on a desk.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 from tactile.contact import TICK_US, TICKS, Contact
@@ -33,6 +34,7 @@ _SWIPE_S = 0.45
 _REST_S = 0.25  # a finger that rests so long before it moves presses and slides
 _SQUEEZE_MN = 5_000
 _SQUEEZE_S = 0.1
+_KEPT = 4096  # readings of a touch
 # Half as sure where a measure is at its limit; 88 % where it is a quarter beyond.
 _STEEPNESS = 8.0
 _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
@@ -77,7 +79,7 @@ class Gestures:
         self._contact.set_layout(Layout([*_TUNING, *default_lines()]))
         self._found: list[Gesture] = []
         self._now_s = 0.0
-        self._path: list[tuple[float, int, int]] = []  # time, place, force
+        self._path: _Path | None = None  # while a finger is there
         self._decided = False
         self._hard_since_s: float | None = None
         self._tap: Gesture | None = None
@@ -86,14 +88,14 @@ class Gestures:
     @property
     def touching(self) -> bool:
         """Whether a finger is on the strip."""
-        return bool(self._path)
+        return self._path is not None
 
     def take(self, touch: Touch) -> list[Gesture]:
         """Take a reading and return the gestures that it decided."""
         self._now_s = touch.time_s
         t = touch.t_us // TICK_US % TICKS
         self._contact.take(touch.flags & ~DROPPED, touch.position_um, touch.force_mN, t)
-        if self._tap and not self._path and self._now_s - self._tap.time_s > _AGAIN_S:
+        if self._tap and not self.touching and self._now_s - self._tap.time_s > _AGAIN_S:
             self._found.append(self._tap)
             self._tap = None
         found, self._found = self._found, []
@@ -102,19 +104,19 @@ class Gestures:
     def release(self) -> None:
         """Forget the touch and the tap that waits for a second one."""
         self._contact.spend()
-        self._path = []
+        self._path = None
         self._tap = None
 
     # What the contact tells.
 
     def down(self, x_um: int, t: int) -> None:
-        self._path = []
+        self._path = _Path(self._now_s, x_um)
         self._decided = False
         self._hard_since_s = None
         self.at(x_um, t)
 
     def at(self, x_um: int, t: int) -> None:
-        self._path.append((self._now_s, x_um, self._contact.force_mN))
+        self._path.extend(self._now_s, x_um, self._contact.force_mN)
         if not self._decided:
             self._decide_early()
 
@@ -128,48 +130,46 @@ class Gestures:
     def up(self, t: int) -> None:
         if not self._decided:
             self._decide_late()
-        self._path = []
+        self._path = None
 
     def stuck(self) -> None:
-        self._path = []
+        self._path = None
         self.rests += 1
 
     # What it means.
 
     def _decide_early(self) -> None:
         """Tell a squeeze, and a hold, while the finger is still there."""
-        began_s = self._path[0][0]
-        still = self._spread_um() <= _STILL_UM
-        hard = self._path[-1][2] >= _SQUEEZE_MN and still
-        if not hard:
+        path = self._path
+        still = path.spread_um <= _STILL_UM
+        if not (still and path.force_mN >= _SQUEEZE_MN):
             self._hard_since_s = None
         elif self._hard_since_s is None:
             self._hard_since_s = self._now_s
         elif self._now_s - self._hard_since_s >= _SQUEEZE_S:
-            self._tell(SQUEEZE, _above(self._hardest_mN(), _SQUEEZE_MN), self._certainly_still())
-        if not self._decided and still and self._now_s - began_s >= 2 * _HOLD_S:
+            self._tell(SQUEEZE, _above(path.hardest_mN, _SQUEEZE_MN), self._certainly_still())
+        if not self._decided and still and self._now_s - path.began_s >= 2 * _HOLD_S:
             self._tell(HOLD, 1.0, self._certainly_still())
 
     def _decide_late(self) -> None:
-        began_s = self._path[0][0]
-        lasted_s = self._path[-1][0] - began_s
-        moved_um = self._path[-1][1] - self._path[0][1]
-        if self._spread_um() > _STILL_UM and abs(moved_um) > _STILL_UM:
-            rested_s = self._left_s() - began_s
-            went_s = max(self._arrived_s() - self._left_s(), 1e-3)
+        path = self._path
+        lasted_s = path.end_s - path.began_s
+        if path.spread_um > _STILL_UM and abs(path.moved_um) > _STILL_UM:
+            rested_s = path.left_s - path.began_s
+            went_s = max(path.arrived_s() - path.left_s, 1e-3)
             if rested_s >= _REST_S:
-                name = SLIDE_PLUS if moved_um > 0 else SLIDE_MINUS
-                self._tell(name, _above(rested_s, _REST_S), _above(abs(moved_um), _STILL_UM))
-            elif abs(moved_um) >= _SWIPE_UM and went_s <= _SWIPE_S:
-                name = SWIPE_PLUS if moved_um > 0 else SWIPE_MINUS
+                name = SLIDE_PLUS if path.moved_um > 0 else SLIDE_MINUS
+                self._tell(name, _above(rested_s, _REST_S), _above(abs(path.moved_um), _STILL_UM))
+            elif abs(path.moved_um) >= _SWIPE_UM and went_s <= _SWIPE_S:
+                name = SWIPE_PLUS if path.moved_um > 0 else SWIPE_MINUS
                 self._tell(
                     name,
-                    _above(abs(moved_um), _SWIPE_UM),
+                    _above(abs(path.moved_um), _SWIPE_UM),
                     _below(went_s, _SWIPE_S),
                     _below(rested_s, _REST_S),
                 )
             return  # a finger that wandered means nothing
-        if self._spread_um() > _STILL_UM:
+        if path.spread_um > _STILL_UM:
             return
         if lasted_s >= _HOLD_S:
             self._tell(HOLD, _above(lasted_s, _HOLD_S), self._certainly_still())
@@ -196,35 +196,64 @@ class Gestures:
         self._found.append(self._gesture(name, *margins))
 
     def _gesture(self, name: str, *margins: float) -> Gesture:
-        place_um = self._path[0][1]
-        moved_um = self._path[-1][1] - place_um
-        return Gesture(name, min(margins), place_um, moved_um, self._hardest_mN(), self._now_s)
-
-    def _spread_um(self) -> int:
-        places = [x_um for _, x_um, _ in self._path]
-        return max(places) - min(places)
-
-    def _hardest_mN(self) -> int:
-        return max(force_mN for _, _, force_mN in self._path)
-
-    def _certainly_still(self) -> float:
-        return _below(max(self._spread_um(), 1), _STILL_UM)
-
-    def _left_s(self) -> float:
-        """Return when the finger left the place where it came down."""
-        begin_um = self._path[0][1]
-        half_um = _STILL_UM / 2
-        return next(
-            (time_s for time_s, x_um, _ in self._path if abs(x_um - begin_um) > half_um),
-            self._path[-1][0],
+        path = self._path
+        return Gesture(
+            name, min(margins), path.begin_um, path.moved_um, path.hardest_mN, self._now_s
         )
 
-    def _arrived_s(self) -> float:
-        """Return when it came to the place where it was lifted."""
-        end_um = self._path[-1][1]
-        half_um = _STILL_UM / 2
-        away = [time_s for time_s, x_um, _ in self._path if abs(x_um - end_um) > half_um]
-        return away[-1] if away else self._path[0][0]
+    def _certainly_still(self) -> float:
+        return _below(max(self._path.spread_um, 1), _STILL_UM)
+
+
+class _Path:
+    """Where a finger has been; what is asked at every reading is kept, not looked for.
+
+    Attributes
+    ----------
+    began_s, left_s, end_s : float
+        When it came down, went away from there (or has not yet), and was last felt.
+    begin_um, end_um : int
+        Where.
+    force_mN, hardest_mN : int
+        Now, and at most.
+    """
+
+    def __init__(self, now_s: float, x_um: int):
+        self.began_s = self.left_s = self.end_s = now_s
+        self.begin_um = self.end_um = self._low_um = self._high_um = x_um
+        self.force_mN = self.hardest_mN = 0
+        self._left = False
+        # A finger that was swiped rests for less than these: 4 s at 1000 readings a second.
+        self._lately: deque[tuple[float, int]] = deque(maxlen=_KEPT)
+
+    def extend(self, now_s: float, x_um: int, force_mN: int) -> None:
+        """Take a reading."""
+        self.end_s, self.end_um, self.force_mN = now_s, x_um, force_mN
+        self.hardest_mN = max(self.hardest_mN, force_mN)
+        self._low_um, self._high_um = min(self._low_um, x_um), max(self._high_um, x_um)
+        if not self._left:
+            self.left_s = now_s
+            self._left = abs(x_um - self.begin_um) > _STILL_UM / 2
+        self._lately.append((now_s, x_um))
+
+    @property
+    def spread_um(self) -> int:
+        """How far apart the places are that it was at."""
+        return self._high_um - self._low_um
+
+    @property
+    def moved_um(self) -> int:
+        """How far it has gone, away from the sensor if positive."""
+        return self.end_um - self.begin_um
+
+    def arrived_s(self) -> float:
+        """Return when it came to where it is now, or the longest ago that is known."""
+        away_s = (
+            time_s
+            for time_s, x_um in reversed(self._lately)
+            if abs(x_um - self.end_um) > _STILL_UM / 2
+        )
+        return next(away_s, self._lately[0][0])
 
 
 def _above(value: float, limit: float) -> float:

@@ -200,6 +200,7 @@ def calibrate(
         outlier = distance > _OUTLIER * max(misfit, 1)
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError("the angles and places do not go together: is each of the same moment?")
+    _check_enough(int((~outlier).sum()), names, f"without the {outlier.sum()} that do not fit, ")
     jacobian = fit.jacobian(at, ranges, scale)[np.repeat(~outlier, 2)]
     errors, unidentified, rank, condition = _told(jacobian, names, max(misfit, 1.0))
     off_mm = np.hypot(*residual_mm[~outlier].T)
@@ -317,9 +318,13 @@ def _checked(angles_rad, x_mm, y_mm, free):
     strange = sorted(set(free) - set(NAMES))
     if strange or not free:
         raise SpotsError(f"free parameters are some of {', '.join(NAMES)}")
-    if 2 * len(places) < len(set(free)):
-        raise SpotsError(
-            f"{len(places)} places tell {2 * len(places)} numbers, fewer than the {len(set(free))} "
-            "that are free: measure more, or free less"
-        )
+    _check_enough(len(places), set(free))
     return angles, places
+
+
+def _check_enough(places, free, where=""):
+    if 2 * places < len(free):
+        raise SpotsError(
+            f"{where}{places} places tell {2 * places} numbers, fewer than the {len(free)} that "
+            "are free: measure more, or free less"
+        )

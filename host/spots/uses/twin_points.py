@@ -149,10 +149,13 @@ def _mean(angles: list[Angle]) -> tuple[float, float]:
 
 
 def _append(path: Path, row: Iterable[float]) -> None:
-    new = not path.exists()
     try:
+        new = not path.exists()
+        cut_off = not new and path.read_bytes()[-1:] not in (b"", b"\n")  # by an editor
         with open(path, "a", encoding="utf-8", newline="") as file:
             table = csv.writer(file)
+            if cut_off:
+                file.write("\r\n")
             if new:
                 table.writerow(COLUMNS)
             table.writerow(f"{value:.5f}" for value in row)
@@ -207,10 +210,15 @@ def _moved(known: mounted.Mounted, old: Path, new: Path) -> mounted.Mounted:
     joints = [
         msgspec.structs.replace(
             joint,
-            calibration=Path(
-                os.path.relpath(old.parent / joint.calibration, new.parent)
-            ).as_posix(),
+            calibration=_relative(old.parent / joint.calibration, new.parent),
         )
         for joint in known.joint
     ]
     return msgspec.structs.replace(known, joint=joints)
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return path.resolve().as_posix()  # on another drive of Windows

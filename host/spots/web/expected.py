@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tactile.calibration import CalibrationError
 from tactile.decode import DARK_SAMPLES
 from tactile.settings import checksum
 
@@ -23,12 +24,15 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     Returns
     -------
     dict or None
-        None where the host does not know the calibration that the board uses.
+        None where the host does not know the calibration that the board uses, or it is none.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:
         return None
-    position_um, logs = expected(lines, info.get("strain_ppm") or 0)
+    try:
+        position_um, logs = expected(lines, info.get("strain_ppm") or 0)
+    except CalibrationError:
+        return None  # a recording may hold anything
     return {
         "from_um": float(position_um[0]),
         "step_um": float(position_um[1] - position_um[0]),

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hmac
 import ipaddress
 import socket
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from aiohttp import web
 
-_COOKIE = "spots-token"
+_COOKIE = "spots-token-{port}"  # browsers keep the cookies of all ports of an address together
 _LOOKING = ("GET", "HEAD")
 _ASK = "this needs the token: open the address that 'spots serve' printed"
 
@@ -47,7 +47,7 @@ class Guard:
             if origin is not None and origin != f"http://{request.headers['Host']}":
                 raise web.HTTPForbidden(text="pages of other sites get nothing here")
             if self._is_token(request.query.get("token", "")):
-                raise self._let_in()
+                raise self._let_in(request)
             if not self._loopback and not self.may_command(request):
                 raise web.HTTPUnauthorized(text=_ASK)
             if request.method not in _LOOKING and not self.may_command(request):
@@ -58,11 +58,11 @@ class Guard:
 
     def may_command(self, request: web.Request) -> bool:
         """Return whether who asks has the token."""
-        return self._is_token(request.cookies.get(_COOKIE, ""))
+        return self._is_token(request.cookies.get(_cookie(request), ""))
 
     def _knows(self, host: str) -> bool:
         try:
-            name = urlsplit(f"//{host}").hostname or ""
+            name, _ = _parts(host).hostname or "", _parts(host).port  # which must be a number
             if name in self._names:
                 return True
             # A name that is an address cannot be made to point anywhere else.
@@ -72,10 +72,20 @@ class Guard:
         return address.is_loopback or not self._loopback
 
     def _is_token(self, given: str) -> bool:
-        return self._token is not None and hmac.compare_digest(given.encode(), self._token.encode())
+        if self._token is None:
+            return False
+        return hmac.compare_digest(given.encode(errors="surrogateescape"), self._token.encode())
 
-    def _let_in(self) -> web.HTTPSeeOther:
+    def _let_in(self, request: web.Request) -> web.HTTPSeeOther:
         # The token moves from the address, which is seen and shared, into a cookie.
         answer = web.HTTPSeeOther("/")
-        answer.set_cookie(_COOKIE, self._token, httponly=True, samesite="Lax")
+        answer.set_cookie(_cookie(request), self._token, httponly=True, samesite="Lax")
         return answer
+
+
+def _cookie(request: web.Request) -> str:
+    return _COOKIE.format(port=_parts(request.headers["Host"]).port or 80)
+
+
+def _parts(host: str) -> SplitResult:
+    return urlsplit(f"//{host}")

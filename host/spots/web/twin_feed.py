@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -41,6 +42,7 @@ class TwinFeed:
         self._lock = threading.Lock()
         self._pace = Pace(_SHOWN_PER_S)
         self._trail: deque[tuple[float, float]] = deque(maxlen=_TRAIL)
+        self._shown_s = -math.inf
         self._away = ["", ""]  # why a joint cannot be read
         linkage = twin.linkage
         self._shown = {
@@ -52,9 +54,15 @@ class TwinFeed:
 
     def take(self, joint: int, touch: Touch) -> None:
         """Take a reading of a joint, 0 or 1."""
+        if joint >= len(self._away):
+            return  # a third sensor
         with self._lock:
             self._away[joint] = ""
             for terminal in self._twin.take(joint, touch):
+                if terminal.time_s < self._shown_s:  # a recording that is played again
+                    self._trail.clear()
+                    self._pace = Pace(_SHOWN_PER_S)
+                self._shown_s = terminal.time_s
                 self._extend(terminal)
                 if self._pace.due(terminal.time_s):
                     self._shown.update(terminal.message())
@@ -131,9 +139,9 @@ def linkage_readers(
         strip, port = strips[joint], ports[joint] if ports else None
         search = finder(port, "default", "demo", 0)
 
-        def open_board(_) -> Board:
+        def open_board(board_id: str | None) -> Board:
             with searching:
-                board = search(None if port else strip.board)
+                board = search(board_id if port else strip.board)
                 try:
                     check(strip, board.info, joint + 1, board.port)
                     give(board, strip)

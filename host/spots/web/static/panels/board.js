@@ -1,7 +1,12 @@
 // Which board, and whether it is there.
 import { list } from "../dom.js";
 
-const WORDS = { searching: "looking for a board", lost: "board lost" };
+const WORDS = {
+  searching: "looking for a board",
+  stalled: "board silent",
+  lost: "board lost",
+  refused: "another board",
+};
 
 export function board(root) {
   const facts = document.getElementById("facts");
