@@ -5,6 +5,8 @@ import _simulator
 
 class I2C:
     def __init__(self, scl, sda, *, frequency=100_000, timeout=255):
+        if not _simulator.sda():
+            raise RuntimeError("No pull up found on SDA or SCL; check your wiring")
         self._pins = scl, sda
         for pin in self._pins:
             pin.taken = True

@@ -23,7 +23,7 @@ def registers(exposure_us):
     """Return (ATIME, ASTEP) of the nearest exposure with the shortest ATIME."""
     hundredths = exposure_us * 100
     longest = _STEP_CENTI_US * (_ASTEP_MAX + 1)
-    cycles = (hundredths + longest - 1) // longest
+    cycles = (hundredths - 50 + longest - 1) // longest  # what was rounded up is what it was
     step = _STEP_CENTI_US * cycles
     return cycles - 1, (hundredths + step // 2) // step - 1
 

@@ -89,6 +89,8 @@ class Keypad:
         if due >= 0 and (row != due or elapsed(self._tapped, t) >= self._layout.double_t):
             self._tap_due()
             due = _NONE
+            # It may have switched the layer.
+            self._row = row = self._find(x_um, again if quick else _NONE)
         self._state = _OPEN
         if row < 0:
             self._wait_t = 0
@@ -111,7 +113,7 @@ class Keypad:
             moved_um = x_um - self._x_um
             if abs(moved_um) >= layout.swipe_um and elapsed(self._began, t) < layout.swipe_t:
                 self._state = _OVER
-                self._click(layout.swipe(self.layer, moved_um > 0))
+                self._click(layout.swipe(self._row_layer, moved_um > 0))
                 return
         if self._state != _OPEN and self._state != _SLIDING:
             return
@@ -146,16 +148,17 @@ class Keypad:
         prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
         if prefers_hold and self._row >= 0 and self._action(HOLD):
             self._press(self._action(HOLD))
-            held = self._held
-            self._state = _IDLE
+        elif self._state != _PRESSED or self._held >> 20 != MOMENTARY:
+            self.up(t)
             self.down(x_um, t)
-            if self._state == _OPEN and self._row >= 0:
-                # The hold ends here: what the next key is has to be known now.
-                self._press(self._action(TAP))
-            self._give_back(held)
             return
-        self.up(t)
+        held = self._held
+        self._state = _IDLE
         self.down(x_um, t)
+        if self._state == _OPEN and self._row >= 0:
+            # The hold ends here: what the next key is has to be known now.
+            self._press(self._action(TAP))
+        self._give_back(held)
 
     def stuck(self):
         self._let_go()
@@ -169,7 +172,8 @@ class Keypad:
         layout = self._layout
         keys = layout.keys
         length_mm = self._length_mm
-        if again >= 0 and layout.is_on(self.layer, again):
+        self._row_layer = layer = self.layer
+        if again >= 0 and layout.is_on(layer, again):
             slack_um = layout.slack_um
             if (
                 keys[again + LOW] * length_mm - slack_um
@@ -177,7 +181,6 @@ class Keypad:
                 < keys[again + HIGH] * length_mm + slack_um
             ):
                 return again
-        layer = self.layer
         row = layout.first(layer)
         last = layout.first(layer + 1) - KEY_SIZE
         while row <= last:
@@ -194,7 +197,7 @@ class Keypad:
         return self._layout.keys[self._row + slot]
 
     def _swipes(self):
-        layer = self.layer
+        layer = self._row_layer
         return self._layout.swipe(layer, True) or self._layout.swipe(layer, False)
 
     def _is_plain(self):
@@ -267,7 +270,7 @@ class Keypad:
         return self._momentary if self._momentary >= 0 else self._base
 
     def _clear(self):
-        self._base = 0
+        self._base = self._row_layer = 0
         self._momentary = self._once = _NONE
         self._row = self._due = self._tapped_at = _NONE
         self._due_action = self._held = 0

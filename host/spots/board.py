@@ -21,7 +21,7 @@ from .recording.recorder import Recorder
 from .replies import made_sure
 
 # Commands whose reply comes when the work is done; the others answer at once.
-_REPLY_S = {"auto": 120.0, "dark": 30.0}
+_REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
 _USUAL_REPLY_S = 2.0
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3

@@ -81,14 +81,11 @@ class Drive:
 
     def files(self) -> dict[str, int]:
         """Return the sizes of the files at the top, in ``tactile`` and in ``lib``, by path."""
-        found = [path for path in self._folder.iterdir() if path.is_file()]
-        for name in ("tactile", "lib"):
-            found += [path for path in (self._folder / name).rglob("*") if path.is_file()]
-        return {path.relative_to(self._folder).as_posix(): path.stat().st_size for path in found}
+        return self._do(self._files)
 
     def sha256(self, path: str) -> str:
         """Return the hash of a file, in hexadecimal."""
-        return hashlib.sha256((self._folder / path).read_bytes()).hexdigest()
+        return hashlib.sha256(self._do((self._folder / path).read_bytes)).hexdigest()
 
     def remove(self, path: str) -> None:
         """Remove a file."""
@@ -115,6 +112,12 @@ class Drive:
             pass  # what follows says what to do
         print("press the board's reset button")
 
+    def _files(self) -> dict[str, int]:
+        found = [path for path in self._folder.iterdir() if path.is_file()]
+        for name in ("tactile", "lib"):
+            found += [path for path in (self._folder / name).rglob("*") if path.is_file()]
+        return {path.relative_to(self._folder).as_posix(): path.stat().st_size for path in found}
+
     def _write(self, path: Path, data: bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
@@ -136,9 +139,9 @@ class Drive:
         path.unlink()
         _settle(path.parent)
 
-    def _do(self, function, *arguments) -> None:
+    def _do(self, function, *arguments):
         try:
-            function(*arguments)
+            return function(*arguments)
         except OSError as error:
             if error.errno == errno.ENOSPC:
                 raise SpotsError(
@@ -151,8 +154,7 @@ class Drive:
                     "again when the drive is back"
                 ) from None
             raise SpotsError(
-                f"the drive {self.port} cannot be written ({error.strerror}): replug the board "
-                "and flash again"
+                f"the drive {self.port} fails ({error.strerror}): replug the board and flash again"
             ) from None
 
 
@@ -170,4 +172,5 @@ def drives() -> list[str]:
     """Return where the CircuitPython drives of this machine are mounted."""
     patterns = _MOUNTED.get(sys.platform, _LINUX)
     folders = [folder for pattern in patterns for folder in glob.glob(pattern)]
-    return sorted(folder for folder in folders if (Path(folder) / _ABOUT).is_file())
+    # Of another user's drives it cannot even be asked what is there.
+    return sorted(folder for folder in folders if os.path.isfile(os.path.join(folder, _ABOUT)))

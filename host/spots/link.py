@@ -122,6 +122,9 @@ class SerialLink:
     """
 
     _WRITE_TIMEOUT_S = 2.0
+    # Of a read on Windows, where another one sets up the whole port again, which takes
+    # milliseconds and may lose what was just written.
+    _STEP_S = 0.005
 
     def __init__(self, port: str):
         self.name = port
@@ -158,7 +161,11 @@ class SerialLink:
         try:
             # The speed means nothing to USB; a number keeps UART bridges happy.
             self._serial = serial.Serial(
-                self.name, 115_200, exclusive=True, write_timeout=self._WRITE_TIMEOUT_S
+                self.name,
+                115_200,
+                timeout=self._STEP_S,
+                exclusive=True,
+                write_timeout=self._WRITE_TIMEOUT_S,
             )
             self._serial.reset_input_buffer()
         except (*_FAILURES, ValueError) as error:
@@ -172,9 +179,14 @@ class SerialLink:
         """Raises PortLostError if the port went away, SpotsError if it was closed."""
         if not self._serial.is_open:
             raise SpotsError(f"the port {self.name} was closed")
+        end_s = self.now_s() + timeout_s
         try:
-            self._serial.timeout = timeout_s
-            return self._serial.read(max(1, self._serial.in_waiting))
+            if sys.platform != "win32":
+                self._serial.timeout = timeout_s
+            while True:
+                data = self._serial.read(max(1, self._serial.in_waiting))
+                if data or self.now_s() >= end_s:
+                    return data
         except _FAILURES:
             raise PortLostError(f"the board on {self.name} was disconnected") from None
 

@@ -66,6 +66,15 @@ def test_a_chip_that_holds_sda_is_clocked_free(faulty, board):
     are_right(readings[-50:])
 
 
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_chip_that_holds_sda_since_before_the_board_started_is_clocked_free(rig, board):
+    low = BusFaults(sda_low=Moments(at_s=[0.0], last_ms=1e9))
+    made = rig(board=board, faults=Faults(FaultsFile(from_s=0.0, i2c=low), 3600.0))
+    made.settle(0.5)
+    assert made.board.command("get")["fault"] is None
+    assert len(made.readings(10)) == 10
+
+
 def test_without_the_nine_clocks_it_would_never_come_back(faulty, monkeypatch):
     made, _ = faulty(i2c=BusFaults(sda_low=Moments(at_s=[4.0], last_ms=1e6)))
     monkeypatch.setattr(made.link.bus, "lines", made.link.bus.bus.lines)

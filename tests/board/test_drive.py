@@ -1,7 +1,9 @@
 """The firmware onto the drive of a virtual CircuitPython board, and off it."""
 
 import errno
+import os
 import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -121,6 +123,48 @@ def test_no_drive_two_drives_and_what_is_none(mount, capsys, tmp_path):
     line = refused(capsys, "flash", "qtpy_rp2040")
     assert "name one with --port" in line
     assert line.count("/media/CIRCUITPY") == 2
+
+
+def test_what_another_user_has_mounted_is_not_looked_into(mount, capsys, monkeypatch):
+    mount(*RIGHT, name="alice")
+    folder = mount(*RIGHT)
+    stat = os.stat
+
+    def guarded(path, **options):
+        if "alice" in str(path):
+            raise PermissionError(errno.EACCES, "Permission denied", path)
+        return stat(path, **options)
+
+    monkeypatch.setattr(os, "stat", guarded)
+    assert drive.drives() == [str(folder)]
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("iterdir", ("flash",)),
+        ("iterdir", ("flash", "--dry-run")),
+        ("iterdir", ("erase", "--yes")),
+        ("read_bytes", ("flash",)),
+        ("read_bytes", ("flash", "--dry-run")),
+    ],
+)
+def test_a_drive_that_goes_away_while_it_is_looked_at(
+    mount, capsys, monkeypatch, tmp_path, name, command
+):
+    folder = mount(*RIGHT)
+    entry = files_of(build("qtpy_rp2040", tmp_path / "build"))["code.py"]
+    (folder / "code.py").write_bytes(entry)
+    usual = getattr(Path, name)
+
+    def gone(path):
+        if path == folder or path.parent == folder:
+            raise OSError(errno.EIO, "Input/output error")
+        return usual(path)
+
+    monkeypatch.setattr(Path, name, gone)
+    said = refused(capsys, command[0], "qtpy_rp2040", *command[1:])
+    assert "fails (Input/output error): replug the board" in said
 
 
 @pytest.mark.parametrize(

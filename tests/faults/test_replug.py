@@ -193,3 +193,18 @@ def test_a_device_of_another_number_under_the_old_name_is_not_even_opened(hub):
     link.reopen()
     assert link.name == second.name
     link.close()
+
+
+def test_on_windows_reading_does_not_set_up_the_port_anew(monkeypatch):
+    behind, front = pty.openpty()
+    port = SerialLink(os.ttyname(front))
+    monkeypatch.setattr("spots.link.sys.platform", "win32")
+    monkeypatch.setattr(port._serial, "_reconfigure_port", lambda **_: pytest.fail("set up anew"))
+    begun_s = port.now_s()
+    assert port.read(0.05) == b""
+    assert port.now_s() - begun_s >= 0.05
+    os.write(behind, b"some")
+    assert port.read(10.0) == b"some"
+    port.close()
+    os.close(behind)
+    os.close(front)

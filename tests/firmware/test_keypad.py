@@ -8,6 +8,7 @@ from smallint import SmallInt
 from keys import LENGTH_UM, Desk, clicks, key, letter, limit
 from tactile.decode import MISFIT, TOUCHING
 from tactile.layout import (
+    BALANCED,
     HOLD_PREFERRED,
     MOMENTARY,
     ONCE,
@@ -213,22 +214,62 @@ def test_a_layer_that_stays_until_it_is_switched_off():
 def test_a_layer_while_its_key_is_held():
     desk = layers(MOMENTARY)
     desk.press(20, 100)
-    desk.press(80, 100)  # the next finger comes when the layer is gone
+    desk.press(80, 100)  # the next finger is there when the first one leaves
     desk.lift()
-    assert desk.events == clicks(A)
+    desk.tap(80)
+    desk.tap(20)
+    desk.tap(80)
+    assert desk.events == clicks(B, A, A)
+
+
+@pytest.mark.parametrize("flavour", [HOLD_PREFERRED, BALANCED, TAP_PREFERRED])
+@pytest.mark.parametrize("held_ms", [100, 500])
+def test_a_layer_while_a_key_is_held_that_also_has_a_tap(flavour, held_ms):
     desk = Desk(
-        f"flavour {HOLD_PREFERRED}",
+        f"flavour {flavour}",
         "layer 0 0",
         key(0, 500, letter(C), hold=action(MOMENTARY, 1)),
         key(500, 1000, letter(A)),
         "layer 0 0",
         key(500, 1000, letter(B)),
     )
-    desk.press(20, 100)
+    desk.press(20, held_ms)
     desk.press(80, 100)
     desk.lift()
     desk.tap(80)
-    assert desk.events == clicks(B, A)
+    is_hold = flavour == HOLD_PREFERRED or held_ms > 200
+    assert desk.events == (clicks(B, A) if is_hold else clicks(C, A, A))
+
+
+@pytest.mark.parametrize("how", [ONCE, TOGGLE])
+def test_a_tap_that_waited_for_a_second_one_switches_the_layer_before_the_next_key(how):
+    desk = Desk(
+        "layer 0 0",
+        key(0, 500, action(how, 1), double=letter(C)),
+        key(500, 1000, letter(A)),
+        "layer 0 0",
+        key(0, 500, letter(D)),
+        key(500, 1000, letter(B)),
+    )
+    for x_mm in (20, 80, 80):
+        desk.tap(x_mm)
+    assert desk.events == clicks(B, A if how == ONCE else B)
+
+
+def test_a_swipe_is_that_of_the_layer_for_the_next_key():
+    desk = Desk(
+        f"layer {letter(E)} {letter(E)}",
+        key(0, 500, action(ONCE, 1)),
+        key(500, 1000, letter(A)),
+        f"layer 0 {letter(D)}",
+        key(0, 1000, letter(B)),
+    )
+    desk.tap(20)
+    desk.press(20, 20)
+    desk.slide(20, 70, 100)
+    desk.lift()
+    desk.tap(80)
+    assert desk.events == clicks(D, A)
 
 
 def test_a_key_is_released_as_it_was_pressed_whatever_layer_is_on():

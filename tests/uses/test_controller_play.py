@@ -26,6 +26,7 @@ from spots.uses.controller_settings import load as load_settings
 from spots.uses.outputs import AXIS_MAX, REST, PrintedGamepad, State
 from spots.uses.stick import picture
 from spots.uses.uinput import UInputGamepad
+from tactile.decode import TOO_DARK, TOUCHING
 
 LENGTH_UM = 85_000
 
@@ -427,11 +428,28 @@ def test_a_board_without_a_calibration_is_told(sensor):
         play.controller_for(board, load_settings())
 
 
-def test_a_slow_board_is_held_for_two_readings():
-    class Slow:
-        def command(self, line):
-            return {"length_um": LENGTH_UM, "exposure_us": 100_000, "average": 4}
+class Slow:
+    def command(self, line):
+        return {"length_um": LENGTH_UM, "exposure_us": 100_000, "average": 4}
 
+
+def test_one_reading_of_a_slow_board_that_failed_is_bridged():
+    controller = play.controller_for(Slow(), load_settings())
+    touch = Touch(0, 0, 0, TOUCHING, 0, 0, 70_000, 3000)
+    dark = touch._replace(flags=TOO_DARK)
+    now_s = 1.0
+    for reading in (touch, touch, dark, touch, dark):
+        controller.take(reading, now_s)
+        for _ in range(80):
+            controller.tick(now_s)
+            now_s += 0.005
+        assert controller.state != REST
+    controller.take(dark, now_s)
+    controller.tick(now_s + 0.3)
+    assert controller.state == REST
+
+
+def test_a_slow_board_is_held_for_two_readings():
     controller = play.controller_for(Slow(), load_settings())
     touch = Touch(0, 0, 0, 1, 0, 0, 70_000, 3000)
     controller.take(touch, 1.0)

@@ -59,7 +59,8 @@ class Sensor(AS7341):
     scl, sda : microcontroller.Pin
     frequency_hz : int
         Of the bus. It is opened anew until it does, for it raises RuntimeError where nothing
-        pulls the wires up, or something holds them low.
+        pulls the wires up, or something holds them low: so does a chip whose board was reset in
+        the middle of a byte.
     clock : object
         As `as7341.AS7341` asks for.
     """
@@ -72,7 +73,10 @@ class Sensor(AS7341):
 
     def start(self, plan, gain, exposure_us, led_mA):
         if self._i2c is None:
-            self._open()
+            try:
+                self._open()
+            except SensorError:
+                self.recover()
         super().start(plan, gain, exposure_us, led_mA)
 
     def recover(self):
@@ -80,8 +84,9 @@ class Sensor(AS7341):
 
         Source: UM10204, section 3.1.16.
         """
-        self._i2c.deinit()
-        self._i2c = None
+        if self._i2c is not None:
+            self._i2c.deinit()
+            self._i2c = None
         scl, sda = [digitalio.DigitalInOut(pin) for pin in self._pins]
         with scl, sda:
             for wire in (scl, sda):

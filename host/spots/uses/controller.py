@@ -62,7 +62,7 @@ class Controller:
         self._lifted = False  # a finger was seen to be away since the last good reading
         self._began_us = self._last_us = 0
         self._began_um = 0
-        self._good_s = self._until_s = -math.inf
+        self._until_s = -math.inf
 
     def take(self, touch: Touch, now_s: float) -> State | None:
         """Take a reading.
@@ -85,10 +85,9 @@ class Controller:
             self.held = self._touched
         elif self._touched:
             self._lifted = True
-            if touch.flags & decode.TOO_DARK:
-                # As a lift looks, and as a reading that failed does.
-                self.held = True
-                self._until_s = min(self._until_s, self._good_s + self._release_s)
+            since_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
+            if touch.flags & decode.TOO_DARK and since_s < self._release_s:
+                self.held = True  # as a lift looks, and as a reading that failed does
             else:
                 self._until_s = now_s
         else:
@@ -117,7 +116,7 @@ class Controller:
         else:
             dt_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
         self._last_us = touch.t_us
-        self._good_s, self._until_s = now_s, now_s + self._hold_s
+        self._until_s = now_s + self._hold_s
         self._lifted = self.held = False
         for axis in self._axes:
             axis.take(touch, dt_s)

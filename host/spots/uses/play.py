@@ -26,6 +26,7 @@ from .stick import picture
 
 _TICK_S = 0.005  # how late a state may be that no reading asks for
 _READINGS_HELD = 2
+_READINGS_BRIDGED = 1.5
 _PLAIN_LINES_PER_S = 4
 
 
@@ -109,7 +110,9 @@ def play(
 
 
 def controller_for(board: Board, settings: Settings) -> Controller:
-    """Return a controller for a board's strip; it holds a state for at least two readings.
+    """Return a controller for a board's strip, however rare its readings are.
+
+    It bridges at least one that failed, and holds a state for at least two.
 
     Raises
     ------
@@ -118,8 +121,12 @@ def controller_for(board: Board, settings: Settings) -> Controller:
     """
     info = hello_calibrated(board)
     every_ms = info["exposure_us"] * info["average"] / 1000
-    hold_ms = max(settings.hold_ms, _READINGS_HELD * every_ms)
-    return Controller(msgspec.structs.replace(settings, hold_ms=hold_ms), info["length_um"])
+    patient = msgspec.structs.replace(
+        settings,
+        hold_ms=max(settings.hold_ms, _READINGS_HELD * every_ms),
+        release_ms=max(settings.release_ms, _READINGS_BRIDGED * every_ms),
+    )
+    return Controller(patient, info["length_um"])
 
 
 class View:
