@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import resource
 import sys
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
@@ -307,6 +306,8 @@ class Memory:
         self.marks: list[dict[str, int]] = []
 
     def mark(self) -> None:
+        import resource  # not at the top: Windows has none
+
         gc.collect()
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         peak_kB = peak // 1024 if sys.platform == "darwin" else peak

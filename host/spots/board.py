@@ -207,7 +207,7 @@ class Board:
         """
         end_s = self.now_s() + timeout_s
         latest = None
-        self._pump(0)
+        self._pump_or_resume(0)
         while True:
             while self._frames:
                 frame = self._frames.popleft()

@@ -95,3 +95,12 @@ def test_a_mistake_is_one_sentence(capsys, numbers, says):
     assert output.out == ""
     assert says in output.err
     assert output.err.count("\n") == 1
+
+
+def test_a_sensor_file_that_cannot_be_written_is_one_sentence(tmp_path, capsys):
+    (tmp_path / "sensor.toml").mkdir()
+    line = ["design", "--length-mm", "85", "--resolution-um", "60", "--rate-hz", "100"]
+    assert main([*line, "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert "cannot write" in said
+    assert said.count("\n") == 1

@@ -1,6 +1,7 @@
 """A program's side of a restart, against a stand-in for a board that restarts on request."""
 
 import json
+import math
 import os
 import pty
 import random
@@ -16,6 +17,7 @@ from spots.errors import PortLostError, SpotsError
 from spots.link import SerialLink
 from spots.recording.replay import open_recording
 from spots.recording.summary import summary
+from spots.uses.calibrated import ticks
 from tactile import PROTOCOL
 from tactile.decode import DROPPED
 
@@ -227,6 +229,37 @@ def test_a_board_that_comes_back_with_longer_exposures_is_given_their_time():
     assert board.state == module.CONNECTED
     list(board.frames(1.0))
     assert board.state == module.STALLED
+
+
+def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
+    link, board = streaming()
+    assert board.read_latest().position_um == 42_000
+    board.patience_s = math.inf
+    link.gone = 100_000
+    with pytest.raises(SpotsError, match="no reading within"):
+        board.read_latest(0.4)
+    link.gone = 1
+    assert board.read_latest(5.0).position_um == 42_000
+
+
+def test_a_board_that_restarts_is_told_again_to_follow_its_untouched_strip():
+    link = StandIn(0)
+    board = Board(link)
+    told = []
+    for i, touches in enumerate(ticks(board, 6.0, 0.02)):
+        for _ in touches:
+            pass
+        if i == 20:
+            link.deaf = {"set"}
+            link.restart()
+        if i == 40:
+            told.append(link.asked.count("set"))
+            link.deaf = set()
+    told.append(link.asked.count("set"))
+    assert board.stats.restarts == 1
+    assert 2 < told[0] < told[1]
+    asked = link.asked[::-1]
+    assert asked.index("set") < asked.index("stream")
 
 
 def test_a_port_that_does_not_come_back_is_told(monkeypatch):

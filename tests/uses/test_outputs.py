@@ -388,3 +388,14 @@ def test_a_second_signal_does_not_disturb_the_end(lines):
     with pytest.raises(SystemExit):
         ended_twice()
     assert lines[2:] == ["the end", "up    A", "up    LEFT_SHIFT"]
+
+
+def test_a_signal_that_was_ignored_stays_so():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with ended_by_signals():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            assert callable(signal.getsignal(signal.SIGTERM))
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)

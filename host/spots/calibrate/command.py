@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from ..connect import VIRTUAL, open
@@ -41,7 +41,13 @@ def run(options: argparse.Namespace) -> None:
             setup = _real(options, session, out, guide)
         stack.enter_context(setup.reader.board)
         stack.enter_context(guide)
+        stack.callback(_give_back, setup.reader)
         calibrate(setup, options.kind, count, options.strain_percent, options)
+
+
+def _give_back(reader: Reader) -> None:
+    with suppress(SpotsError):  # of a board that is gone another error tells
+        reader.give_back()
 
 
 def _virtual(options, session: Session, out: Path, guide: Guide) -> Setup:
@@ -63,12 +69,9 @@ def _virtual(options, session: Session, out: Path, guide: Guide) -> Setup:
 
 def _real(options, session: Session, out: Path, guide: Guide) -> Setup:
     reader = Reader(open(options.port))
-    length_mm = options.length_mm or _length_mm(session) or _LENGTH_MM
-    return _setup(reader, PersonPresser(guide), guide, session, 1000 * length_mm, out)
-
-
-def _length_mm(session: Session) -> float | None:
-    return max((p.place_um / 1000 for p in session.of("position")), default=None)
+    told_um = options.length_mm and 1000 * options.length_mm
+    length_um = told_um or session.length_um or 1000 * _LENGTH_MM
+    return _setup(reader, PersonPresser(guide), guide, session, length_um, out)
 
 
 def _setup(reader, presser, guide, session, length_um, out) -> Setup:

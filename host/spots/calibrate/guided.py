@@ -28,6 +28,7 @@ from .session import Point, Session, Wanted, point, presses
 from .stage import FIRM_MN, FORCE_PLACES, FULL_MN
 from .take import Taker, judge_force, judge_place
 
+_END_UM = 100  # places are in steps of 0.1 mm
 _FORCES_MIN = 14  # fewer make no table of such a curve
 COUNTS = {"position": 17, "strain": 17, "force": 16, "joint": 11}
 # What a fit needs.
@@ -140,7 +141,7 @@ def _auto(setup: Setup) -> None:
     wanted = Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN)
     setup.guide.begin("exposure", 1, setup.plan(), setup.length_um)
     setup.guide.want(wanted)
-    setup.taker.take(wanted, clipped_too=True)
+    setup.taker.take(wanted, as_it_is=True)
     found = setup.reader.board.command("auto", timeout_s=60)
     setup.set_up()
     setup.taker.release()
@@ -158,7 +159,7 @@ def _choose(setup: Setup) -> None:
         setup.set_up("plan=" + ",".join(plan))
         setup.guide.begin("choice of channels", len(row), plan, setup.length_um)
         for wanted in row:
-            _take(setup, wanted, clipped_too=True)
+            _take(setup, wanted, as_it_is=True)
     measured = tuple(
         presses([p for p in setup.session.of("choose") if p.plan == plan]) for plan in plans
     )
@@ -171,16 +172,17 @@ def _choose(setup: Setup) -> None:
     )
 
 
-def _take(setup: Setup, wanted: Wanted, judge=lambda reading: None, clipped_too=False) -> None:
+def _take(setup: Setup, wanted: Wanted, judge=lambda reading: None, as_it_is=False) -> None:
     if setup.session.has(wanted, setup.plan()):
         setup.guide.skip()
         return
     setup.guide.want(wanted)
-    reading = setup.taker.take(wanted, judge, clipped_too)
-    setup.session.add(point(wanted, reading, setup.reader.conditions))
+    reading = setup.taker.take(wanted, judge, as_it_is)
+    told = {"length_um": setup.length_um}
+    setup.session.add(point(wanted, reading, setup.reader.conditions, **told))
     setup.guide.taken(wanted, reading)
     setup.taker.release()
-    if not clipped_too:
+    if not as_it_is:
         _learn_noise(setup)
 
 
@@ -252,7 +254,11 @@ def _missing(session: Session) -> str | None:
         ("position", "place_um", PLACES_MIN),
         ("force", "force_mN", _FORCES_MIN),
     ):
-        if len({getattr(p, name) for p in session.of(kind)}) < least:
+        taken = {getattr(p, name) for p in session.of(kind)}
+        cut_short = (
+            kind == "position" and max(taken, default=0) < (session.length_um or 0) - _END_UM
+        )
+        if len(taken) < least or cut_short:
             return f"'spots calibrate {kind} --session {session.path}'"
     return None
 
@@ -269,6 +275,7 @@ def _finish(setup: Setup) -> None:
             f"{residual.position_rms_um:.0f} um rms"
             + ("" if force is None else f", force {force:.0f} mN rms")
         )
+    setup.reader.give_back()  # what is sent is saved with the settings
     name = file.send(setup.reader.board, calibration)
     guide.say(f"{setup.out}: the board uses and keeps calibration {name}")
 
@@ -280,6 +287,7 @@ def _joint(setup: Setup, count: int) -> None:
     if setup.session.conditions not in (None, calibration.conditions):
         raise SpotsError(f"{setup.out} and the session {setup.session.path} do not belong together")
     if board.command("hello")["calibration"] != checksum(list(calibration.lines)):
+        setup.reader.give_back()
         file.send(board, calibration)
     setup.set_up()
     _learn_noise(setup)

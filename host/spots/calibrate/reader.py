@@ -13,6 +13,7 @@ from ..errors import SpotsError
 from ..frames import Spectrum
 from .presses import Conditions, own_variance
 
+_TOLD_APART = 3  # channels; of fewer, what is common to all cannot be told
 _PATIENCE_S = 10.0  # more than any dark window takes
 
 
@@ -25,7 +26,8 @@ class Reading:
     counts : numpy.ndarray, shape (6,)
         Means of the dark-subtracted counts.
     variance : numpy.ndarray, shape (6,)
-        Variance of a single sample, without what is common to all channels.
+        Variance of a single sample, without what is common to all channels; 0 of one that is
+        dark.
     drift : float
         Change of the brightness from the first to the second half, in units of log2.
     saturated : bool
@@ -45,6 +47,8 @@ class Reading:
 class Reader:
     """Reads spectra from a board. Call `set_up` again after a change of its settings.
 
+    Each is of one sample, whatever the board averages over: see `give_back`.
+
     Parameters
     ----------
     board : Board
@@ -53,14 +57,23 @@ class Reader:
 
     def __init__(self, board: Board):
         self.board = board
+        self._average = board.command("hello")["average"]
         self.set_up()
 
     def set_up(self) -> None:
         """Take note of the board's settings and of a dark frame."""
         self.info = self.board.command("hello")
+        if self.info["average"] != 1:
+            self.board.command("set average=1")
+            self.info = self.board.command("hello")
         dark = self.board.command("dark", timeout_s=30)["dark"]
         self._dark = np.array(dark) / DARK_SAMPLES
         self.board.command("stream spectrum")
+
+    def give_back(self) -> None:
+        """Let the board average over as many samples as it did."""
+        if self._average != 1:
+            self.board.command(f"set average={self._average}")
 
     @property
     def conditions(self) -> Conditions:
@@ -88,8 +101,10 @@ class Reader:
         """Return a reading over `count` samples, 2 or more."""
         samples, clipped = self.samples(count)
         mean = samples.mean(axis=0)
-        lit = bool((mean > 1).all())
+        lit = mean > 1
         halves = np.maximum(samples.sum(axis=1), 1)
         drift = np.log2(halves[count // 2 :].mean() / halves[: count // 2].mean())
-        variance = own_variance(samples) if lit else np.zeros_like(mean)
+        variance = np.zeros_like(mean)
+        if lit.sum() >= _TOLD_APART:
+            variance[lit] = own_variance(samples[:, lit])
         return Reading(mean, variance, float(drift), clipped)

@@ -56,6 +56,8 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     saturated : bool
     position_um, position_sigma_um : float or None
         What the calibrated board told, and its scatter from reading to reading; of a joint.
+    length_um : float or None
+        Of the strip, as this session has it; what older programs wrote does not tell.
     board, plan, gain, exposure_us, led_mA
         See `presses.Conditions`.
     time : str
@@ -67,6 +69,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     saturated: bool
     position_um: float | None = None
     position_sigma_um: float | None = None
+    length_um: float | None = None
     board: str
     plan: tuple[str, ...]
     gain: int
@@ -157,6 +160,16 @@ class Session:
             and p.plan == plan
             for p in self.of(wanted.kind, wanted.strain_ppm)
         )
+
+    @property
+    def length_um(self) -> float | None:
+        """Length of the strip; None if no point tells it."""
+        told = [p.length_um for p in self.points if p.length_um is not None]
+        if told:
+            return told[-1]
+        # Forces came after all places, the last of which is the strip's end.
+        whole = self.of("position") if self.of("force") else []
+        return max((p.place_um for p in whole), default=None)
 
     @property
     def strains_ppm(self) -> list[int]:

@@ -49,7 +49,7 @@ class Taker:
         """How many samples make a reading."""
         return max(_WINDOW_MIN, round(_WINDOW_S * 1e6 / self.reader.info["exposure_us"]))
 
-    def take(self, wanted: Wanted, judge=lambda reading: None, clipped_too=False) -> Reading:
+    def take(self, wanted: Wanted, judge=lambda reading: None, as_it_is=False) -> Reading:
         """Have a press made and return its reading; it is still held then.
 
         Parameters
@@ -57,8 +57,8 @@ class Taker:
         wanted : Wanted
         judge : callable
             Raises `BadPressError` if the reading is none of this press.
-        clipped_too : bool
-            Whether a saturated reading will do.
+        as_it_is : bool
+            Whether a reading with channels that are saturated or dark will do.
 
         Raises
         ------
@@ -68,13 +68,14 @@ class Taker:
         for _ in range(_TRIES):
             self._presser.press(wanted)
             try:
-                reading = self._held(clipped_too)
+                reading = self._held(as_it_is)
                 judge(reading)
                 return reading
             except BadPressError as bad:
                 trouble = f"{wanted}: {bad}"
             self._guide.say(f"{trouble}; press again")
-            self.release()
+            if wanted.kind != "joint":  # whose indenter is not let go
+                self.release()
         raise SpotsError(f"{trouble}; what was taken is kept, the same command goes on from there")
 
     def release(self) -> None:
@@ -94,7 +95,7 @@ class Taker:
                 return
         raise SpotsError("the strip stays bright though nothing should press it: shade the sensor")
 
-    def _held(self, clipped_too: bool) -> Reading:
+    def _held(self, as_it_is: bool) -> Reading:
         end_s = self.reader.board.now_s() + self._presser.patience_s
         trouble, steady = "no press is felt", 0
         while self.reader.board.now_s() < end_s:
@@ -105,11 +106,11 @@ class Taker:
             self._guide.watch(reading, now, steady / self._presser.steady)
             if steady < self._presser.steady:
                 continue
-            if reading.saturated and not clipped_too:
+            if reading.saturated and not as_it_is:
                 raise BadPressError(
                     "a channel is saturated: press less, or lower gain or LED current"
                 )
-            if reading.dark:
+            if reading.dark and not as_it_is:
                 raise BadPressError(
                     "too dark: press harder, or raise gain, LED current or exposure"
                 )

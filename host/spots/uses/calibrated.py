@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 
 from ..board import Board
 from ..errors import SpotsError
 from ..frames import Touch
+
+_FOLLOW = "set baseline=1"
+_ANSWER_S = 0.1
 
 
 def hello_calibrated(board: Board) -> dict:
@@ -37,8 +41,16 @@ def tell_board(board: Board, line: str) -> None:
         board.command(line)
 
 
+def tell_rest(board: Board) -> None:
+    """Tell a board that what lies on the strip is no finger; if it does not hear it, no harm."""
+    with contextlib.suppress(SpotsError):
+        tell_board(board, "rest")
+
+
 def ticks(board: Board, seconds: float | None, tick_s: float) -> Iterator[Iterator[Touch]]:
     """Let a board follow the light of its untouched strip, and yield what it feels tick by tick.
+
+    A board that has restarted is told again.
 
     Parameters
     ----------
@@ -53,9 +65,15 @@ def ticks(board: Board, seconds: float | None, tick_s: float) -> Iterator[Iterat
     iterator of frames.Touch
         The touches of the first sensor as they come; it ends with the tick.
     """
-    tell_board(board, "set baseline=1")
+    tell_board(board, _FOLLOW)
     board.command("stream touch")
+    restarts = board.stats.restarts
     end_s = None if seconds is None else board.now_s() + seconds
     while not board.ended and (end_s is None or board.now_s() < end_s):
+        if board.stats.restarts != restarts and not board.read_only:
+            told = board.stats.restarts
+            with contextlib.suppress(SpotsError):  # damaged, either way: at the next tick
+                board.command(_FOLLOW, _ANSWER_S)
+                restarts = told
         frames = board.frames(tick_s)
         yield (frame for frame in frames if isinstance(frame, Touch) and frame.sensor == 0)

@@ -268,6 +268,8 @@ def ended_by_signals() -> Iterator[None]:
     """
     names = ("SIGTERM", "SIGHUP", "SIGBREAK")  # what there is of them
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    # What is ignored stays so (nohup), and what C has set cannot be set back.
+    numbers = [one for one in numbers if signal.getsignal(one) not in (signal.SIG_IGN, None)]
 
     def end(number, frame):
         for one in numbers:

@@ -13,7 +13,7 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..view import Pace, live
-from .calibrated import length_of, tell_board, ticks
+from .calibrated import length_of, tell_rest, ticks
 from .keyboard import KeyEngine, KeySink
 from .keys import push
 from .layout import KeyLayout, load
@@ -66,7 +66,7 @@ def type_on(
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0
-                tell_board(board, "rest")
+                tell_rest(board)
     except KeyboardInterrupt:
         pass
     finally:
@@ -96,7 +96,7 @@ def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
                     there.key(*frame[3:7])
                     typed.key(*frame[3:7])
                     if frame.pressed and not drawing and not quiet:
-                        print(typed.text.splitlines()[-1], flush=True)
+                        print((typed.text.splitlines() or [""])[-1], flush=True)
                 if drawing and pace.due(board.now_s()):
                     display.update(picture(layout, engine, touch, typed, board.stats), refresh=True)
     except KeyboardInterrupt:

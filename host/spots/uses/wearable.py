@@ -16,7 +16,7 @@ from ..board import Board
 from ..connect import open_named
 from ..errors import SpotsError
 from ..view import Pace, live
-from .calibrated import length_of, tell_board, ticks
+from .calibrated import length_of, tell_rest, ticks
 from .gestures import NAMES, Gesture, Gestures
 from .keyboard import LOST_S, KeySink
 from .outputs import ended_by_signals, open_keyboard
@@ -124,7 +124,7 @@ def play(
                     gestures.release()
                 if gestures.rests:
                     gestures.rests = 0
-                    tell_board(board, "rest")
+                    tell_rest(board)
                 if drawing and pace.due(board.now_s()):
                     view = picture(touch, length_um, found, mapping.names, board.stats)
                     display.update(view, refresh=True)
