@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
 from contextlib import contextmanager
 
 import pytest
@@ -27,6 +28,13 @@ def sensor():
 def calibration(sensor):
     """Lines of its calibration, from presses of the simulated stage."""
     return list(calibrate(sensor))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def signals():
+    """Let programs that tests start hear signals, also where nohup or a shell's & hears none."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture
