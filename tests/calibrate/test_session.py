@@ -1,7 +1,6 @@
 """Whole calibration sessions on the virtual board: real firmware, simulated time."""
 
 import argparse
-import dataclasses
 import io
 import json
 import os
@@ -26,10 +25,8 @@ from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
 from spots.calibrate.presser import PersonPresser, StagePresser
 from spots.calibrate.presses import Conditions
-from spots.calibrate.reader import Reader
 from spots.calibrate.session import Session, Wanted, settings
 from spots.calibrate.stage import FULL_MN, Stage
-from spots.calibrate.take import BadPressError, Taker
 from spots.connect import upload
 from spots.frames import Spectrum, Touch
 from spots.sim.files import DATA
@@ -39,7 +36,6 @@ from tactile.decode import Decode
 from tactile.settings import checksum
 
 STRAIN_PPM = 100_000
-DARK_FIRST = [0, 1, 1, 1, 1, 1]
 
 
 def run(*arguments):
@@ -253,72 +249,6 @@ def test_a_session_that_broke_off_still_knows_how_long_the_strip_is(full, sensor
     path.write_bytes(b"".join(lines[: kinds.index("force") + 1]))
     assert Session(path).length_um == length_um
     assert "calibrate force" in guided._missing(Session(path))
-
-
-def test_a_board_that_averages_is_read_sample_by_sample_and_averages_again(sensor):
-    with Stage(sensor, seed=3) as stage:
-        stage.board.command("set average=8")
-        reader = Reader(stage.board)
-        stage.held.press = Press(40.0, 3000.0, 4.0)
-        one = reader.read(200).variance
-        reader.give_back()
-        assert stage.board.command("get")["average"] == 8
-        stage.board.command("set average=1")
-        stage.board.command("stream spectrum")
-        other = Reader(stage.board)
-        stage.held.press = Press(40.0, 3000.0, 4.0)
-        assert one.sum() == pytest.approx(other.read(200).variance.sum(), rel=0.3)
-
-
-def test_a_choice_of_channels_takes_dark_ones_as_they_are(sensor, tmp_path):
-    shown, out = guide()
-    with Stage(sensor, seed=4) as stage:
-        taker = Taker(stage.reader, StagePresser(stage), shown)
-        read = stage.reader.read
-
-        def dim(count):
-            reading = read(count)
-            counts = reading.counts * DARK_FIRST
-            return dataclasses.replace(reading, counts=counts)
-
-        stage.reader.read = dim
-        wanted = Wanted(kind="choose", place_um=60_000.0, force_mN=6000.0)
-        assert taker.take(wanted, as_it_is=True).dark
-        assert "press again" not in out.getvalue()
-        with pytest.raises(SpotsError, match="too dark"):
-            taker.take(wanted)
-
-
-def test_channels_that_are_lit_have_their_noise_beside_a_dark_one(sensor):
-    with Stage(sensor, seed=4) as stage:
-        samples = stage.reader.samples
-        stage.held.press = Press(40.0, 3000.0, 4.0)
-
-        def dim(count):
-            rows, clipped = samples(count)
-            return rows * DARK_FIRST, clipped
-
-        stage.reader.samples = dim
-        variance = stage.reader.read(100).variance
-    assert variance[0] == 0
-    assert (variance[1:] > 0.05).all()
-
-
-def test_a_joint_whose_press_is_refused_is_not_asked_to_be_let_go(sensor):
-    shown, out = guide()
-    with Stage(sensor, seed=4) as stage:
-        taker = Taker(stage.reader, StagePresser(stage), shown)
-        taker.release = lambda: pytest.fail("let go")
-        tries = []
-
-        def judge(reading):
-            tries.append(reading)
-            if len(tries) < 3:
-                raise BadPressError("a channel is saturated")
-
-        wanted = Wanted(kind="joint", place_um=40_000.0, force_mN=3000.0, angle_deg=4.0)
-        taker.take(wanted, judge)
-    assert out.getvalue().count("press again") == 2
 
 
 def test_more_places_add_to_those_there_are(full, tmp_path):

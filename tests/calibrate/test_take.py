@@ -1,0 +1,90 @@
+"""A press that is held becomes a reading, or is refused with a reason."""
+
+import dataclasses
+import io
+
+import pytest
+from rich.console import Console
+
+from spots import SpotsError
+from spots.calibrate.guide import Guide
+from spots.calibrate.presser import StagePresser
+from spots.calibrate.reader import Reader
+from spots.calibrate.session import Wanted
+from spots.calibrate.stage import Stage
+from spots.calibrate.take import BadPressError, Taker
+from spots.sim.scenario import Press
+
+DARK_FIRST = [0, 1, 1, 1, 1, 1]
+PRESS = Press(40.0, 3000.0, 4.0)
+
+
+@pytest.fixture
+def stage(sensor):
+    with Stage(sensor, seed=4) as made:
+        yield made
+
+
+@pytest.fixture
+def taker(stage):
+    """A taker, and what it says."""
+    said = io.StringIO()
+    made = Taker(stage.reader, StagePresser(stage), Guide(Console(file=said, width=200)))
+    made.said = said.getvalue
+    return made
+
+
+def test_a_board_that_averages_is_read_sample_by_sample_and_averages_again(stage):
+    stage.held.press = PRESS
+    stage.board.command("stream spectrum")
+    expected = stage.reader.read(200).variance.sum()
+    stage.held.press = None
+    stage.board.command("set average=8")
+    reader = Reader(stage.board)
+    stage.held.press = PRESS
+    assert reader.read(200).variance.sum() == pytest.approx(expected, rel=0.3)
+    reader.give_back()
+    assert stage.board.command("get")["average"] == 8
+
+
+def test_channels_that_are_lit_have_their_noise_beside_a_dark_one(stage):
+    samples = stage.reader.samples
+    stage.held.press = PRESS
+
+    def dim(count):
+        rows, clipped = samples(count)
+        return rows * DARK_FIRST, clipped
+
+    stage.reader.samples = dim
+    variance = stage.reader.read(100).variance
+    assert variance[0] == 0
+    assert (variance[1:] > 0.05).all()
+
+
+def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, taker):
+    read = stage.reader.read
+
+    def dim(count):
+        reading = read(count)
+        return dataclasses.replace(reading, counts=reading.counts * DARK_FIRST)
+
+    stage.reader.read = dim
+    wanted = Wanted(kind="choose", place_um=60_000.0, force_mN=6000.0)
+    assert taker.take(wanted, as_it_is=True).dark
+    assert "press again" not in taker.said()
+    with pytest.raises(SpotsError, match="too dark"):
+        taker.take(wanted)
+
+
+def test_a_joint_whose_press_is_refused_is_not_asked_to_be_let_go(taker):
+    taker.release = lambda: pytest.fail("let go")
+    tries = []
+
+    def judge(reading):
+        tries.append(reading)
+        if len(tries) < 3:
+            raise BadPressError("a channel is saturated")
+
+    wanted = Wanted(kind="joint", place_um=40_000.0, force_mN=3000.0, angle_deg=4.0)
+    taker.take(wanted, judge)
+    assert taker.said().count("press again") == 2
