@@ -111,7 +111,7 @@ class ClockMap:
         if self._high_s != float("inf"):
             age_s = arrived_s - (board_us * 1e-6 + self._offset_s(board_us))
             # What waited in a buffer is old, but none so old.
-            self._last_us += int((age_s + _SURE_S) // _TURN_S) * _WRAP if age_s > 0 else 0
+            self._last_us += max(0, int((age_s + _SURE_S) // _TURN_S)) * _WRAP
         return self._last_us
 
     def _offset_s(self, board_us: int) -> float:

@@ -178,8 +178,8 @@ def _take(setup: Setup, wanted: Wanted, judge=lambda reading: None, as_it_is=Fal
         return
     setup.guide.want(wanted)
     reading = setup.taker.take(wanted, judge, as_it_is)
-    told = {"length_um": setup.length_um}
-    setup.session.add(point(wanted, reading, setup.reader.conditions, **told))
+    taken = point(wanted, reading, setup.reader.conditions, length_um=setup.length_um)
+    setup.session.add(taken)
     setup.guide.taken(wanted, reading)
     setup.taker.release()
     if not as_it_is:

@@ -57,13 +57,14 @@ class Reader:
 
     def __init__(self, board: Board):
         self.board = board
-        self._average = board.command("hello")["average"]
+        self._average = 1
         self.set_up()
 
     def set_up(self) -> None:
         """Take note of the board's settings and of a dark frame."""
         self.info = self.board.command("hello")
         if self.info["average"] != 1:
+            self._average = self.info["average"]
             self.board.command("set average=1")
             self.info = self.board.command("hello")
         dark = self.board.command("dark", timeout_s=30)["dark"]

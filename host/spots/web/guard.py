@@ -5,7 +5,7 @@ from __future__ import annotations
 import hmac
 import ipaddress
 import socket
-from urllib.parse import SplitResult, urlsplit
+from urllib.parse import urlsplit
 
 from aiohttp import web
 
@@ -62,7 +62,8 @@ class Guard:
 
     def _knows(self, host: str) -> bool:
         try:
-            name, _ = _parts(host).hostname or "", _parts(host).port  # which must be a number
+            name = urlsplit(f"//{host}").hostname or ""
+            _port(host)  # it is a number, or raises ValueError
             if name in self._names:
                 return True
             # A name that is an address cannot be made to point anywhere else.
@@ -84,8 +85,8 @@ class Guard:
 
 
 def _cookie(request: web.Request) -> str:
-    return _COOKIE.format(port=_parts(request.headers["Host"]).port or 80)
+    return _COOKIE.format(port=_port(request.headers["Host"]))
 
 
-def _parts(host: str) -> SplitResult:
-    return urlsplit(f"//{host}")
+def _port(host: str) -> int:
+    return urlsplit(f"//{host}").port or 80
