@@ -6,7 +6,7 @@ ARGS ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test lint bench fuzz build flash erase doctor pictures paper clean
+.PHONY: help demo test browser lint bench fuzz build flash erase doctor pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -26,8 +26,11 @@ help:
 demo: .venv/demo
 	@$(BIN)/spots demo $(ARGS)
 
-test: .venv/test tests/wasm/node_modules
+test: .venv/test tests/wasm/node_modules browser
 	@$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(ARGS)
+
+browser: .venv/test
+	@$(BIN)/python tests/web/bring_browser.py
 
 lint: .venv/test
 	@$(BIN)/ruff check .
@@ -51,7 +54,7 @@ erase: .venv/flash
 doctor: .venv/flash
 	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
-pictures: .venv/test
+pictures: .venv/test browser
 	@$(BIN)/python docs/make_pictures.py
 	@$(BIN)/python docs/make_screenshots.py
 
@@ -60,7 +63,7 @@ paper: .venv/test
 	@$(BIN)/python -m spots.uses.page docs
 
 clean:
-	rm -rf .venv build dist tests/wasm/node_modules
+	rm -rf .venv build dist tests/wasm/node_modules tests/web/browser/node_modules
 
 .venv/demo: pyproject.toml
 	@echo 'Setting up .venv (once) ...'

