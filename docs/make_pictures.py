@@ -144,7 +144,7 @@ def wearable() -> Path:
         for frame in board.frames(WORN_S - board.now_s()):
             if isinstance(frame, Touch):
                 touch = frame
-                found += gestures.take(frame)
+                found += gestures.take(frame, board.now_s())
         picture = wearable_view.picture(touch, length_of(board), found, mapping.names, board.stats)
     return _drawn(picture, "wearable.svg", 'make demo ARGS="--use wearable"')
 

@@ -76,6 +76,10 @@ class Keypad:
         self._clear()
         self.contact.spend()
 
+    def forget(self):
+        """Forget the tap that waits for a second one, and the layer for one key."""
+        self._due = self._tapped_at = self._once = _NONE
+
     # What contact.py tells.
 
     def down(self, x_um, t):

@@ -347,3 +347,34 @@ def test_any_axis_may_follow_either_and_be_turned_round():
     play = Play(x=x, y=y, z=None)
     assert play.touch(100, 500).controller.state == State(-AXIS_MAX, -round(AXIS_MAX / 2), 0, 0)
     assert Play(x=None, z=None).touch(80).sent == []
+
+
+TAPS = Tapped(number=1, longest_ms=200, pulse_ms=50)
+
+
+def test_a_tap_whose_end_nobody_was_asked_for_is_forgotten():
+    play = Play(button=[TAPS], release_ms=50).touch(80, count=5).dark()
+    play.now_s += 600
+    play.dark(5)
+    assert play.buttons == 0
+    assert all(state.buttons == 0 for state in play.states)
+
+
+def test_a_touch_of_before_a_silence_that_nobody_watched_has_ended():
+    play = Play(button=[TREMBLES]).touch(80, 900, count=5)
+    assert play.buttons == 1
+    play.now_s += 600
+    play.touch(80, 900)
+    assert play.buttons == 0
+
+
+def test_after_a_release_nothing_is_sent_and_a_finger_pushes_nothing_until_it_was_lifted():
+    play = Play(button=[TREMBLES], rate_hz=1).touch(80, 900, count=5)
+    play.controller.release()
+    sent = len(play.sent)
+    play.silence(5)
+    assert len(play.sent) == sent
+    play.touch(80, 900, count=5)
+    assert play.buttons == 0
+    play.lift().touch(80, 900)
+    assert play.buttons == 1

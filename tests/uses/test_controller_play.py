@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 
+import msgspec
 import pytest
 from rich.console import Console
 
@@ -429,34 +430,45 @@ def test_a_board_without_a_calibration_is_told(sensor):
 
 
 class Slow:
+    def __init__(self, exposure_us=90_000, average=1):
+        self.info = {"length_um": LENGTH_UM, "exposure_us": exposure_us, "average": average}
+
     def command(self, line):
-        return {"length_um": LENGTH_UM, "exposure_us": 100_000, "average": 4}
+        return self.info
 
 
 def test_one_reading_of_a_slow_board_that_failed_is_bridged():
-    controller = play.controller_for(Slow(), load_settings())
+    settings = msgspec.structs.replace(load_settings(), hold_ms=200)
+    controller = play.controller_for(Slow(), settings)
     touch = Touch(0, 0, 0, TOUCHING, 0, 0, 70_000, 3000)
     dark = touch._replace(flags=TOO_DARK)
     now_s = 1.0
     for reading in (touch, touch, dark, touch, dark):
         controller.take(reading, now_s)
-        for _ in range(80):
+        for _ in range(18):
             controller.tick(now_s)
             now_s += 0.005
         assert controller.state != REST
     controller.take(dark, now_s)
-    controller.tick(now_s + 0.3)
+    controller.tick(now_s + 0.1)
     assert controller.state == REST
 
 
-def test_a_slow_board_is_held_for_two_readings():
-    controller = play.controller_for(Slow(), load_settings())
-    touch = Touch(0, 0, 0, 1, 0, 0, 70_000, 3000)
-    controller.take(touch, 1.0)
-    controller.tick(1.79)
+@pytest.mark.parametrize("exposure_us", [10_000, 90_000])
+def test_a_state_is_held_as_long_as_the_settings_say_however_slow_the_board(exposure_us):
+    controller = play.controller_for(Slow(exposure_us), load_settings())
+    controller.take(Touch(0, 0, 0, 1, 0, 0, 70_000, 3000), 1.0)
+    controller.tick(1.099)
     assert controller.state != REST
-    controller.tick(1.81)
-    assert controller.state == REST
+    assert controller.tick(1.101) == REST
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "average"), [(100_000, 2), (1_000_000, 64), (1 << 31,) * 2]
+)
+def test_a_board_too_slow_for_a_controller_is_refused_in_a_sentence(exposure_us, average):
+    with pytest.raises(SpotsError, match=r"a reading every .* s.*every 0\.1 s: .*hold_ms"):
+        play.controller_for(Slow(exposure_us, average), load_settings())
 
 
 # The picture.

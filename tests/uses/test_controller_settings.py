@@ -37,6 +37,7 @@ def test_what_a_file_leaves_out_is_as_in_the_default(tmp_path):
     [
         ("hold_ms = -1", "hold_ms"),
         ("hold_ms = inf", "no finite number"),
+        ("rate_hz = 0.01", "rate_hz"),  # a lift would arrive after 100 s
         ("speed = 3", "speed"),
         ('[x]\nfrom = "colour"', "colour"),
         ('[x]\nfrom = "position"\nrest_percent = 5', "must ascend"),

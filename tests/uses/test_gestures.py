@@ -24,7 +24,7 @@ class Arm:
     def read(self, flags, x_um, force_mN):
         t_us = round(1e6 * self.now_s) % (1 << 32)
         touch = Touch(0, 0, t_us, flags, 0, 0, round(x_um), force_mN, self.now_s)
-        self.found += self.gestures.take(touch)
+        self.found += self.gestures.take(touch, self.now_s)
         self.now_s += STEP_S
 
     def go(self, from_mm, to_mm, seconds, force_mN=2000, to_mN=None):
@@ -172,3 +172,22 @@ def test_a_finger_that_never_rests_costs_no_more_the_longer_it_moves():
     arm.go(20, 50, 0.2)
     arm.lift(0.5)
     assert arm.names == [g.SWIPE_PLUS]
+
+
+@pytest.mark.parametrize("seconds", [0.4, 600.0])
+def test_a_tap_that_waits_is_forgotten_in_silence(arm, seconds):
+    arm.go(30, 30, 0.12)
+    arm.lift(0.1)
+    arm.now_s += seconds
+    arm.lift(1)
+    assert arm.names == []
+
+
+def test_a_finger_of_before_the_silence_is_forgotten(arm):
+    arm.go(30, 30, 0.3)
+    arm.now_s += 600
+    arm.go(30, 30, 2)  # it has to lift first
+    arm.lift(1)
+    arm.go(30, 30, 0.12)
+    arm.lift(1)
+    assert arm.names == [g.TAP]

@@ -1,8 +1,6 @@
 """Keyboards and gamepads of a computer: everything that goes down goes up, however it ends."""
 
 import os
-import signal
-import subprocess
 import sys
 import time
 
@@ -11,7 +9,7 @@ import pytest
 from spots import SpotsError
 from spots.uses import outputs
 from spots.uses.desktop import DesktopKeyboard
-from spots.uses.outputs import PrintedGamepad, PrintedKeyboard, ended_by_signals
+from spots.uses.outputs import PrintedGamepad, PrintedKeyboard
 from spots.uses.uinput import UInputGamepad, UInputKeyboard
 from spots.uses.usages import CONSUMER, KEYBOARD, USAGES, usage_of
 
@@ -327,75 +325,3 @@ def test_a_state_that_may_have_gone_out_is_taken_back(evdev):
         gamepad.update(1, 2, 3, 4)
     assert device.history
     assert device.held() == []
-
-
-# Ends that come from outside.
-
-HOLDS = """
-import sys, time
-from spots.uses.outputs import ended_by_signals
-from spots.uses.uinput import UInputKeyboard
-with ended_by_signals(), UInputKeyboard() as keyboard:
-    keyboard.key(7, 4, 2, True)
-    print("ready", flush=True)
-    while True:
-        time.sleep(0.05)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_process_that_is_told_to_end_lets_go_first(environment, tmp_path, name):
-    events = tmp_path / "events"
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLDS],
-        env={**environment, "STAND_IN_EVENTS": str(events)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        assert process.stdout.readline() == b"ready\n"
-        process.send_signal(getattr(signal, name))
-        code = process.wait(30)
-    finally:
-        process.kill()
-        process.stdout.close()
-    assert code != 0
-    told = events.read_text().splitlines()
-    assert told[0] == "open"
-    assert told[-1] == "close"
-    assert [line.split()[-1] for line in told[1:-1]] == ["1", "1", "0", "0"]
-
-
-def test_handlers_of_signals_are_put_back():
-    before = signal.getsignal(signal.SIGTERM)
-    with ended_by_signals():
-        assert signal.getsignal(signal.SIGTERM) is not before
-    assert signal.getsignal(signal.SIGTERM) is before
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
-def test_a_second_signal_does_not_disturb_the_end(lines):
-    def ended_twice():
-        with ended_by_signals(), PrintedKeyboard(lines) as keyboard:
-            press(keyboard)
-            try:
-                os.kill(os.getpid(), signal.SIGHUP)
-            finally:
-                os.kill(os.getpid(), signal.SIGTERM)
-                lines("the end")
-
-    with pytest.raises(SystemExit):
-        ended_twice()
-    assert lines[2:] == ["the end", "up    A", "up    LEFT_SHIFT"]
-
-
-def test_a_signal_that_was_ignored_stays_so():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
-    try:
-        with ended_by_signals():
-            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-            assert callable(signal.getsignal(signal.SIGTERM))
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)

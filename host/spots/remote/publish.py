@@ -17,7 +17,7 @@ from ..board import Board
 from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Frame, whole
-from ..uses.outputs import ended_by_signals
+from ..uses.signals import released_by_signals
 from .samples import encode, sample
 from .session import READ_ONLY, is_published, key, open_session
 
@@ -155,7 +155,7 @@ class Publisher:
 
 def run(options: argparse.Namespace) -> None:
     """Run ``spots publish`` with the options that `cli` parsed."""
-    with ended_by_signals(), open_session() as session, open_named(options) as board:
+    with released_by_signals(), open_session() as session, open_named(options) as board:
         publisher = Publisher(board, session)
         print(f"published as spots/{publisher.board_id} (Ctrl-C ends it)", flush=True)
         try:

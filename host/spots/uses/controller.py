@@ -79,6 +79,7 @@ class Controller:
         State or None
             What is to be sent now, if anything.
         """
+        self._expire(now_s)
         if touch.trusted:
             self._feel(touch, now_s)
         elif touch.touching or touch.flags & _BLIND:
@@ -96,12 +97,28 @@ class Controller:
 
     def tick(self, now_s: float) -> State | None:
         """Let time pass, also when no reading comes; return as `take`."""
-        if self._touched and now_s >= self._until_s:
-            self._end(now_s)
+        self._expire(now_s)
         for button in self._tapped:
             button.pass_time(now_s)
         self._show()
         return self._sender.due(now_s)
+
+    def release(self) -> None:
+        """Go to rest and forget all, what was to be sent as well.
+
+        A finger that is still there moves the axes, and pushes no button until it was lifted.
+        """
+        self._touched = self._lifted = self.held = False
+        for axis in self._axes:
+            axis.end()
+        for button in (*self._pressed, *self._tapped):
+            button.down = False
+        self.state = REST
+        self._sender.clear()
+
+    def _expire(self, now_s: float) -> None:
+        if self._touched and now_s >= self._until_s:
+            self._end(now_s)
 
     def _feel(self, touch: Touch, now_s: float) -> None:
         if not self._touched:
@@ -129,7 +146,8 @@ class Controller:
             axis.end()
         for button in self._pressed:
             button.down = False
-        if self._whole and self._lifted:
+        in_time = now_s - self._until_s < _FORGET_S  # the tap of a process that was frozen is not
+        if self._whole and self._lifted and in_time:
             lasted_ms = (self._last_us - self._began_us) % _TURN_US / 1000
             for button in self._tapped:
                 if button.has(self._began_um) and lasted_ms <= button.longest_ms:
@@ -254,6 +272,10 @@ class _Sender:
             waiting[-1] = state
         else:
             waiting.append(state)
+
+    def clear(self) -> None:
+        self._waiting.clear()
+        self._sent = REST
 
     def due(self, now_s: float) -> State | None:
         if not self._waiting or now_s < self._next_s:

@@ -20,6 +20,8 @@ Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Force = Annotated[float, msgspec.Meta(ge=0, le=65_535)]
 Time = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
+# A slower one would keep a lift from the computer.
+Rate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
 Hertz = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
 
 
@@ -99,7 +101,7 @@ class Settings(_Struct):
 
     hold_ms: Time = 100.0
     release_ms: Time = 15.0
-    rate_hz: Hertz = 125.0
+    rate_hz: Rate = 125.0
     x: Union[PositionAxis, ForceAxis, None] = None
     y: Union[PositionAxis, ForceAxis, None] = None
     z: Union[ForceAxis, None] = None

@@ -11,10 +11,11 @@ from collections import deque
 from typing import NamedTuple
 
 from tactile.contact import TICK_US, TICKS, Contact
-from tactile.decode import DROPPED
+from tactile.decode import DROPPED, LED_OFF
 from tactile.layout import Layout, default_lines
 
 from ..frames import Touch
+from .keyboard import LOST_S
 
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"
 SQUEEZE = "squeeze"
@@ -79,6 +80,7 @@ class Gestures:
         self._contact.set_layout(Layout([*_TUNING, *default_lines()]))
         self._found: list[Gesture] = []
         self._now_s = 0.0
+        self._heard_s: float | None = None
         self._path: _Path | None = None  # while a finger is there
         self._decided = False
         self._hard_since_s: float | None = None
@@ -90,8 +92,11 @@ class Gestures:
         """Whether a finger is on the strip."""
         return self._path is not None
 
-    def take(self, touch: Touch) -> list[Gesture]:
-        """Take a reading and return the gestures that it decided."""
+    def take(self, touch: Touch, now_s: float) -> list[Gesture]:
+        """Take a reading and return the gestures that it decided; `now_s` as in `tick`."""
+        self.tick(now_s)
+        if not touch.flags & LED_OFF:  # a blind one knows of no finger
+            self._heard_s = now_s
         self._now_s = touch.time_s
         t = touch.t_us // TICK_US % TICKS
         self._contact.take(touch.flags & ~DROPPED, touch.position_um, touch.force_mN, t)
@@ -100,6 +105,12 @@ class Gestures:
             self._tap = None
         found, self._found = self._found, []
         return found
+
+    def tick(self, now_s: float) -> None:
+        """Forget the touch and what is pending, if no reading has come for `LOST_S`."""
+        if self._heard_s is not None and now_s - self._heard_s > LOST_S:
+            self._heard_s = None
+            self.release()
 
     def release(self) -> None:
         """Forget the touch and the tap that waits for a second one."""

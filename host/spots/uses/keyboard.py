@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from tactile.contact import TICK_US, TICKS
-from tactile.decode import DROPPED
+from tactile.decode import DROPPED, LED_OFF
 from tactile.keypad import Keypad
 from tactile.layout import Layout
 
@@ -58,18 +58,22 @@ class KeyEngine:
 
     def take(self, touch: Touch, now_s: float) -> None:
         """Take a reading; `now_s` by the clock of `tick`."""
+        self.tick(now_s)
         t = touch.t_us // TICK_US % TICKS
         flags = touch.flags & ~DROPPED  # the board's own engine has missed nothing
         self._pad.take(flags, touch.position_um, touch.force_mN, t)
         self._pad.tick(t)
-        self._heard_s = now_s
+        if not flags & LED_OFF:  # a blind one knows of no finger
+            self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:
-        """Let go of all if no reading has come for `LOST_S`."""
+        """Let go of all, and forget what is pending, if no reading has come for `LOST_S`."""
         if self._heard_s is not None and now_s - self._heard_s > LOST_S:
             self._heard_s = None
             if self._pad.contact.touched:
-                self.release()  # a finger that comes meanwhile is a new one
+                self.release()
+            else:
+                self._pad.forget()  # a finger that comes meanwhile is a new one
 
     def release(self) -> None:
         """Let go of all; a finger that is still there presses nothing until it was lifted."""

@@ -1,8 +1,8 @@
 """What a computer is played through: a keyboard, a gamepad; here those that only print.
 
-Whoever opens one lets go of everything when it ends, however it ends::
+Whoever opens one lets go of everything when it ends or stops, however it does, see `signals`::
 
-    with ended_by_signals(), open_keyboard(dry_run=False) as keyboard:
+    with released_by_signals(), open_keyboard(dry_run=False) as keyboard:
         keyboard.key(*usage_of("PLAY_PAUSE"), modifiers=0, pressed=True)
 
 A process that is killed outright (SIGKILL, a power cut) runs no such line. On Linux the kernel
@@ -11,13 +11,12 @@ then destroys the virtual device with its last file handle and lets go of what i
 
 from __future__ import annotations
 
-import contextlib
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from ..errors import SpotsError
+from .signals import SECTION
 from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, USAGES, Usage, name_of
 
 AXIS_MAX = 32_767  # as in the reports of `tactile.hid`
@@ -47,11 +46,19 @@ REST = State(0, 0, 0, 0)
 
 
 class Output:
-    """A device that lets go of everything when it is closed, also by an exception."""
+    """A device that lets go of everything when it is closed, also by an exception.
 
+    Attributes
+    ----------
+    muted : bool
+        Whether it takes releases alone, see `mute`.
+    """
+
+    muted = False
     _closed = False
 
     def __enter__(self):
+        SECTION.outputs.add(self)
         return self
 
     def __exit__(self, *exception) -> None:
@@ -61,15 +68,22 @@ class Output:
         """Let go of all."""
         raise NotImplementedError
 
+    def mute(self) -> None:
+        """Let go of all, and press nothing until `signals.resumed` unmutes it."""
+        self.muted = True
+        self.release()
+
     def close(self) -> None:
         """Let go of all, then of the device; closing twice is closing once."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self.release()
-        finally:
-            self._close()
+        with SECTION:
+            if self._closed:
+                return
+            self._closed = True
+            SECTION.outputs.discard(self)
+            try:
+                self.release()
+            finally:
+                self._close()
 
     def _close(self) -> None:
         pass
@@ -101,20 +115,22 @@ class Keyboard(Output):
             If there is no such key here, or the device takes no events any more.
         """
         key = (page, usage)
-        if pressed == (key in self._held):
-            return
-        if pressed:
-            for one in self._physical(key, modifiers):
-                self._check(one)
-            self._held[key] = modifiers
-        else:
-            del self._held[key]
-        self._apply()
+        with SECTION:
+            if pressed == (key in self._held) or (pressed and self.muted):
+                return
+            if pressed:
+                for one in self._physical(key, modifiers):
+                    self._check(one)
+                self._held[key] = modifiers
+            else:
+                del self._held[key]
+            self._apply()
 
     def release(self) -> None:
         """Let go of all keys; what fails on the way does not keep the others down."""
-        self._held.clear()
-        self._apply()
+        with SECTION:
+            self._held.clear()
+            self._apply()
 
     def _apply(self) -> None:
         wanted = dict.fromkeys(
@@ -167,11 +183,12 @@ class Gamepad(Output):
         SpotsError
             If the device takes no events any more.
         """
-        state = State(x, y, z, buttons)
-        if state != self._last:
-            self._last = None  # what the computer knows is unknown until it is sent
-            self._send(state)
-            self._last = state
+        with SECTION:
+            state = REST if self.muted else State(x, y, z, buttons)
+            if state != self._last:
+                self._last = None  # what the computer knows is unknown until it is sent
+                self._send(state)
+                self._last = state
 
     def release(self) -> None:
         """Centre all axes and let go of all buttons."""
@@ -258,30 +275,6 @@ def open_gamepad(dry_run: bool) -> Gamepad:
     from .uinput import UInputGamepad
 
     return UInputGamepad()
-
-
-@contextlib.contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """End a block by SystemExit on SIGTERM and SIGHUP, so that outputs in it let go.
-
-    Only for the main thread, as signals are. While the block ends no second one disturbs it.
-    """
-    names = ("SIGTERM", "SIGHUP", "SIGBREAK")  # what there is of them
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    # What is ignored stays so (nohup), and what C has set cannot be set back.
-    numbers = [one for one in numbers if signal.getsignal(one) not in (signal.SIG_IGN, None)]
-
-    def end(number, frame):
-        for one in numbers:
-            signal.signal(one, signal.SIG_IGN)
-        raise SystemExit(128 + number)
-
-    before = {number: signal.signal(number, end) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _print(text: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 
 import msgspec
 from rich.console import Console
@@ -16,16 +16,16 @@ from ..errors import SpotsError
 from ..frames import Touch
 from ..sim.scenario import Scenario
 from ..view import Pace, live
-from .calibrated import hello_calibrated, ticks
+from .calibrated import hello_often, ticks
 from .controller import Controller
 from .controller_score import ControllerScore
 from .controller_settings import DEFAULT, Settings, load
 from .controller_setup import set_up
-from .outputs import Gamepad, PrintedGamepad, State, ended_by_signals, open_gamepad
+from .outputs import Gamepad, PrintedGamepad, State, open_gamepad
+from .signals import released_by_signals
 from .stick import picture
 
 _TICK_S = 0.005  # how late a state may be that no reading asks for
-_READINGS_HELD = 2
 _READINGS_BRIDGED = 1.5
 _PLAIN_LINES_PER_S = 4
 
@@ -33,7 +33,7 @@ _PLAIN_LINES_PER_S = 4
 def run(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
     settings = None if options.calibrate else load(options.settings or DEFAULT)
-    with ended_by_signals(), open_named(options) as board:
+    with released_by_signals(), open_named(options) as board:
         if settings is None:
             set_up(board, options.settings or "controller.toml")
             return
@@ -62,7 +62,7 @@ def demonstrate(
         view = View(board, controller, settings)
     elif not quiet:
         gamepad = _Sampled(board.now_s)
-    with gamepad:
+    with suppress(KeyboardInterrupt), gamepad:
         _until_enough(board, controller, gamepad, seconds, view, score)
     return score.summary()
 
@@ -101,7 +101,7 @@ def play(
                 on_state(state)
             gamepad.update(*state)
 
-    for touches in ticks(board, seconds, _TICK_S):
+    for touches in ticks(board, seconds, _TICK_S, controller.release):
         for touch in touches:
             send(controller.take(touch, board.now_s()))
             if on_reading:
@@ -110,21 +110,23 @@ def play(
 
 
 def controller_for(board: Board, settings: Settings) -> Controller:
-    """Return a controller for a board's strip, however rare its readings are.
+    """Return a controller for a board's strip.
 
-    It bridges at least one that failed, and holds a state for at least two.
+    It bridges at least one reading that failed, within ``hold_ms``.
 
     Raises
     ------
     SpotsError
-        If the board has no calibration.
+        If the board has no calibration, or its readings come less often than ``hold_ms``.
     """
-    info = hello_calibrated(board)
+    info = hello_often(
+        board,
+        settings.hold_ms / 1000,
+        "set a shorter exposure_us or a smaller average, or a longer hold_ms in the settings",
+    )
     every_ms = info["exposure_us"] * info["average"] / 1000
     patient = msgspec.structs.replace(
-        settings,
-        hold_ms=max(settings.hold_ms, _READINGS_HELD * every_ms),
-        release_ms=max(settings.release_ms, _READINGS_BRIDGED * every_ms),
+        settings, release_ms=max(settings.release_ms, _READINGS_BRIDGED * every_ms)
     )
     return Controller(patient, info["length_um"])
 
@@ -172,21 +174,18 @@ class _Sampled(PrintedGamepad):
 
 def _until_enough(board, controller, gamepad, seconds, view=None, score=None) -> None:
     pace = Pace()
-    try:
-        with live(Console()) if view else nullcontext() as display:
+    with live(Console()) if view else nullcontext() as display:
 
-            def on_reading(touch):
-                if score:
-                    score.read(touch, controller.state)
-                if view and pace.due(board.now_s()):
-                    display.update(view.picture(), refresh=True)
+        def on_reading(touch):
+            if score:
+                score.read(touch, controller.state)
+            if view and pace.due(board.now_s()):
+                display.update(view.picture(), refresh=True)
 
-            def on_state(state):
-                if score:
-                    score.sent(state, board.now_s())
-                if view:
-                    view.sent(state)
+        def on_state(state):
+            if score:
+                score.sent(state, board.now_s())
+            if view:
+                view.sent(state)
 
-            play(board, controller, gamepad, seconds, on_reading, on_state)
-    except KeyboardInterrupt:
-        pass
+        play(board, controller, gamepad, seconds, on_reading, on_state)

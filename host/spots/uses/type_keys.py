@@ -13,11 +13,12 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..view import Pace, live
-from .calibrated import length_of, tell_rest, ticks
-from .keyboard import KeyEngine, KeySink
+from .calibrated import hello_often, length_of, tell_rest, ticks
+from .keyboard import LOST_S, KeyEngine, KeySink
 from .keys import push
 from .layout import KeyLayout, load
-from .outputs import ended_by_signals, open_keyboard
+from .outputs import open_keyboard
+from .signals import released_by_signals
 from .typing_view import picture
 from .typist import TypedText
 
@@ -28,7 +29,7 @@ DEMO_LAYOUT = "mini"
 def run(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
-    with ended_by_signals(), open_named(options) as board:
+    with released_by_signals(), open_named(options) as board:
         info = board.command("hello")
         if info["keys"]:
             raise SpotsError(
@@ -42,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Type on a keyboard what is touched, until the time is over or Ctrl-C; then let go of all.
+    """Type on a keyboard what is touched, until the time is over; then let go of all.
 
     Parameters
     ----------
@@ -55,20 +56,19 @@ def type_on(
     Raises
     ------
     SpotsError
-        If the board has no calibration, is lost, or the keyboard takes no more.
+        If the board has no calibration, is too slow or lost, or the keyboard takes no more.
     """
-    engine = KeyEngine(layout, length_of(board), keyboard)
+    length_um = hello_often(board, LOST_S)["length_um"]
+    engine = KeyEngine(layout, length_um, keyboard)
     board.patience_s = math.inf  # no key is down meanwhile
     try:
-        for touches in ticks(board, seconds, _TICK_S):
+        for touches in ticks(board, seconds, _TICK_S, engine.release):
             for touch in touches:
                 engine.take(touch, board.now_s())
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0
                 tell_rest(board)
-    except KeyboardInterrupt:
-        pass
     finally:
         engine.release()
 

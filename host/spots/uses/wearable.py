@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -16,10 +16,11 @@ from ..board import Board
 from ..connect import open_named
 from ..errors import SpotsError
 from ..view import Pace, live
-from .calibrated import length_of, tell_rest, ticks
+from .calibrated import hello_often, tell_rest, ticks
 from .gestures import NAMES, Gesture, Gestures
 from .keyboard import LOST_S, KeySink
-from .outputs import ended_by_signals, open_keyboard
+from .outputs import open_keyboard
+from .signals import released_by_signals
 from .usages import chord_of
 from .wearable_view import picture
 
@@ -80,11 +81,10 @@ def run(options: argparse.Namespace) -> None:
     """Run ``spots wearable`` with the options that `cli` parsed."""
     mapping = Mapping(options.gestures or DEFAULT)
     with (
-        ended_by_signals(),
+        released_by_signals(),
         open_named(options) as board,
         open_keyboard(options.dry_run) as keyboard,
     ):
-        length_of(board)
         drawing = Console().is_terminal and not options.dry_run
         play(board, lambda one: mapping.do(one, keyboard), options.seconds, drawing, mapping)
 
@@ -96,7 +96,7 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Tell of each gesture until the time is over or Ctrl-C; return all of them.
+    """Tell of each gesture until the time is over; return all of them.
 
     Parameters
     ----------
@@ -110,26 +110,21 @@ def play(
     mapping : Mapping
     """
     gestures, found = Gestures(), []
-    length_um = length_of(board)
-    pace, touch, heard_s = Pace(), None, board.now_s()
-    try:
-        with live(Console()) if drawing else nullcontext() as display:
-            for touches in ticks(board, seconds, _TICK_S):
-                for touch in touches:
-                    heard_s = board.now_s()
-                    for gesture in gestures.take(touch):
-                        found.append(gesture)
-                        on_gesture(gesture)
-                if board.now_s() - heard_s > LOST_S:
-                    gestures.release()
-                if gestures.rests:
-                    gestures.rests = 0
-                    tell_rest(board)
-                if drawing and pace.due(board.now_s()):
-                    view = picture(touch, length_um, found, mapping.names, board.stats)
-                    display.update(view, refresh=True)
-    except KeyboardInterrupt:
-        pass
+    length_um = hello_often(board, LOST_S)["length_um"]
+    pace, touch = Pace(), None
+    with live(Console()) if drawing else nullcontext() as display:
+        for touches in ticks(board, seconds, _TICK_S, gestures.release):
+            for touch in touches:
+                for gesture in gestures.take(touch, board.now_s()):
+                    found.append(gesture)
+                    on_gesture(gesture)
+            gestures.tick(board.now_s())
+            if gestures.rests:
+                gestures.rests = 0
+                tell_rest(board)
+            if drawing and pace.due(board.now_s()):
+                view = picture(touch, length_um, found, mapping.names, board.stats)
+                display.update(view, refresh=True)
     return found
 
 
@@ -138,12 +133,16 @@ def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
     drawing = Console().is_terminal and not quiet
     mapping = Mapping()
 
+    found: list[Gesture] = []
+
     def tell(gesture: Gesture) -> None:
+        found.append(gesture)
         if not drawing and not quiet:
             does = mapping.names.get(gesture.name, "-")
             print(f"{gesture.name:12} {gesture.confidence:4.0%}  {does}", flush=True)
 
-    found = play(board, tell, seconds, drawing, mapping)
+    with suppress(KeyboardInterrupt):
+        play(board, tell, seconds, drawing, mapping)
     return {
         "gestures": [gesture.name for gesture in found],
         "least_confidence": round(min((gesture.confidence for gesture in found), default=0), 3),

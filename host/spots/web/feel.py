@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 from tactile import decode
 from tactile.layout import action
 
 from ..board import Board
+from ..errors import SpotsError
 from ..frames import Key, Touch
 from ..uses.controller_settings import load as load_controller
 from ..uses.gestures import Gestures
-from ..uses.keyboard import LOST_S, KeyEngine
+from ..uses.keyboard import KeyEngine
 from ..uses.layout import KeyLayout
 from ..uses.outputs import AXIS_MAX
 from ..uses.play import controller_for
@@ -43,11 +47,11 @@ class Feel:
         self._engine = self._gestures = self._controller = None
         self._down: dict[tuple, tuple] = {}  # by the event that will let it go
         self._shown_stick = None
-        self._heard_s = board.now_s()
         length_um = info.get("length_um")
         if length_um:
             self._gestures = Gestures()
-            self._controller = controller_for(board, load_controller())
+            with contextlib.suppress(SpotsError):  # too slow for a stick
+                self._controller = controller_for(board, load_controller())
             if not info["keys"]:
                 self._engine = KeyEngine(layout, length_um, self)
         state.put("keys", None)
@@ -57,18 +61,16 @@ class Feel:
 
     def take(self, touch: Touch, now_s: float) -> None:
         """Take a reading."""
-        self._heard_s = now_s
         self._state.put("touch", _shown(touch, now_s))
-        if self._controller is None:
+        if self._gestures is None:
             return
         if self._engine:
-            layer = self._engine.layer
-            self._engine.take(touch, now_s)
-            if self._engine.layer != layer:
-                self._show_keys()
-        for gesture in self._gestures.take(touch):
+            with self._shown_layer():
+                self._engine.take(touch, now_s)
+        for gesture in self._gestures.take(touch, now_s):
             self._state.tell({"kind": "gesture", **gesture._asdict()})
-        self._controller.take(touch, now_s)
+        if self._controller:
+            self._controller.take(touch, now_s)
         self._show_stick()
 
     def take_key(self, key: Key) -> None:
@@ -78,13 +80,14 @@ class Feel:
 
     def tick(self, now_s: float) -> None:
         """Let time pass, also when no reading comes."""
-        if self._controller is None:
+        if self._gestures is None:
             return
         if self._engine:
-            self._engine.tick(now_s)
-        if now_s - self._heard_s > LOST_S:
-            self._gestures.release()
-        self._controller.tick(now_s)
+            with self._shown_layer():
+                self._engine.tick(now_s)
+        self._gestures.tick(now_s)
+        if self._controller:
+            self._controller.tick(now_s)
         self._show_stick()
 
     def release(self) -> None:
@@ -119,6 +122,13 @@ class Feel:
                 if wanted in key.actions.values():
                     return layer, index
         return None, None
+
+    @contextlib.contextmanager
+    def _shown_layer(self) -> Iterator[None]:
+        layer = self._engine.layer
+        yield
+        if self._engine.layer != layer:
+            self._show_keys()
 
     def _show_keys(self) -> None:
         if self._engine is None:

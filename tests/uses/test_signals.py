@@ -1,0 +1,293 @@
+"""Signals: whatever ends or stops a process, all is released first, and a stop is a clean start."""
+
+import contextlib
+import os
+import pty
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from spots.uses.outputs import PrintedKeyboard
+from spots.uses.signals import on_console_event, released_by_signals
+
+DEADLINE_S = 60
+if sys.platform == "win32":
+    pytest.skip("Windows has no such signals", allow_module_level=True)
+
+# Plays as fast as it can, so that signals come in the middle of everything.
+PLAYS = """
+import itertools
+from spots.uses.outputs import open_gamepad, open_keyboard
+from spots.uses.signals import released_by_signals, resumed
+with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
+    print("ready", flush=True)
+    for i in itertools.count(1):
+        resumed()
+        gamepad.update(i % 99 + 1, -5, 7, 1 << i % 16)
+        for pressed in (True, False):
+            keyboard.key(7, 4 + i % 9, 3, pressed)
+            keyboard.key(12, 0xE9, 0, pressed)
+"""
+# Holds a key and an axis, as while a finger lies there; nothing is pressed after a stop.
+HOLDS = """
+import time
+from spots.uses.outputs import open_gamepad, open_keyboard
+from spots.uses.signals import released_by_signals
+with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
+    keyboard.key(7, 4, 2, True)
+    gamepad.update(1, 2, 3, 4)
+    print("ready", flush=True)
+    while True:
+        gamepad.update(1, 2, 3, 4)
+        keyboard.key(7, 5, 0, True)
+        time.sleep(0.01)
+"""
+
+
+class Devices:
+    """What a computer knows of the devices of a process, from the events of the stand-in."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def lines(self):
+        return self._path.read_text().splitlines() if self._path.exists() else []
+
+    def held(self):
+        known = {}
+        for line in self.lines():
+            if line[0].isdigit():
+                *key, value = line.split()
+                known[tuple(key)] = int(value)
+        return {key for key, value in known.items() if value}
+
+
+@pytest.fixture
+def start(environment, tmp_path):
+    """Return a function that starts a program in a job of its own, and waits until it plays."""
+    with contextlib.ExitStack() as stack:
+
+        def started(program, before=lambda: None):
+            path = tmp_path / "events"
+            process = subprocess.Popen(
+                [sys.executable, "-c", program],
+                env={**environment, "STAND_IN_EVENTS": str(path)},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                preexec_fn=lambda: (os.setpgid(0, 0), before(), None)[-1],
+            )
+            stack.callback(process.stdout.close)
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            assert process.stdout.readline() == b"ready\n"
+            return process, Devices(path)
+
+        yield started
+
+
+def until(condition):
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end_s, "it does not happen"
+        time.sleep(0.005)
+
+
+def stopped_by(process):
+    _, status = os.waitpid(process.pid, os.WUNTRACED)
+    assert os.WIFSTOPPED(status), status
+    return os.WSTOPSIG(status)
+
+
+@pytest.mark.parametrize("program", [PLAYS, HOLDS])
+@pytest.mark.parametrize(
+    "name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGTSTP", "SIGTTIN", "SIGTTOU"]
+)
+def test_a_signal_does_what_it_does_after_all_is_released(start, program, name):
+    process, devices = start(program)
+    assert program is PLAYS or devices.held()
+    number = getattr(signal, name)
+    process.send_signal(number)
+    if name.startswith("SIGT") and name != "SIGTERM":
+        assert stopped_by(process) == number
+    else:
+        assert process.wait(DEADLINE_S) == -number
+        assert devices.lines()[-1] == "close"
+    assert not devices.held()
+
+
+def test_stops_at_many_moments_leave_nothing_down_and_it_plays_on(start):
+    process, devices = start(PLAYS)
+    rng = random.Random(1)
+    for _ in range(60):
+        time.sleep(rng.random() * 0.01)
+        process.send_signal(rng.choice((signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)))
+        stopped_by(process)
+        lines = len(devices.lines())
+        assert not devices.held()
+        process.send_signal(signal.SIGCONT)
+        until(lambda: len(devices.lines()) > lines + 20)  # noqa: B023
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(DEADLINE_S) == -signal.SIGTERM
+    assert not devices.held()
+
+
+def test_ends_at_many_moments_leave_nothing_down(start, tmp_path):
+    rng = random.Random(2)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP) * 2:
+        process, devices = start(PLAYS)
+        time.sleep(rng.random() * 0.05)
+        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)  # a second one disturbs nothing
+        assert process.wait(DEADLINE_S) in (-number, -signal.SIGTERM)
+        assert devices.lines()[-1] == "close"
+        assert not devices.held()
+        (tmp_path / "events").unlink()
+
+
+def test_after_a_stop_nothing_is_pressed_until_the_loop_has_begun_again(start):
+    process, devices = start(HOLDS)
+    process.send_signal(signal.SIGTSTP)
+    stopped_by(process)
+    lines = devices.lines()
+    process.send_signal(signal.SIGCONT)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(DEADLINE_S) == -signal.SIGTERM
+    assert devices.lines() == [*lines, "close", "close"]
+
+
+def test_what_a_stop_without_a_handler_held_is_released_when_it_goes_on(start):
+    process, devices = start(HOLDS)
+    process.send_signal(signal.SIGSTOP)
+    stopped_by(process)
+    assert devices.held()
+    process.send_signal(signal.SIGCONT)
+    until(lambda: not devices.held())
+
+
+def test_ignored_signals_stay_ignored(start):
+    """As nohup has it, and a shell's background without job control."""
+    ignored = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTSTP)
+
+    def ignore():
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)
+
+    process, devices = start(HOLDS, ignore)
+    for number in ignored:
+        process.send_signal(number)
+    time.sleep(0.2)
+    assert process.poll() is None
+    assert devices.held()
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(DEADLINE_S) == -signal.SIGTERM
+
+
+def test_a_console_event_of_windows_waits_until_all_is_released():
+    """Its handler runs in a thread, and the process ends when that returns."""
+    released, lines, found = threading.Event(), [], []
+
+    def close():
+        found.append((on_console_event(2, released), list(lines)))
+
+    thread = threading.Thread(target=close)
+    with released_by_signals():
+        with (
+            contextlib.suppress(KeyboardInterrupt),
+            PrintedKeyboard(lines.append) as keyboard,
+        ):
+            keyboard.key(7, 4, 0, True)
+            thread.start()
+            while True:
+                time.sleep(0.01)
+        released.set()
+    thread.join()
+    assert found == [(True, ["down  A", "up    A"])]
+    assert not on_console_event(0, released)  # Ctrl-C has a signal
+
+
+def test_handlers_are_put_back():
+    names = ("SIGTERM", "SIGINT", "SIGTSTP", "SIGCONT")
+    before = [signal.getsignal(getattr(signal, name)) for name in names]
+    with released_by_signals():
+        assert callable(signal.getsignal(signal.SIGTSTP))
+    assert [signal.getsignal(getattr(signal, name)) for name in names] == before
+
+
+def test_an_end_that_is_caught_in_the_block_is_no_end():
+    """For programs that Ctrl-C ends in an orderly way."""
+    with released_by_signals(), contextlib.suppress(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(DEADLINE_S)
+    with released_by_signals(), PrintedKeyboard(lambda line: None) as keyboard:
+        keyboard.key(7, 4, 0, True)
+        assert keyboard._down
+
+
+# In a shell with job control, as people do it.
+
+
+class Shell:
+    """An interactive shell on a terminal of its own."""
+
+    def __init__(self, environment):
+        self.pid, self._end = pty.fork()
+        if not self.pid:
+            os.environ.update(environment, PS1="")
+            os.execvp("sh", ["sh", "-i"])
+
+    def type(self, text):
+        os.write(self._end, text.encode())
+
+    def read(self):
+        """Take what it prints, so that nothing has to wait."""
+        os.set_blocking(self._end, False)
+        with contextlib.suppress(OSError):
+            return os.read(self._end, 65_536)
+        return b""
+
+    def hang_up(self):
+        os.close(self._end)
+
+
+@pytest.fixture
+def shell(environment, tmp_path):
+    made = Shell({**environment, "STAND_IN_EVENTS": str(tmp_path / "events")})
+    yield made
+    with contextlib.suppress(OSError):
+        os.killpg(made.pid, signal.SIGKILL)
+    with contextlib.suppress(ChildProcessError):
+        os.waitpid(made.pid, 0)
+
+
+@pytest.mark.parametrize("use", ["keyboard", "controller"])
+def test_a_strip_is_played_stopped_and_played_again(shell, tmp_path, use):
+    devices = Devices(tmp_path / "events")
+
+    def now(condition):
+        def looked():
+            shell.read()
+            return condition()
+
+        until(looked)
+
+    shell.type(f"{sys.executable} -m spots {use} --port virtual\n")
+    for _ in range(3):
+        before = len(devices.lines())
+        now(lambda: len(devices.lines()) > before + 2 and devices.held())  # noqa: B023
+        shell.type("\x1a")
+        now(lambda: not devices.held())
+        said = f"stopped-{before}"
+        shell.type(f"echo {said} > {tmp_path}/said\n")  # the shell has the terminal again
+        now(lambda: (tmp_path / "said").exists() and said in (tmp_path / "said").read_text())  # noqa: B023
+        assert not devices.held()
+        shell.type("fg\n")
+    before = len(devices.lines())
+    now(lambda: len(devices.lines()) > before + 2 and devices.held())
+    shell.type("\x1c")  # Ctrl-\
+    now(lambda: devices.lines()[-1] == "close")
+    assert not devices.held()

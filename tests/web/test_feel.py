@@ -1,0 +1,64 @@
+"""What the page makes of readings, also of boards that are slow and of silence."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from spots.frames import Touch
+from spots.uses.layout import load
+from spots.web.feel import Feel
+from spots.web.state import State
+
+ONCE = """
+name = "x"
+[[layer]]
+name = "a"
+keys = ["once b", "A"]
+[[layer]]
+name = "b"
+keys = ["1", "2"]
+"""
+
+
+class Shown(State):
+    """Keeps what was put last."""
+
+    def __init__(self):
+        super().__init__()
+        self.parts = {}
+
+    def put(self, name, value):
+        super().put(name, value)
+        self.parts[name] = value
+
+
+def feel_of(layout, exposure_us):
+    info = {"length_um": 85_000, "exposure_us": exposure_us, "average": 1, "keys": 0}
+    board = SimpleNamespace(command=lambda line: info, now_s=lambda: 0.0)
+    state = Shown()
+    return Feel(board, info, layout, state), state
+
+
+def read(feel, now_s, flags, x_um=10_000):
+    feel.take(Touch(0, 0, round(1e6 * now_s), flags, 0, 0, x_um, 1500, now_s), now_s)
+
+
+@pytest.mark.parametrize(("exposure_us", "stick"), [(10_000, True), (400_000, False)])
+def test_a_board_too_slow_for_a_stick_is_shown_without_one(exposure_us, stick):
+    feel, state = feel_of(load("digits"), exposure_us)
+    for i in range(5):
+        read(feel, i * exposure_us * 1e-6, 1)
+        feel.tick(i * exposure_us * 1e-6)
+    assert state.parts["touch"]["touching"]
+    assert (state.parts["stick"] is not None) is stick
+
+
+def test_a_layer_that_silence_ends_is_shown(tmp_path):
+    path = tmp_path / "once.toml"
+    path.write_text(ONCE)
+    feel, state = feel_of(load(path), 10_000)
+    for i, flags in enumerate([4] * 8 + [1] * 8 + [4] * 8):
+        read(feel, 0.01 * i, flags)
+    assert state.parts["keys"]["layer"] == "b"
+    feel.tick(1.0)
+    assert state.parts["keys"]["layer"] == "a"
