@@ -217,7 +217,8 @@ class AS7341:
         if not self.steady:
             # Asked only until it is: ticks that lie too far back compare wrongly. As early as it
             # may have begun, the oscillator being trusted to a sixteenth.
-            began = clock.ticks_add(self.complete, -self.exposure_us - (self.exposure_us >> 4))
+            longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
+            began = clock.ticks_add(self.complete, -longest_us)
             self.steady = clock.ticks_diff(began, self._settled) >= 0
         return True
 
