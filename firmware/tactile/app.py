@@ -17,9 +17,11 @@ LAYOUT_FILE = "layout.txt"
 _SLICE_US = 10_000  # longest sleep with a deaf ear
 _RETRY_US = 100_000  # between attempts to bring a lost sensor back
 _LAST_US = 100_000  # for the host to hear, at the end, that no key is down
+_NO_CHARACTER = -1
+_CTRL_C = 3
 
 
-def _nothing():
+def _nothing(*_):
     pass
 
 
@@ -49,6 +51,9 @@ class App:
         self.faults = 0
         self.reboot = False
         self.feed = _nothing  # in every step; of a watchdog, where one runs
+        self.interrupt_at = _nothing  # the character that interrupts; see micropython.kbd_intr
+        self._left = False
+        self._leave_until = None  # ticks
         self._clock = clock
         self._serial = serial
         self._time = Time32(clock)
@@ -67,19 +72,45 @@ class App:
         self.strip = Strip(0, sensor, self.framer, self._time, clock, self.settings, self.uses)
 
     def run(self):
-        """Run until told to reboot; whatever happens, leave no key down and the LED off."""
+        """Run until told to reboot; on every exit path no key stays down and the LED is off."""
+        self._left = False
+        self._leave_until = None
+        # Each step of the end runs inside the guards after it, and does nothing if it was done. Two
+        # interrupts may come in between: one before they are off, and one that was on its way.
         try:
-            while not self.reboot:
-                self.step()
+            try:
+                try:
+                    try:
+                        try:
+                            while not self.reboot:
+                                self.step()
+                        finally:
+                            self._leave()
+                    finally:
+                        self._leave()
+                finally:
+                    self._leave()
+            finally:
+                self.interrupt_at(_CTRL_C)
+        finally:
+            self.interrupt_at(_CTRL_C)
+
+    def _leave(self):
+        self.interrupt_at(_NO_CHARACTER)
+        if self._left:
+            return
+        clock = self._clock
+        try:
+            if self._leave_until is None:
+                self._leave_until = clock.ticks_add(clock.ticks_us(), _LAST_US)
+            self._set_time()
+            self.uses.finish(clock, self._leave_until)
         finally:
             try:
-                self._set_time()
-                self.uses.finish(self._clock, _LAST_US)
-            finally:
-                try:
-                    self.strip.sensor.stop()
-                except OSError:
-                    pass
+                self.strip.sensor.stop()
+            except OSError:
+                pass
+        self._left = True
 
     def step(self):
         """Do what is due now; sleeps at most a slice. Allocates nothing while sampling."""
