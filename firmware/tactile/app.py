@@ -7,6 +7,7 @@ from .as7341 import SensorError
 from .calibration import Calibration, CalibrationError
 from .command import LINE_MAX, Commands, LineReader
 from .frame import TEXT_MAX, Framer, Time32
+from .meter import Meter
 from .settings import SETTINGS_FILE, Settings, checksum, load_lines, save_lines
 from .strip import Strip
 from .uses import Uses
@@ -52,6 +53,7 @@ class App:
         self.reboot = False
         self.feed = _nothing  # in every step; of a watchdog, where one runs
         self.interrupt_at = _nothing  # the character that interrupts; see micropython.kbd_intr
+        self.meter = Meter()
         self._left = False
         self._leave_until = None  # ticks
         self._clock = clock
@@ -134,6 +136,23 @@ class App:
         except (OSError, SensorError) as error:
             self._lose(error)
 
+    def measure(self):
+        """Measure what a sample costs from now on; until that is done, it costs a little more."""
+        self.meter.restart()
+        self.step = self._measured_step
+
+    def _measured_step(self):
+        clock, sensor = self._clock, self.strip.sensor
+        wait_us = 0 if self._lost else sensor.remaining_us()
+        if wait_us > 0:
+            clock.sleep_us(min(wait_us, _SLICE_US))
+        began, complete = clock.ticks_us(), sensor.complete
+        App.step(self)
+        if self._lost or sensor.complete == complete:
+            return
+        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began)):
+            del self.step
+
     def log(self, level, text):
         """Send a log line."""
         self._send({"log": level, "text": text})
@@ -186,6 +205,7 @@ class App:
         calibration = self.strip.decode.calibration
         self._set_time()
         self.uses.apply(calibration)
+        self.measure()
         return "; ".join([note for note in (why_not, self.uses.note(calibration)) if note]) or None
 
     def _choose_calibration(self):
@@ -211,6 +231,11 @@ class App:
         reply = dict(self.settings.values)
         reply["plan"] = list(reply["plan"])
         return reply
+
+    def rate_mHz(self):
+        """Return the readings in 1000 s to expect at the present settings."""
+        s = self.settings.values
+        return self.meter.rate_mHz(s["exposure_us"], s["average"])
 
     def let_go(self):
         """Release all keys, for no reading may come for a while."""
@@ -271,6 +296,9 @@ class App:
                 return
 
     def _find_sensor(self):
+        # Nothing is sampled now, so a pause costs nothing. A heap full of what earlier searches
+        # left would slow the loop down as long as nobody sends a command.
+        gc.collect()
         self._set_time()  # or it would lose its turns meanwhile
         try:
             self.strip.start()
