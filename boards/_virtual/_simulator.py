@@ -36,13 +36,16 @@ SCL = const(0)
 SDA = const(1)
 
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
-_sleeps = 0
+_memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))
+_looks = 0
 now_us = 0
 
 
 def call(operation, a, b, c, buffer=None):
     """Send a request and take its answer; `buffer` is what is sent, or filled by a read."""
     global now_us
+    if _memory_every == 1 and operation in (READ, WRITE):
+        _tell_memory()
     if operation in (WRITE, HID):
         _fill(_long, operation, a, b, c)
         for i in range(b):
@@ -85,9 +88,9 @@ def sleep_us(us):
 
 def _tell_memory():
     # Not in a reply: how much is free differs from run to run, and bytes must not.
-    global _sleeps
-    _sleeps += 1
-    if _sleeps & 0xFF == 0:
+    global _looks
+    _looks += 1
+    if _looks % _memory_every == 0:
         free = gc.mem_free()
         _fill(_header, MEMORY, free & 0xFF, free >> 8 & 0xFF, free >> 16)
         _send(_header, 4)

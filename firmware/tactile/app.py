@@ -7,6 +7,7 @@ from .as7341 import SensorError
 from .calibration import Calibration, CalibrationError
 from .command import LINE_MAX, Commands, LineReader
 from .frame import TEXT_MAX, Framer, Time32
+from .meter import Meter
 from .settings import SETTINGS_FILE, Settings, checksum, load_lines, save_lines
 from .strip import Strip
 from .uses import Uses
@@ -17,9 +18,11 @@ LAYOUT_FILE = "layout.txt"
 _SLICE_US = 10_000  # longest sleep with a deaf ear
 _RETRY_US = 100_000  # between attempts to bring a lost sensor back
 _LAST_US = 100_000  # for the host to hear, at the end, that no key is down
+_NO_CHARACTER = -1
+_CTRL_C = 3
 
 
-def _nothing():
+def _nothing(*_):
     pass
 
 
@@ -49,6 +52,10 @@ class App:
         self.faults = 0
         self.reboot = False
         self.feed = _nothing  # in every step; of a watchdog, where one runs
+        self.interrupt_at = _nothing  # the character that interrupts; see micropython.kbd_intr
+        self.meter = Meter()
+        self._left = False
+        self._leave_until = None  # ticks
         self._clock = clock
         self._serial = serial
         self._time = Time32(clock)
@@ -67,19 +74,45 @@ class App:
         self.strip = Strip(0, sensor, self.framer, self._time, clock, self.settings, self.uses)
 
     def run(self):
-        """Run until told to reboot; whatever happens, leave no key down and the LED off."""
+        """Run until told to reboot; on every exit path no key stays down and the LED is off."""
+        self._left = False
+        self._leave_until = None
+        # Each step of the end runs inside the guards after it, and does nothing if it was done. Two
+        # interrupts may come in between: one before they are off, and one that was on its way.
         try:
-            while not self.reboot:
-                self.step()
+            try:
+                try:
+                    try:
+                        try:
+                            while not self.reboot:
+                                self.step()
+                        finally:
+                            self._leave()
+                    finally:
+                        self._leave()
+                finally:
+                    self._leave()
+            finally:
+                self.interrupt_at(_CTRL_C)
+        finally:
+            self.interrupt_at(_CTRL_C)
+
+    def _leave(self):
+        self.interrupt_at(_NO_CHARACTER)
+        if self._left:
+            return
+        clock = self._clock
+        try:
+            if self._leave_until is None:
+                self._leave_until = clock.ticks_add(clock.ticks_us(), _LAST_US)
+            self._set_time()
+            self.uses.finish(clock, self._leave_until)
         finally:
             try:
-                self._set_time()
-                self.uses.finish(self._clock, _LAST_US)
-            finally:
-                try:
-                    self.strip.sensor.stop()
-                except OSError:
-                    pass
+                self.strip.sensor.stop()
+            except OSError:
+                pass
+        self._left = True
 
     def step(self):
         """Do what is due now; sleeps at most a slice. Allocates nothing while sampling."""
@@ -102,6 +135,23 @@ class App:
                 self.strip.take()
         except (OSError, SensorError) as error:
             self._lose(error)
+
+    def measure(self):
+        """Measure what a sample costs from now on; until that is done, it costs a little more."""
+        self.meter.restart()
+        self.step = self._measured_step
+
+    def _measured_step(self):
+        clock, sensor = self._clock, self.strip.sensor
+        wait_us = 0 if self._lost else sensor.remaining_us()
+        if wait_us > 0:
+            clock.sleep_us(min(wait_us, _SLICE_US))
+        began, complete = clock.ticks_us(), sensor.complete
+        App.step(self)
+        if self._lost or sensor.complete == complete:
+            return
+        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began)):
+            del self.step
 
     def log(self, level, text):
         """Send a log line."""
@@ -155,6 +205,7 @@ class App:
         calibration = self.strip.decode.calibration
         self._set_time()
         self.uses.apply(calibration)
+        self.measure()
         return "; ".join([note for note in (why_not, self.uses.note(calibration)) if note]) or None
 
     def _choose_calibration(self):
@@ -180,6 +231,11 @@ class App:
         reply = dict(self.settings.values)
         reply["plan"] = list(reply["plan"])
         return reply
+
+    def rate_mHz(self):
+        """Return the readings in 1000 s to expect at the present settings."""
+        s = self.settings.values
+        return self.meter.rate_mHz(s["exposure_us"], s["average"])
 
     def let_go(self):
         """Release all keys, for no reading may come for a while."""
@@ -240,6 +296,9 @@ class App:
                 return
 
     def _find_sensor(self):
+        # Nothing is sampled now, so a pause costs nothing. A heap full of what earlier searches
+        # left would slow the loop down as long as nobody sends a command.
+        gc.collect()
         self._set_time()  # or it would lose its turns meanwhile
         try:
             self.strip.start()

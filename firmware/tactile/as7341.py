@@ -114,10 +114,10 @@ class AS7341:
         OSError
             If the bus fails.
         """
-        image = smux_map(plan)
-        atime, astep = exposure.registers(exposure_us)
         began = self._clock.ticks_us()
         self._identify()
+        image = smux_map(plan)
+        atime, astep = exposure.registers(exposure_us)
         self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
         self._configure(atime, astep, gain, led_mA)
         self._write(_PERS, 0)  # AINT at every sample
@@ -217,7 +217,8 @@ class AS7341:
         if not self.steady:
             # Asked only until it is: ticks that lie too far back compare wrongly. As early as it
             # may have begun, the oscillator being trusted to a sixteenth.
-            began = clock.ticks_add(self.complete, -self.exposure_us - (self.exposure_us >> 4))
+            longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
+            began = clock.ticks_add(self.complete, -longest_us)
             self.steady = clock.ticks_diff(began, self._settled) >= 0
         return True
 
@@ -267,21 +268,23 @@ class AS7341:
             self._write(_CFG0, 0)
 
     def _identify(self):
-        # The chip does not answer for about 200 us after power-up (section 8.2).
-        clock = self._clock
-        began = clock.ticks_us()
-        while True:
+        try:
+            self._ask_id()
+        except OSError:
+            # The chip does not answer for about 200 us after power-up (section 8.2). No third
+            # attempt: whoever searches comes again, and each failure is garbage.
+            self._clock.sleep_us(_POWER_UP_US)
             try:
-                self._write(_CFG0, 0)  # a transfer that failed may have left bank 1 selected
-                self._bus.read_into(_ID, self._byte)
-                break
+                self._ask_id()
             except OSError:
-                if clock.ticks_diff(clock.ticks_us(), began) > _POWER_UP_US:
-                    self.recover()
-                    raise SensorError("no chip answers at 0x39; check wiring and supply")
-                clock.sleep_us(200)
+                self.recover()
+                raise SensorError("no chip answers at 0x39; check wiring and supply")
         if self._byte[0] >> 2 != 9:
             raise SensorError("the chip at 0x39 is no AS7341 (ID 0x%02x)" % self._byte[0])
+
+    def _ask_id(self):
+        self._write(_CFG0, 0)  # a transfer that failed may have left bank 1 selected
+        self._bus.read_into(_ID, self._byte)
 
     def _sleep_until(self, began, duration_us):
         left_us = duration_us - self._clock.ticks_diff(self._clock.ticks_us(), began)

@@ -143,6 +143,7 @@ class Commands:
         if app.settings.change(words):
             app.restart()
         reply = app.settings_now()
+        reply["rate_mHz"] = app.rate_mHz()
         note = app.apply_calibration()
         if note:
             reply["note"] = note
@@ -157,6 +158,7 @@ class Commands:
         strip = self._app.strip
         strip.stream_touch = "touch" in kinds
         strip.stream_spectrum = "spectrum" in kinds
+        self._app.measure()
         return {"stream": sorted(kinds)}
 
     def _streamed(self):

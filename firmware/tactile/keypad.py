@@ -62,12 +62,15 @@ class Keypad:
 
     def tick(self, t):
         """Do what is due at time `t`; after every reading."""
-        layout = self._layout
-        if self._due >= 0 and elapsed(self._tapped, t) >= layout.double_t:
-            self._tap_due()
+        # A time is forgotten as soon as it means nothing more: it would wrap.
+        if self._tapped_at >= 0:
+            self._age_tap(t)
         if self._state == _OPEN and self._wait_t and elapsed(self._began, t) >= self._wait_t:
-            hold = self._action(HOLD)
-            self._press(hold if hold else self._action(TAP))
+            self._wait_t = 0
+            if self._action(HOLD):
+                self._press(self._action(HOLD))
+            elif self._action(DOUBLE) or not self._slides():
+                self._press(self._action(TAP))
 
     def release(self):
         """Let go of all; a finger that is still there presses nothing until it was lifted."""
@@ -113,7 +116,7 @@ class Keypad:
             if self._state == _OPEN:
                 self.down(x_um, t)  # it came down between two keys, and may still find one
             return
-        if self._state == _OPEN and self._swipes():
+        if self._state == _OPEN and self._wait_t and self._swipes():
             moved_um = x_um - self._x_um
             if abs(moved_um) >= layout.swipe_um and elapsed(self._began, t) < layout.swipe_t:
                 self._state = _OVER
@@ -204,21 +207,19 @@ class Keypad:
         layer = self._row_layer
         return self._layout.swipe(layer, True) or self._layout.swipe(layer, False)
 
+    def _slides(self):
+        return self._action(SLIDE_MINUS) or self._action(SLIDE_PLUS)
+
     def _is_plain(self):
-        return not (
-            self._wait_t
-            or self._action(DOUBLE)
-            or self._action(SLIDE_MINUS)
-            or self._action(SLIDE_PLUS)
-        )
+        return not (self._wait_t or self._action(DOUBLE) or self._slides())
 
     def _wait(self):
         """Return how long the finger may go on before time decides; 0 for ever or not at all."""
         layout = self._layout
         if self._action(HOLD) or self._action(DOUBLE):
             return layout.tapping_t
-        if self._action(SLIDE_MINUS) or self._action(SLIDE_PLUS):
-            return 0
+        if self._slides():
+            return layout.swipe_t if self._swipes() else 0  # then only the swipe is out of question
         wait_t = layout.firm_t if self._action(FIRM) else 0
         if self._swipes():
             wait_t = max(wait_t, layout.swipe_t)
@@ -242,9 +243,10 @@ class Keypad:
 
     def _let_go(self):
         if self._state == _PRESSED:
-            held, self._held = self._held, 0
+            # In this order: what interrupts it must not hide that a key is down.
+            self._give_back(self._held)
             self._state = _IDLE
-            self._give_back(held)
+            self._held = 0
 
     def _give_back(self, action):
         kind = action >> 20
@@ -259,6 +261,13 @@ class Keypad:
         self._press(action)
         self._let_go()
         self._state, self._held = state, held
+
+    def _age_tap(self, t):
+        past_t = elapsed(self._tapped, t)
+        if self._due >= 0 and past_t >= self._layout.double_t:
+            self._tap_due()
+        if self._due < 0 and past_t >= self._layout.quick_t:
+            self._tapped_at = _NONE
 
     def _tap_due(self):
         self._due = _NONE

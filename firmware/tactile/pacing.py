@@ -4,10 +4,17 @@ The chip samples on its own oscillator, some per cent off the board's. A poll th
 early and the one that then succeeds bracket the end of a sample; two brackets n samples apart
 bound the period from below. Polling by that bound, and a little earlier still, never
 oversleeps, and comes too early about once in twenty samples. Integers only, allocates nothing.
+
+A loop that is slower than the sensor is never early, so nothing brackets a sample. The one that it
+finds is the newest: it ended within the last period. It is used with that uncertainty, and what
+ended unread is counted by the chip's period.
 """
 
 RETRY_US = 200
-_WIDE_US = 2_000  # a bracket wider than this dates nothing
+_WIDE_US = 2_000  # a wider bracket is no lock while narrower ones can be had
+# A sample that cannot be dated is dropped once, and dated only if the next one cannot either. Up to
+# this period it is used at once: the error is small, and the loop is short of samples.
+_SHORT_US = 6_000
 _TRUST = 16  # the oscillator may run a sixteenth fast
 _FRESH = 64  # samples after which a bound may replace a higher one
 _RENEW = 256  # samples after which the reference moves on, to follow temperature
@@ -26,39 +33,45 @@ class Pacing:
         self._add = clock.ticks_add
         self._diff = clock.ticks_diff
         self.due = 0
-        self.missed = 0
+        self.missed = 0  # samples that ended unread, or could not be dated
         self.period_us = 0
+        self.slack_us = 0  # how much earlier the last sample may have ended
+        self._chip_us = 0  # the period as well as it is known; `period_us` is a lower bound
         self._creep = 0
         self._early = 0
         self._was_early = False
         self._locked = False
+        self._doubted = False  # since the last narrow bracket
+        self._counted = False  # whether `_last` holds
+        self._last = 0  # end of the last sample that was counted
         self._reference = 0
         self._samples = -1  # since the reference; -1 for no reference
 
     def start(self, now, period_us):
-        """Begin anew: a first sample of nominally `period_us` has just been started."""
+        """Restart: a first sample of nominally `period_us` has just been started."""
         self.period_us = period_us - period_us // _TRUST
+        self._chip_us = period_us
         self._creep = period_us >> 8
         self.due = self._add(now, self.period_us)
-        self.missed = 0  # samples that were overslept
+        self.missed = self.slack_us = 0
         self._was_early = False
-        self._locked = False
+        self._locked = self._doubted = self._counted = False
         self._samples = -1
 
     def early(self, now):
-        """Take note that a poll which began at `now` found nothing, and ask again soon."""
+        """Record that a poll which began at `now` found nothing, and ask again soon."""
         self._early = now
         self._was_early = True
         self.due = self._add(now, RETRY_US)
 
     def found(self, before, after):
-        """Take note that a poll between two moments found a sample, and aim at the next.
+        """Record that a poll between two moments found a sample, and aim at the next.
 
         Returns
         -------
         int or None
-            Ticks at which that sample was complete, as the lock has it. None if that cannot be
-            told, after a stall: then it must not be used, and `missed` has grown.
+            Ticks at which that sample was complete, or up to `slack_us` later. None if the sample
+            must not be used, after a stall: that cannot be told, and `missed` has grown.
         """
         late = self._diff(after, self.due)
         if self._was_early:
@@ -66,14 +79,9 @@ class Pacing:
         else:
             doubtful = not self._locked
         if doubtful or late > self.period_us - (self.period_us >> 2):
-            self.missed += max(0, late // self.period_us) + 1
-            self._locked = False
-            self._was_early = False
-            self._samples = -1
-            self.due = self._add(after, RETRY_US)
-            return None
+            return self._doubt(before, after)
         if self._was_early:
-            self._bound(before)
+            self._bracket(before)
             self.due = before
         complete = self.due
         self._locked = True
@@ -82,11 +90,52 @@ class Pacing:
         self.due = self._add(complete, self.period_us - self._creep)
         return complete
 
-    def _bound(self, now):
+    def _bracket(self, now):
+        self.slack_us = self._diff(now, self._early)
+        self._doubted = False
+        if not self._locked:
+            # The one that ended here ended a little earlier: round.
+            self.missed += self._count(now, self._chip_us >> 1) - 1
         if self._samples > 0:
             bound = self._diff(self._early, self._reference) // self._samples
             if bound > self.period_us or self._samples >= _FRESH:
-                self.period_us = bound
+                self.period_us = self._chip_us = bound
         if self._samples < 0 or self._samples >= _RENEW:
             self._reference = now
             self._samples = 0
+
+    def _doubt(self, before, after):
+        """Take a sample that no narrow bracket and no lock dates, or None: see `found`."""
+        used = self._doubted or self.period_us <= _SHORT_US
+        self.missed += self._count(before, 0) - (1 if used else 0)
+        slack_us = self._chip_us + self._chip_us // _TRUST
+        if self._was_early:
+            slack_us = min(slack_us, max(0, self._diff(before, self._early)))
+        bracketed = used and self._was_early and slack_us <= self.period_us >> 2
+        self.slack_us = slack_us
+        self._doubted = True
+        self._locked = bracketed
+        self._was_early = False
+        if bracketed:
+            self._reference = before
+            self._samples = 1
+            self.due = self._add(before, self.period_us - self._creep)
+        else:
+            self._samples = -1
+            self.due = self._add(after, RETRY_US)
+        return before if used else None
+
+    def _count(self, now, slack_us):
+        """Return how many samples ended up to `now` since the last one, which is one at least."""
+        if self._locked:
+            self._last = self._add(self.due, self._creep - self.period_us)
+        elif not self._counted:
+            self._last = self._add(now, -self._chip_us)
+        self._counted = True
+        period_us = self._chip_us
+        ended = max(1, (self._diff(now, self._last) + slack_us) // period_us)
+        # What remains counts next time: the loop and the chip are never in step.
+        self._last = self._add(self._last, ended * period_us)
+        if self._diff(self._last, now) > period_us:
+            self._last = now
+        return ended

@@ -126,11 +126,10 @@ class Uses:
         for output in self._outputs:
             output.release()
 
-    def finish(self, clock, within_us):
-        """Let go of all and see that the host gets it, but wait no longer than this."""
+    def finish(self, clock, until):
+        """Release all and see that the host gets it, but wait no longer than until these ticks."""
         self.release()
-        end = clock.ticks_add(clock.ticks_us(), within_us)
-        while not self.pump() and clock.ticks_diff(end, clock.ticks_us()) > 0:
+        while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
             clock.sleep_us(_WAIT_US)
 
     def dropped(self):

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from smallint import SmallInt
 
 from keys import LENGTH_UM, Desk, clicks, key, letter, limit
+from tactile.contact import TICKS
 from tactile.decode import MISFIT, TOUCHING
 from tactile.layout import (
     BALANCED,
@@ -21,6 +22,7 @@ from tactile.layout import (
 A, B, C, D, E, F = range(4, 10)
 SHIFT = 0xE1
 TAPPING_MS, QUICK_MS, DOUBLE_MS = limit("tapping_ms"), limit("quick_ms"), limit("double_ms")
+WRAP_MS = TICKS * 1024 // 1000  # when the time of a reading starts again at 0
 PLAIN = key(500, 1000, letter(B))
 
 
@@ -377,3 +379,45 @@ def test_whoever_taps_types_what_was_meant(hands):
             desk.read(TOUCHING, x_um, round(force_mN * (ramp - i) / (ramp + 1)))
         desk.lift(10 * gap)
     assert desk.events == clicks(*(30 + hand[0] for hand in hands))
+
+
+def test_a_key_long_after_its_last_tap_is_no_quick_one():
+    hold = key(0, 500, letter(A), hold=letter(B))
+    desk = Desk("slack_um 3000", "layer 0 0", hold, key(500, 1000, letter(C)))
+    desk.tap(49.0)
+    desk.lift(1_000)
+    desk.now_ms += WRAP_MS - 1_000
+    desk.press(51.0)
+    assert desk.events == clicks(A) + [(C, True)]
+
+
+def test_a_swipe_long_after_the_finger_came_is_a_slide():
+    slides = key(0, 1000, letter(A), minus=letter(B), plus=letter(C))
+    lines = [
+        "slide_um 5000",
+        "swipe_um 6000",
+        "jump_um 20000",
+        f"layer {letter(E)} {letter(F)}",
+        slides,
+    ]
+    desk = Desk(*lines)
+    desk.press(20.0, 1_000)
+    desk.now_ms += WRAP_MS - 900
+    desk.press(28.0, 20)
+    assert desk.events == clicks(C)
+
+
+def test_an_interrupt_in_a_release_does_not_hide_that_a_key_is_down():
+    desk = one(key(0, 1000, letter(A)))
+    desk.press(20.0)
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    sink, desk.pad._key = desk.pad._key, interrupted
+    with pytest.raises(KeyboardInterrupt):
+        desk.pad.release()
+    desk.pad._key = sink
+    desk.pad.release()
+    desk.pad.release()
+    assert desk.events == clicks(A)

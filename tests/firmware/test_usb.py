@@ -392,6 +392,13 @@ def test_circuitpython_sends_after_days_without_a_report(sends):
     assert by_name["keyboard"](REPORT)
 
 
+def test_circuitpython_sends_at_once_when_its_ticks_have_wrapped(sends):
+    by_name, world = sends
+    assert by_name["keyboard"](REPORT)
+    world.ticks += (1 << 29) - 30_000
+    assert by_name["keyboard"](REPORT)
+
+
 def test_circuitpython_whose_host_fell_asleep_meanwhile_has_not_sent(sends):
     by_name, world = sends
     world.sleeps_at_once = True

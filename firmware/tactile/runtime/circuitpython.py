@@ -9,6 +9,7 @@ import board
 import busio
 import digitalio
 import microcontroller
+import micropython
 import storage
 import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
@@ -277,6 +278,8 @@ def main():
     sda = getattr(board, board_config.SDA_PIN)
     sensor = Sensor(scl, sda, board_config.I2C_HZ, Clock)
     app = App(board_config, runtime, uid, sensor, Clock, serial, usb)
+    # Not every build has it; then what an interrupt breaks off is only tried again.
+    app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
     watched = app.settings.values["watchdog"]
     if watched:
         app.feed = _watchdog_feed()

@@ -6,6 +6,7 @@ import sys
 import time
 
 import machine
+import micropython
 from micropython import const
 
 from .stay import stay_after_reset, told_to_stay
@@ -203,6 +204,7 @@ def main():
     uid = "".join("%02x" % byte for byte in machine.unique_id())
     usb = Usb(board_config) if board_config.USB_HID else None
     app = App(board_config, runtime, uid, AS7341(bus, time), time, Serial(), usb)
+    app.interrupt_at = micropython.kbd_intr
     watched = app.settings.values["watchdog"]
     if watched:
         app.feed = machine.WDT(timeout=_WATCHDOG_MS).feed

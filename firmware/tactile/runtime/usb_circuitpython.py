@@ -60,6 +60,7 @@ class _Endpoint:
 
     def __init__(self):
         self._from_ms = supervisor.ticks_ms()
+        self._wait_ms = 0
         self._pause_ms = _PAUSE_MS
 
     def free(self):
@@ -68,7 +69,10 @@ class _Endpoint:
             self._pause_ms = _PAUSE_MS
             return False
         # A time long past looks as one to come.
-        return not 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= _PAUSE_MAX_MS
+        if 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= self._wait_ms:
+            return False
+        self._wait_ms = 0  # over, however often the ticks wrap until the next one
+        return True
 
     def took(self):
         self._wait(_SPACE_MS)
@@ -79,6 +83,7 @@ class _Endpoint:
         self._pause_ms = min(2 * self._pause_ms, _PAUSE_MAX_MS)
 
     def _wait(self, duration_ms):
+        self._wait_ms = duration_ms
         self._from_ms = supervisor.ticks_ms() + duration_ms
 
 

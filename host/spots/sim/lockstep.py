@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import select
+from collections.abc import Callable
 
 from ..errors import SpotsError
 from ..stage import device_of
@@ -40,6 +41,9 @@ class LockstepLink:
         See `vm.Machine`.
     faults : faults.Faults, optional
         What goes wrong with bus and board; with the bytes, `faults.FaultyLink` does it.
+    busy_us : callable, optional
+        ``busy_us(free_bytes)``: what a pass of the board's loop costs its processor, by what is
+        free of its heap; spent at each read of registers. Without it the processor takes no time.
 
     Attributes
     ----------
@@ -60,8 +64,10 @@ class LockstepLink:
         started_s: float = 0.0,
         board: str = "virtual",
         faults: Faults | None = None,
+        busy_us: Callable[[int], float] | None = None,
     ):
         micropython_command()  # fails before anything is open
+        self._busy_us = busy_us
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed)
         self.bus = Bus(self.chip, self.clock)
@@ -81,7 +87,16 @@ class LockstepLink:
             # Nobody types at its console; what it says there is told with the frames.
             stdin, data = os.open(os.devnull, os.O_RDONLY), (board_in, board_out)
             self._open.append(stdin)
-        self._machine = Machine(board_id(sensor), True, stdin, board_out, folder, board, data=data)
+        self._machine = Machine(
+            board_id(sensor),
+            True,
+            stdin,
+            board_out,
+            folder,
+            board,
+            data=data,
+            tells_memory=busy_us is not None,
+        )
         self._pending = self._next_request()
 
     def now_s(self) -> float:
@@ -99,6 +114,8 @@ class LockstepLink:
                 return received
             off_us = self._faults.step(self.bus) if self._faults else None
             if off_us is None:
+                if self._busy_us and server.is_poll(self._pending):
+                    self.clock.spend_us(self._busy_us(self.free_bytes))
                 answers = self._machine.answers
                 server.answer(self._pending, self.bus, self.usb, answers, self._rate)
             else:

@@ -28,6 +28,11 @@ def is_reset(request: bytes) -> bool:
     return request[:1] == b"X"
 
 
+def is_poll(request: bytes) -> bool:
+    """Return whether the request is a read of registers: most passes of the loop have one."""
+    return request[:1] == b"R"
+
+
 def told_free_bytes(request: bytes) -> int | None:
     """Return how much memory the board says it has left, which has no answer, or None."""
     return int.from_bytes(request[1:4], "little") if request[:1] == b"M" else None

@@ -14,9 +14,9 @@ from ..errors import SpotsError
 from ..stage import BOARDS, stage
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
-_HEAP = "heapsize=384k"
+HEAP_BYTES = 384 * 1024
 # What boot.py leaves lies in the same heap here; a real board gives code.py one of its own.
-_HEAP_OF_BOTH = "heapsize=576k"
+_HEAP_OF_BOTH_BYTES = 576 * 1024
 # What the virtual boards share.
 _COMMON = BOARDS / "_virtual"
 # Does after a reset what CircuitPython does, in the place of a board's built-in part.
@@ -68,6 +68,8 @@ class Machine:
         File descriptors, to read and to write, of a second serial port.
     rate : float
         Seconds that the board counts in one of real time.
+    tells_memory : bool
+        Whether the board reports its free memory before every sleep and transfer.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class Machine:
         terminal: bool = False,
         data: tuple[int, int] | None = None,
         rate: float = 1.0,
+        tells_memory: bool = False,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
@@ -96,6 +99,7 @@ class Machine:
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
             "SPOTS_CLOCK_PPM": str(round(1e6 * (rate - 1))),
             "PATH": os.environ.get("PATH", ""),
+            "SPOTS_MEMORY_EVERY": "1" if tells_memory else "256",
             # "held" stands for a finger on the board's button.
             "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
         }
@@ -112,8 +116,9 @@ class Machine:
         self.shut_down()
         self.requests, request_end = os.pipe()
         answer_end, self.answers = os.pipe()
-        heap = _HEAP_OF_BOTH if self._entry.name == _CIRCUITPYTHON else _HEAP
-        command = [*self._command, "-X", heap]
+        both = self._entry.name == _CIRCUITPYTHON
+        heap_bytes = _HEAP_OF_BOTH_BYTES if both else HEAP_BYTES
+        command = [*self._command, "-X", f"heapsize={heap_bytes}"]
         if self._terminal:
             command.append("-i")
         if run_entry and self._entry.exists():

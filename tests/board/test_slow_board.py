@@ -1,0 +1,174 @@
+"""A board as slow as a real one, with a heap as small: it samples as it can, and never stops."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from spots.frames import Decoder, Text, Touch
+from spots.sim.lockstep import LockstepLink
+from spots.sim.scenario import Held, Press
+from spots.sim.vm import HEAP_BYTES
+from tactile.decode import DROPPED
+
+BACK_S = 1.0
+ABSENT_S = [0.3, 2.0, 10.0, 20.0, 60.0]
+BOARDS = ["virtual", "virtual_circuitpython"]
+
+
+def slows_down(free_bytes):
+    """Return the cost of a pass: with a heap full of garbage each allocation searches it."""
+    return 700.0 if free_bytes > HEAP_BYTES // 4 else 4_500.0
+
+
+def steady(busy_us):
+    return lambda free_bytes: busy_us
+
+
+class Plug:
+    """A bus whose sensor can be unplugged."""
+
+    def __init__(self, bus):
+        self._bus = bus
+        self.away = False
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def write(self, *arguments):
+        return self._pass(self._bus.write, *arguments)
+
+    def write_read(self, *arguments):
+        return self._pass(self._bus.write_read, *arguments)
+
+    def _pass(self, transfer, *arguments):
+        if self.away:
+            self._bus.refuse()
+        return transfer(*arguments)
+
+
+class Slow:
+    """A board that nobody speaks to but with `say`: a command would collect the garbage."""
+
+    def __init__(self, sensor, busy_us, folder=None, away=False, board="virtual"):
+        self.held = Held()
+        self.link = LockstepLink(sensor, self.held, 0, folder, board=board, busy_us=busy_us)
+        self.plug = self.link.bus = Plug(self.link.bus)
+        self.plug.away = away
+        self._decoder = Decoder()
+
+    def run(self, seconds):
+        """Return the frames of some time."""
+        end_s = self.link.now_s() + seconds
+        frames = []
+        while self.link.now_s() < end_s:
+            frames += self._decoder.feed(self.link.read(end_s - self.link.now_s()))
+        return frames
+
+    def touches(self, seconds):
+        return [frame for frame in self.run(seconds) if isinstance(frame, Touch)]
+
+    def say(self, line):
+        """Return the reply to a command."""
+        self.link.write(line.encode() + b"\n")
+        frames = self.run(0.5)
+        return next(f.content for f in frames if isinstance(f, Text) and "re" in f.content)
+
+
+@pytest.fixture
+def slow(sensor):
+    with contextlib.ExitStack() as links:
+
+        def make(*arguments, **options):
+            made = Slow(sensor, *arguments, **options)
+            links.callback(made.link.close)
+            return made
+
+        yield make
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("absent_s", ABSENT_S)
+def test_readings_are_back_within_a_second_of_the_sensor(slow, absent_s, board):
+    made = slow(slows_down, away=True, board=board)
+    made.link.write(b"stream touch\n")
+    for _ in range(2):  # at the start, and while it runs
+        made.plug.away = True
+        made.run(absent_s)
+        made.plug.away = False
+        made.run(BACK_S)
+        assert len(made.touches(1.0)) > 90
+
+
+@pytest.mark.parametrize("absent_s", ABSENT_S)
+def test_a_keyboard_without_a_program_types_within_a_second_of_the_sensor(
+    slow, rig, calibration, tmp_path, absent_s
+):
+    prepared = rig(calibration=calibration, folder=tmp_path)
+    prepared.board.command("keys on")
+    prepared.board.command("save")
+    prepared.close()
+    made = slow(slows_down, folder=tmp_path, away=True)
+    for times in (1, 2):
+        made.plug.away = True
+        made.run(absent_s)
+        made.plug.away = False
+        made.run(BACK_S)
+        made.held.press = Press(42.0, 1500.0, 4.0)
+        made.run(0.2)
+        made.held.press = None
+        made.run(0.2)
+        assert len(made.link.usb.reports) == 2 * times
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_search_without_end_leaves_the_heap_as_it_was(slow, board):
+    made = slow(steady(700.0), away=True, board=board)
+    made.run(3.0)
+    free_bytes = made.link.free_bytes
+    made.run(30.0)
+    assert made.link.free_bytes > free_bytes - 16 * 1024
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("busy_us", [1_500, 3_000, 8_000, 15_000])
+def test_a_slow_loop_reads_what_it_can(slow, busy_us, board):
+    made = slow(steady(busy_us), board=board)
+    made.link.write(b"stream touch\n")
+    made.run(2.0)
+    assert len(made.touches(2.0)) > 0.5 * 2.0e6 / max(10_000, busy_us + 500)
+
+
+@pytest.mark.parametrize("exposure_us", [1_000, 1_300, 1_700, 2_400])
+def test_an_exposure_too_short_for_the_board_gives_what_it_can_and_counts_the_rest(
+    slow, exposure_us
+):
+    busy_us = 2_000
+    made = slow(steady(busy_us))
+    made.run(1.0)
+    made.say("stream touch")
+    actual_us = made.say(f"set exposure_us={exposure_us}")["exposure_us"]
+    made.run(1.0)
+    before = made.say("get")["missed"]
+    began_s = made.link.now_s()
+    touches = made.touches(4.0)
+    reply = made.say("get")
+    period_us = max(actual_us, busy_us + 480)
+    assert len(touches) > 0.85 * 4e6 / period_us
+    read = (made.link.now_s() - began_s) / (4.0 / len(touches))
+    lost = (made.link.now_s() - began_s) * 1e6 / actual_us - read
+    assert reply["missed"] - before == pytest.approx(lost, rel=0.15, abs=20)
+    if actual_us < 2_000:
+        assert np.mean([bool(touch.flags & DROPPED) for touch in touches]) > 0.2
+
+
+def test_the_reply_to_set_has_the_rate_to_expect(slow):
+    made = slow(steady(2_000))
+    made.run(1.0)
+    made.say("stream touch")
+    for exposure_us, average in ((10_000, 1), (1_000, 1), (1_000, 4), (2_400, 2)):
+        made.say(f"set average={average}")
+        made.run(0.5)
+        rate_mHz = made.say(f"set exposure_us={exposure_us}")["rate_mHz"]
+        made.run(0.5)
+        assert 1000 * len(made.touches(4.0)) / 4.0 == pytest.approx(rate_mHz, rel=0.15)

@@ -1,0 +1,126 @@
+"""Ctrl-C at any moment, and a second one: no key stays down, and Ctrl-C works afterwards."""
+
+import sys
+
+import pytest
+
+from spots.bench import canned
+from tactile import app as app_module
+
+A = 4
+KEYBOARD_PAGE = 7
+DOWN, UP = bytes((0, 0, A, 0, 0, 0, 0, 0)), bytes(8)
+REFUSALS = 3
+
+
+class Usb:
+    """A keyboard's endpoint that is full for the first offers of a release."""
+
+    def __init__(self):
+        self.got = []
+        self.refusals = 0
+
+    def open(self, names):
+        return dict.fromkeys(names, self.send)
+
+    def send(self, report):
+        if bytes(report) == UP and self.refusals:
+            self.refusals -= 1
+            return False
+        self.got.append(bytes(report))
+        return True
+
+
+class Interrupts:
+    """Raises KeyboardInterrupt at the given events of the firmware's code, counted from `arm` on.
+
+    Events are lines; in the functions that guard the others every bytecode is one.
+    """
+
+    GUARDS = ("run", "_leave")
+
+    def __init__(self, *at):
+        self._at = at
+        self._count = -1
+        self.character = 3
+
+    def interrupt_at(self, character):
+        self.character = character
+
+    def arm(self):
+        self._count = 0
+
+    def __call__(self, frame, event, arg):
+        if "tactile" not in frame.f_code.co_filename:
+            return None
+        guards = frame.f_code.co_name in self.GUARDS
+        frame.f_trace_opcodes = guards
+        if event == ("opcode" if guards else "line") and self._count >= 0:
+            self._count += 1
+            if self._count - 1 in self._at:
+                raise KeyboardInterrupt
+        return self
+
+    @property
+    def all_came(self):
+        return self._count > max(self._at)
+
+
+def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
+    """Leave a board whose key is down; return its USB and the interrupts that came meanwhile."""
+    monkeypatch.chdir(tmp_path)
+    if not (tmp_path / "settings.txt").exists():
+        app_module.save_lines("settings.txt", ["keys=1"])
+    usb, interrupts = Usb(), Interrupts(*at)
+    app, _, _, _ = canned.app((), usb=usb)
+    app.interrupt_at = interrupts.interrupt_at
+    app.uses.key(KEYBOARD_PAGE, A, 0, True)
+    app.uses.pump()
+    assert usb.got == [DOWN]
+    usb.refusals = REFUSALS
+
+    def interrupted():
+        interrupts.arm()
+        raise error
+
+    app.step = interrupted
+    sys.settrace(interrupts)
+    try:
+        app.run()
+    except (KeyboardInterrupt, ValueError):
+        pass
+    finally:
+        sys.settrace(None)
+    return app, usb, interrupts
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_an_interrupt_at_any_point_of_the_end_leaves_no_key_down(tmp_path, monkeypatch, error):
+    came = 0
+    while True:
+        app, usb, interrupts = leave(tmp_path, monkeypatch, came, error=error)
+        assert usb.got[-1] == UP, came
+        assert not app.strip.sensor.led_on, came
+        assert interrupts.character == 3, came
+        if not interrupts.all_came:
+            break
+        came += 1
+    assert came > 100
+
+
+@pytest.mark.parametrize("apart", [1, 2, 5, 20, 60, 150])
+def test_one_more_that_was_on_its_way_neither(tmp_path, monkeypatch, apart):
+    for first in range(0, 200, 7):
+        _, usb, interrupts = leave(tmp_path, monkeypatch, first, first + apart)
+        assert usb.got[-1] == UP, first
+        assert interrupts.character == 3, first
+
+
+def test_a_host_that_takes_nothing_is_waited_for_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "REFUSALS", 1 << 30)
+    app, usb, interrupts = leave(tmp_path, monkeypatch, 150)
+    assert usb.got == [DOWN]
+    assert interrupts.character == 3
+    began = app._clock.now
+    app._leave()
+    assert app._clock.now == began
