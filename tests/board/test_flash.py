@@ -30,7 +30,8 @@ def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):
     source = build("virtual", tmp_path / "build")
     with virtual_board(empty) as port:
         command = [sys.executable, "-m", "mpremote", "connect", port]
-        command += ["cp", "-r", "tactile", "board_config.py", ":", "+", "cp", "main.py", ":"]
+        command += ["cp", "-r", "tactile", "board_config.py", "spots.sha256", ":"]
+        command += ["+", "cp", "main.py", ":"]
         run = subprocess.run(
             [*command, "+", "reset"], cwd=source, capture_output=True, text=True, timeout=120
         )
