@@ -50,7 +50,7 @@ class Plan:
     need : int
         Bytes that this takes of what is free.
     claim : bytes
-        The manifest while this is done: of the files before and of those after. So what an
+        The manifest while files are copied: of those before and of those after. So what an
         interrupted flash leaves is still known as its own.
     """
 
@@ -214,10 +214,10 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
             f"the board on {target.port} has {free} bytes free and this takes {plan.need}: "
             "remove files of yours from it"
         )
-    if plan.claim:
-        target.write(MANIFEST, plan.claim)
     for path in plan.remove:
         target.remove(path)
+    if plan.claim:
+        target.write(MANIFEST, plan.claim)
     hidden = not sys.stdout.isatty()
     for path in track(plan.copy, "copying", disable=hidden, transient=True):
         target.write(path, files[path])
