@@ -48,6 +48,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
     (empty / "tactile").mkdir()
     (empty / "tactile" / "app.py").write_text("an older version")
     (empty / "tactile" / "log2.mpy.part").write_text("half")
+    (empty / "tactile" / "hers.py").write_text("the user's own")
     wanted = files_of(build("virtual", tmp_path / "build"))
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
@@ -63,7 +64,8 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
         assert main(["flash", "virtual", "--port", port]) == 0
         assert "nothing to copy" in capsys.readouterr().out
     own = {"settings.txt": b"mine\n", "calibration.txt": b"mine too\n"}
-    assert files_of(empty) == wanted | own | {"notes.py": b"the user's own"}
+    own |= {name: b"the user's own" for name in ("notes.py", "tactile/hers.py")}
+    assert files_of(empty) == wanted | own
 
 
 def test_a_board_without_the_library_for_usb_is_told_of_in_a_sentence(empty, capsys):
