@@ -64,7 +64,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
         assert main(["flash", "virtual", "--port", port]) == 0
         assert "nothing to copy" in capsys.readouterr().out
     own = {"settings.txt": b"mine\n", "calibration.txt": b"mine too\n"}
-    own |= {name: b"the user's own" for name in ("notes.py", "tactile/hers.py")}
+    own |= dict.fromkeys(("notes.py", "tactile/hers.py"), b"the user's own")
     assert files_of(empty) == wanted | own
 
 
