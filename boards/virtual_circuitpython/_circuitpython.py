@@ -25,6 +25,19 @@ def _guarded_open(path, mode="r"):
     return _open(path, mode)
 
 
+def _describe(about):
+    """Write boot_out.txt if it changes. A host never finds it half-written on a real drive."""
+    try:
+        with _open("boot_out.txt") as file:
+            if file.read() == about:
+                return
+    except OSError:
+        pass
+    with _open("boot_out.new", "w") as file:
+        file.write(about)
+    os.rename("boot_out.new", "boot_out.txt")
+
+
 def _run(name):
     try:
         with _open(name) as file:
@@ -34,8 +47,7 @@ def _run(name):
     exec(compile(source, name, "exec"), {"__name__": "__main__"})
 
 
-with _open("boot_out.txt", "w") as file:
-    file.write(_ABOUT % os.getenv("SPOTS_BOARD_ID"))
+_describe(_ABOUT % os.getenv("SPOTS_BOARD_ID"))
 builtins.open = _guarded_open
 try:
     _run("boot.py")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import shutil
 import subprocess
 import sys
@@ -10,8 +11,9 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from . import manifest
 from .errors import SpotsError
-from .stage import Device, device_of, stage
+from .stage import CONFIG, Device, device_of, stage
 
 # As mpy-cross and sys.implementation._mpy count them (MicroPython, py/persistentcode.h).
 ARCHITECTURES = (
@@ -69,10 +71,12 @@ def build(board: str, root: Path = Path("build")) -> Path:
     ------
     SpotsError
         If there is no such board, or no mpy-cross, or it refuses a module, or the folder cannot
-        be written. It is then what it was.
+        be written, or holds something else than a build. It is then what it was.
     """
     device = device_of(board)
     target = root / board
+    if os.path.lexists(target) and not _is_build(target):
+        raise SpotsError(f"{target} is no build of this program: move it, or build elsewhere")
     try:
         _build(device, target)
     except OSError as error:
@@ -94,9 +98,19 @@ def _build(device: Device, target: Path) -> None:
         # MicroPython's mpy-cross makes no files that CircuitPython takes.
         if device.runtime == "micropython":
             _compile(fresh, device)
+        (fresh / manifest.MANIFEST).write_bytes(
+            manifest.write(manifest.entries_of(files_of(fresh)))
+        )
         if target.exists():
             target.rename(Path(temporary) / "old")
         fresh.rename(target)
+
+
+def _is_build(target: Path) -> bool:
+    """Whether a folder may be replaced: it is empty, or holds what every build does."""
+    if target.is_symlink() or not target.is_dir():
+        return False
+    return (target / CONFIG).is_file() or not any(target.iterdir())
 
 
 def _why(error: OSError) -> str:

@@ -3,33 +3,35 @@
 from __future__ import annotations
 
 import errno
-import glob
 import hashlib
 import os
 import re
 import shutil
-import string
+import stat
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from .errors import SpotsError
+from .nofollow import Tree
 from .prompt import Prompt
 
 _ABOUT = "boot_out.txt"  # CircuitPython writes it at every start
+_ABOUT_BYTES = 4096  # more than it ever has
 _VERSION = re.compile(r"CircuitPython (\d+)\.(\d+)\.(\d+)")
 _BOARD_ID = re.compile(r"Board ID: ?(\S+)")
 _UID = re.compile(r"UID: ?(\S+)")
-_MOUNTED = {
-    "darwin": ["/Volumes/*"],
-    "win32": [f"{letter}:\\" for letter in string.ascii_uppercase[3:]],
-}
-_LINUX = ["/media/*", "/media/*/*", "/run/media/*/*", "/mnt/*"]
+_FAT = ("vfat", "msdos", "fat", "fat12", "fat16", "fat32")
+_BLOCK_DEVICES = Path("/sys/class/block")
+_CHUNK = 1 << 16
 _CLUSTER = 4096  # of such drives none has larger ones
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 
 class Drive:
     """A mounted CIRCUITPY drive, as `prompt.Prompt` is a board's file system.
+
+    Nothing outside it is ever read, written or removed: no link on it is followed.
 
     Parameters
     ----------
@@ -51,15 +53,20 @@ class Drive:
 
     def __init__(self, folder: str, console: str | None = None):
         self.port = folder
-        self._folder = Path(folder)
         self._console = console
+        self._tree = None
         try:
-            about = (self._folder / _ABOUT).read_text(encoding="utf-8", errors="replace")
+            self._tree = Tree(folder)
+            about = self._read(_ABOUT, _ABOUT_BYTES).decode("utf-8", errors="replace")
             free = shutil.disk_usage(folder).free
         except OSError:
             about = ""
+        except SpotsError:
+            self.close()
+            raise
         version = _VERSION.search(about)
         if not version:
+            self.close()
             raise SpotsError(
                 f"{folder} is no CircuitPython drive: give the one that holds {_ABOUT}"
             )
@@ -77,30 +84,39 @@ class Drive:
         return self
 
     def __exit__(self, *exception) -> None:
-        pass
+        self.close()
 
-    def files(self) -> dict[str, int]:
-        """Return the sizes of the files at the top, in ``tactile`` and in ``lib``, by path."""
-        return self._do(self._files)
+    def close(self) -> None:
+        """Hold the drive no longer, so that it can be ejected."""
+        if self._tree is not None:
+            self._tree.close()
+
+    def files(self, paths: Iterable[str]) -> dict[str, int]:
+        """Return the sizes of those of these files that there are, by path."""
+        return self._do(self._sizes, paths)
+
+    def read(self, path: str, size: int) -> bytes:
+        """Return the first bytes of a file, at most `size` of them."""
+        return self._do(self._read, path, size)
 
     def sha256(self, path: str) -> str:
         """Return the hash of a file, in hexadecimal."""
-        return hashlib.sha256(self._do((self._folder / path).read_bytes)).hexdigest()
+        return self._do(self._sha256, path)
 
     def remove(self, path: str) -> None:
         """Remove a file."""
-        self._do(self._remove, self._folder / path)
+        self._do(self._tree.remove, path)
 
     def remove_folder(self, path: str) -> None:
         """Remove a folder if there is nothing in it."""
         try:
-            (self._folder / path).rmdir()
+            self._tree.remove_folder(path)
         except OSError:
             pass  # somebody else's files are in it
 
     def write(self, path: str, data: bytes) -> None:
         """Write a file under another name, and give it its own when it is on the drive."""
-        self._do(self._write, self._folder / path, data)
+        self._do(self._tree.write, path, data)
 
     def reset(self) -> None:
         """Start the board anew, or ask for it if its prompt cannot be reached."""
@@ -112,32 +128,20 @@ class Drive:
             pass  # what follows says what to do
         print("press the board's reset button")
 
-    def _files(self) -> dict[str, int]:
-        found = [path for path in self._folder.iterdir() if path.is_file()]
-        for name in ("tactile", "lib"):
-            found += [path for path in (self._folder / name).rglob("*") if path.is_file()]
-        return {path.relative_to(self._folder).as_posix(): path.stat().st_size for path in found}
+    def _sizes(self, paths: Iterable[str]) -> dict[str, int]:
+        sizes = {path: self._tree.size(path) for path in paths}
+        return {path: size for path, size in sizes.items() if size is not None}
 
-    def _write(self, path: Path, data: bytes) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        try:
-            with part.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-            _settle(path.parent)
-        except OSError:
-            try:
-                part.unlink()
-            except OSError:
-                pass  # the drive itself is gone
-            raise
+    def _read(self, path: str, size: int) -> bytes:
+        with self._tree.open(path) as file:
+            return file.read(size)
 
-    def _remove(self, path: Path) -> None:
-        path.unlink()
-        _settle(path.parent)
+    def _sha256(self, path: str) -> str:
+        digest = hashlib.sha256()
+        with self._tree.open(path) as file:
+            while chunk := file.read(_CHUNK):
+                digest.update(chunk)
+        return digest.hexdigest()
 
     def _do(self, function, *arguments):
         try:
@@ -158,19 +162,49 @@ class Drive:
             ) from None
 
 
-def _settle(folder: Path) -> None:
-    """Have names on the drive in the order in which they were given, and before a reset."""
-    if os.name == "posix":  # elsewhere a removable drive keeps nothing back
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
 def drives() -> list[str]:
-    """Return where the CircuitPython drives of this machine are mounted."""
-    patterns = _MOUNTED.get(sys.platform, _LINUX)
-    folders = [folder for pattern in patterns for folder in glob.glob(pattern)]
-    # Of another user's drives it cannot even be asked what is there.
-    return sorted(folder for folder in folders if os.path.isfile(os.path.join(folder, _ABOUT)))
+    """Return where the CircuitPython drives of this machine are mounted: FAT, and removable.
+
+    Raises
+    ------
+    SpotsError
+        If psutil is missing.
+    """
+    try:
+        import psutil
+    except ImportError:
+        raise SpotsError(
+            "finding a drive needs psutil: pip install 'spots[flash]', or name its folder with "
+            "--port"
+        ) from None
+    return sorted(
+        mounted.mountpoint
+        for mounted in psutil.disk_partitions()
+        if mounted.fstype.lower() in _FAT
+        and _is_removable(mounted)
+        and _is_file(os.path.join(mounted.mountpoint, _ABOUT))
+    )
+
+
+def _is_removable(mounted) -> bool:
+    if sys.platform == "win32":
+        return "removable" in mounted.opts.split(",")
+    if sys.platform == "darwin":
+        return mounted.mountpoint.startswith("/Volumes/")
+    # A partition has no such file, and lies in the folder of its disk, which has.
+    device = (_BLOCK_DEVICES / Path(mounted.device).name).resolve()
+    return "1" in (_first_character(place / "removable") for place in (device, device.parent))
+
+
+def _first_character(path: Path) -> str:
+    try:
+        return path.read_text()[:1]
+    except OSError:
+        return ""
+
+
+def _is_file(path: str) -> bool:
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except OSError:  # of another user's drives it cannot even be asked what is there
+        return False

@@ -6,7 +6,8 @@ import sys
 from pathlib import PurePosixPath
 
 from .errors import SpotsError
-from .flash import USER_FILES, is_ours
+from .flash import USER_FILES, Known
+from .manifest import MANIFEST
 from .place import place
 from .stage import ENTRIES, device_of
 
@@ -30,21 +31,24 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
                     f"the board on {there.name} runs {target.facts['runtime']}, and {board} "
                     f"{device.runtime}: name the right board"
                 )
-            ours = [
-                path
-                for path in target.files()
-                if is_ours(path, device.runtime) or path in USER_FILES
-            ]
-            # The entry first: what is left of the rest must not start.
-            for path in sorted(ours, key=lambda path: (path != entry, path)):
+            known = Known(target, device.runtime, USER_FILES)
+            ours = {path for path in known.sizes if path in USER_FILES or known.is_ours(path)}
+            changed = sorted(known.listed & set(known.sizes) - ours)
+            if changed:
+                ours.discard(MANIFEST)  # without it they would be taken for ours by their names
+            # The entry first: what is left of the rest must not start. What knows them all, last.
+            order = {entry: 0, MANIFEST: 2}
+            for path in sorted(ours, key=lambda path: (order.get(path, 1), path)):
                 target.remove(path)
             for folder in sorted(_folders(ours), reverse=True):
                 target.remove_folder(folder)
             target.reset()
         print(f"{len(ours)} files removed from {there.name}" if ours else "nothing to remove")
+        if changed:
+            print(f"these were changed since they were flashed, and stay: {', '.join(changed)}")
 
 
-def _folders(paths: list[str]) -> set[str]:
+def _folders(paths: set[str]) -> set[str]:
     return {parent.as_posix() for path in paths for parent in PurePosixPath(path).parents} - {"."}
 
 

@@ -6,24 +6,29 @@ import hashlib
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.progress import track
 
+from . import manifest
 from .build import ARCHITECTURES, build, files_of, mpy_header
 from .connect import open as open_board
 from .drive import Drive
 from .errors import SpotsError
+from .manifest import MANIFEST
 from .place import Place, place
 from .prompt import Prompt
-from .stage import ENTRIES, LIBRARIES, Device, device_of
+from .released import FILES
+from .stage import ENTRIES, Device, device_of, names
 
 # USB devices, and a clock of the RP2040 that counts finer than milliseconds, came with these.
 _OLDEST = {"micropython": (1, 23), "circuitpython": (9, 1)}
 _NAMES = {"micropython": "MicroPython", "circuitpython": "CircuitPython"}
 _RETURN_S = 20.0
 _POLL_S = 0.2
+_PART = ".part"  # the end of a file's name while it is written
 # What a user made on the board: other files than ours are never touched by `flash`.
 USER_FILES = tuple(
     name + end
@@ -44,11 +49,15 @@ class Plan:
         Files to copy, in this order; the entry last.
     need : int
         Bytes that this takes of what is free.
+    claim : bytes
+        The manifest while files are copied: of those before and of those after. So what an
+        interrupted flash leaves is still known as its own.
     """
 
     remove: list[str]
     copy: list[str]
     need: int
+    claim: bytes
 
 
 def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
@@ -127,35 +136,74 @@ def _refuse_chip(facts: dict, device: Device, files: dict[str, bytes], port: str
 def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
     """Compare what there is with what is wanted."""
     entry = ENTRIES[runtime][-1]
-    there = target.files()
+    known = Known(target, runtime, files)
+    there = known.sizes
     copy = [
         path
         for path, data in files.items()
         if there.get(path) != len(data) or target.sha256(path) != hashlib.sha256(data).hexdigest()
     ]
-    remove = [path for path in sorted(there) if is_ours(path, runtime) and path not in files]
+    remove = [path for path in sorted(there) if path not in files and known.is_ours(path)]
     if not copy and not remove:
-        return Plan([], [], 0)
+        return Plan([], [], 0, b"")
+    claim = b""
+    if MANIFEST in copy:
+        claim = manifest.write(known.entries | manifest.read(files[MANIFEST]))
     # Without an entry nothing starts, until all is there.
     if entry in there:
         remove.insert(0, entry)
     # Libraries first: their folder sorts after the rest of what needs them only by its name.
-    copy = sorted({*copy, entry}, key=lambda path: (path == entry, path[:4] != "lib/", path))
+    copy = sorted(
+        {*copy, entry}, key=lambda path: (path == entry, path == MANIFEST, path[:4] != "lib/", path)
+    )
     block = target.facts["block"] or 1
     taken = sum(_on_disk(len(files[path]), block) for path in copy)
     gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
     # A new file lies beside the old one until its hash was compared.
     most = max(_on_disk(len(files[path]), block) for path in copy)
-    return Plan(remove, copy, max(taken - gone + most, most))
+    most += _on_disk(len(claim), block)
+    return Plan(remove, copy, max(taken - gone + most, most), claim)
 
 
-def is_ours(path: str, runtime: str) -> bool:
-    """Whether a file on a board is the firmware's: not a user's, and not of a user's making."""
-    name = path[:-5] if path.endswith(".part") else path
-    first, _, rest = name.partition("/")
-    if first == "lib":
-        return rest.split("/")[0].split(".")[0] in LIBRARIES[runtime]
-    return first == "tactile" or name in ("board_config.py", *ENTRIES[runtime])
+class Known:
+    """Which files of a board are the firmware's: not a user's, and not of a user's making.
+
+    Ours is what the manifest on the board names, with the hash in it; of what it does not name,
+    the files of this version, and of the one that left no manifest.
+
+    Parameters
+    ----------
+    target : Prompt or Drive
+    runtime : str
+    more : iterable of str
+        Other paths to look for.
+
+    Attributes
+    ----------
+    sizes : dict
+        Bytes of the files that there are of all these, by path.
+    entries : set of (str, str)
+        Path and hash, as the manifest on the board has them.
+    listed : set of str
+        The paths of these.
+    """
+
+    def __init__(self, target: Prompt | Drive, runtime: str, more: Iterable[str] = ()):
+        self._target = target
+        self.entries = set()
+        if MANIFEST in target.files([MANIFEST]):
+            self.entries = manifest.read(target.read(MANIFEST, manifest.LARGEST_BYTES))
+        self.listed = {path for path, _ in self.entries}
+        self._names = {MANIFEST, *FILES[runtime], *names(runtime)}
+        every = self._names | self.listed | set(more)
+        self.sizes = target.files(sorted(every | {path + _PART for path in every}))
+
+    def is_ours(self, path: str) -> bool:
+        """Whether a file of `sizes` may be removed."""
+        if path in self.listed:
+            return (path, self._target.sha256(path)) in self.entries
+        whole = path.removesuffix(_PART)  # what an interrupted copy leaves
+        return whole in self._names or (whole != path and whole in self.listed)
 
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
@@ -168,6 +216,8 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
         )
     for path in plan.remove:
         target.remove(path)
+    if plan.claim:
+        target.write(MANIFEST, plan.claim)
     hidden = not sys.stdout.isatty()
     for path in track(plan.copy, "copying", disable=hidden, transient=True):
         target.write(path, files[path])

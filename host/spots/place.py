@@ -83,7 +83,7 @@ def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
     try:
         heard = lambda: [start["port"]]  # noqa: E731
         if device.runtime == "circuitpython":
-            _await(folder / "boot_out.txt")
+            _await_drive(folder)
             yield Place(str(folder), lambda: Drive(str(folder), start["console"]), heard)
         else:
             yield Place(start["port"], lambda: Prompt(start["port"]), heard)
@@ -103,7 +103,8 @@ def _on_port(port: str) -> Place:
 
 
 def _on_drive(folder: str) -> Place:
-    uid = (Drive(folder).facts["uid"] or "").lower()
+    with Drive(folder) as drive:
+        uid = (drive.facts["uid"] or "").lower()
 
     def consoles_first() -> list[str]:
         return [usb.device for usb in usb_ports() if (usb.serial_number or "").lower() == uid]
@@ -122,9 +123,13 @@ def _the_one(names: list[str], what: str) -> str:
     return names[0]
 
 
-def _await(path: Path) -> None:
+def _await_drive(folder: Path) -> None:
     end_s = time.monotonic() + _START_S
-    while not path.exists():
-        if time.monotonic() > end_s:
-            raise SpotsError("the virtual board does not start")
+    while True:
+        try:
+            Drive(str(folder)).close()
+            return
+        except SpotsError:
+            if time.monotonic() > end_s:
+                raise SpotsError("the virtual board does not start") from None
         time.sleep(_POLL_S)

@@ -7,6 +7,7 @@ import contextlib
 import hashlib
 import io
 import struct
+from collections.abc import Iterable
 
 import serial
 
@@ -17,6 +18,7 @@ from .udev import with_rule
 _TIMEOUT_S = 10.0
 _ENTER_TRIES, _ENTER_S = 3, 3.0
 _CHUNK = 512
+_PATHS = 50  # asked for at once; a longer list takes memory that a board may not have
 _DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
 
 # Runs on the board; a chunk at a time, for a file may be larger than the free memory.
@@ -31,14 +33,24 @@ def _hash(path):
                 break
             digest.update(memoryview(chunk)[:size])
     return binascii.hexlify(digest.digest()).decode()
-def _list(folder, prefix, found):
-    for entry in os.ilistdir(folder):
-        path = prefix + entry[0]
-        if not entry[1] & 0x4000:
-            found[path] = os.stat(path)[6]
-        elif path == "tactile" or path.startswith("tactile/"):
-            _list(path, path + "/", found)
+def _sizes(paths):
+    found = {}
+    for path in paths:
+        try:
+            status = os.stat(path)
+        except OSError:
+            continue
+        if not status[0] & 0x4000:
+            found[path] = status[6]
     return found
+def _read(path, size):
+    with open(path, "rb") as file:
+        while size > 0:
+            chunk = file.read(min(size, 256))
+            if not chunk:
+                break
+            size -= len(chunk)
+            print(binascii.hexlify(chunk).decode())
 def _make(folder):
     try:
         os.mkdir(folder)
@@ -169,9 +181,17 @@ class Prompt:
             f"try:\n import {module}\n print(True)\nexcept ImportError:\n print(False)"
         )
 
-    def files(self) -> dict[str, int]:
-        """Return the sizes of the files at the top and in ``tactile``, by path."""
-        return self._tool('print(_list("", "", {}))')
+    def files(self, paths: Iterable[str]) -> dict[str, int]:
+        """Return the sizes of those of these files that there are, by path."""
+        asked, found = list(paths), {}
+        for i in range(0, len(asked), _PATHS):
+            found |= self._tool(f"print(_sizes({asked[i : i + _PATHS]!r}))")
+        return found
+
+    def read(self, path: str, size: int) -> bytes:
+        """Return the first bytes of a file, at most `size` of them."""
+        self._load_tools()
+        return bytes.fromhex(self.run(f"_read({path!r}, {size})"))
 
     def sha256(self, path: str) -> str:
         """Return the hash of a file on the board, in hexadecimal."""
@@ -231,7 +251,10 @@ class Prompt:
         self._transport.serial.timeout = _TIMEOUT_S
 
     def _tool(self, program: str):
+        self._load_tools()
+        return ast.literal_eval(self.run(program))
+
+    def _load_tools(self) -> None:
         if not self._has_tools:
             self.run(_TOOLS)
             self._has_tools = True
-        return ast.literal_eval(self.run(program))

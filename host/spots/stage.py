@@ -21,6 +21,7 @@ BOARDS = _ROOT / "boards"
 
 # What a runtime starts with; the last one is what makes a board run the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
+CONFIG = "board_config.py"
 # Apart: on this Python's path, a code.py would hide the standard library's.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
 # What a runtime needs besides, taken from this Python's own packages into `lib`.
@@ -96,6 +97,17 @@ def device_of(board: str) -> Device:
     )
 
 
+def names(runtime: str) -> set[str]:
+    """Return the paths of this version's own files on a board, in sources and compiled.
+
+    Boards that got them from ``mip`` or a copy of sources have no manifest that lists them.
+    """
+    firmware = Path(tactile.__file__).parent
+    modules = [path.relative_to(firmware.parent) for path in firmware.rglob("*.py")]
+    forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}
+    return {*ENTRIES[runtime], CONFIG, *forms}
+
+
 def stage(board: str, folder: Path) -> None:
     """Lay out a board's files in a folder: firmware, libraries, board_config.py, in sources.
 
@@ -120,7 +132,7 @@ def stage(board: str, folder: Path) -> None:
     for entry in ENTRIES[device.runtime]:
         shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
     config = "".join(f"{name} = {value!r}\n" for name, value in device.config.items())
-    (folder / "board_config.py").write_text(config, encoding="utf-8")
+    (folder / CONFIG).write_text(config, encoding="utf-8")
 
 
 def _copy_library(name: str, folder: Path) -> None:

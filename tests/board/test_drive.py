@@ -3,17 +3,16 @@
 import errno
 import os
 import shutil
-from pathlib import Path
 from types import SimpleNamespace
 
+import psutil
 import pytest
-from boards import refused, running
+from boards import refused
 
-import spots
-from spots import drive, link, place
+from spots import drive, link, nofollow, place
 from spots.build import build, files_of
 from spots.cli import main
-from spots.drive import Drive
+from spots.stage import device_of
 
 ABOUT = "Adafruit CircuitPython {} on 2026-01-01; Some board\nBoard ID:{}\nUID:0123AB\n"
 RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
@@ -22,15 +21,27 @@ RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
 @pytest.fixture
 def mount(tmp_path, monkeypatch):
     """Return a function that mounts a drive as CircuitPython makes them, and gives its folder."""
-    monkeypatch.setattr(drive, "_LINUX", [f"{tmp_path}/media/*"])
+    there = []
+    monkeypatch.setattr(drive, "_BLOCK_DEVICES", tmp_path / "block")
+    monkeypatch.setattr(psutil, "disk_partitions", lambda: there)
     monkeypatch.setattr(link, "usb_ports", list)
     monkeypatch.setattr(place, "usb_ports", list)
     monkeypatch.setattr("sys.platform", "linux")
 
-    def mounted(version, board_id, name="CIRCUITPY"):
+    def mounted(version, board_id, name="CIRCUITPY", fstype="vfat", removable="1\n"):
         folder = tmp_path / "media" / name
         folder.mkdir(parents=True)
         (folder / "boot_out.txt").write_text(ABOUT.format(version, board_id))
+        disk = tmp_path / "devices" / name
+        (disk / f"{name}1").mkdir(parents=True)
+        (disk / "removable").write_text(removable)
+        (tmp_path / "block").mkdir(exist_ok=True)
+        (tmp_path / "block" / f"{name}1").symlink_to(disk / f"{name}1")
+        there.append(
+            SimpleNamespace(
+                device=f"/dev/{name}1", mountpoint=str(folder), fstype=fstype, opts="rw"
+            )
+        )
         return folder
 
     return mounted
@@ -41,32 +52,51 @@ def test_onto_a_blank_board_which_then_says_hello_and_off_it_again(tmp_path, cap
     folder.mkdir()
     (folder / "notes.py").write_text("the user's own")
     wanted = files_of(build("virtual_circuitpython", tmp_path / "build"))
-    with running(folder, "virtual_circuitpython") as start:
-        there = place.Place(
-            str(folder), lambda: Drive(str(folder), start["console"]), lambda: [start["port"]]
-        )
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(place, "_on_drive", lambda name: there)
-            flash = ["flash", "virtual_circuitpython", "--port", str(folder)]
-            assert main(flash) == 0
-            said = capsys.readouterr().out
-            assert f"{len(wanted)} files copied" in said
-            assert said.splitlines()[-1].startswith("virtual_circuitpython, firmware ")
-            (folder / "settings.txt").write_text("mine\n")
-            assert main(flash) == 0
-            assert "nothing to copy" in capsys.readouterr().out
-            about = {"boot_out.txt": (folder / "boot_out.txt").read_bytes()}
-            own = {"settings.txt": b"mine\n", "notes.py": b"the user's own"}
-            assert files_of(folder) == wanted | own | about
-            assert main(["erase", "virtual_circuitpython", "--port", str(folder), "--yes"]) == 0
-            assert set(files_of(folder)) == {"notes.py", "boot_out.txt"}
-            assert not (folder / "lib").exists()
+    with (
+        place.virtual_board(folder, device_of("virtual_circuitpython")) as there,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setattr(place, "_on_drive", lambda name: there)
+        flash = ["flash", "virtual_circuitpython", "--port", str(folder)]
+        assert main(flash) == 0
+        said = capsys.readouterr().out
+        assert f"{len(wanted)} files copied" in said
+        assert said.splitlines()[-1].startswith("virtual_circuitpython, firmware ")
+        (folder / "settings.txt").write_text("mine\n")
+        assert main(flash) == 0
+        assert "nothing to copy" in capsys.readouterr().out
+        about = {"boot_out.txt": (folder / "boot_out.txt").read_bytes()}
+        own = {"settings.txt": b"mine\n", "notes.py": b"the user's own"}
+        assert files_of(folder) == wanted | own | about
+        assert main(["erase", "virtual_circuitpython", "--port", str(folder), "--yes"]) == 0
+        assert set(files_of(folder)) == {"notes.py", "boot_out.txt"}
+        assert not (folder / "lib").exists()
+
+
+def test_a_virtual_drive_is_awaited_until_it_describes_its_board(tmp_path, monkeypatch):
+    about = tmp_path / "boot_out.txt"
+    about.write_text("")  # as a slow machine leaves it for a moment
+    start = {"port": "/dev/a", "console": "/dev/b"}
+    monkeypatch.setattr(place, "start_simulator", lambda *arguments: (start, lambda: None))
+    monkeypatch.setattr(place.time, "sleep", lambda s: about.write_text(ABOUT.format(*RIGHT)))
+    with place.virtual_board(tmp_path, device_of("virtual_circuitpython")) as there:
+        assert there.open().facts["version"] == (9, 2, 1)
+
+
+@pytest.mark.parametrize("odd", [{"fstype": "ext4"}, {"removable": "0\n"}, {"fstype": "tmpfs"}])
+def test_what_does_not_look_like_a_boards_drive_is_used_only_by_name(mount, capsys, odd):
+    folder = mount(*RIGHT, **odd)
+    assert "no CIRCUITPY drive found" in refused(capsys, "flash", "qtpy_rp2040")
+    assert main(["flash", "qtpy_rp2040", "--port", str(folder), "--dry-run"]) == 0
 
 
 def test_the_libraries_come_first_and_the_entry_last(mount, capsys):
     folder = mount(*RIGHT)
     (folder / "lib").mkdir()
-    (folder / "lib" / "adafruit_as7341.mpy").write_text("of another version, it would win")
+    (folder / "lib" / "adafruit_register").mkdir()
+    (folder / "lib" / "adafruit_register" / "i2c_bit.py").write_text("of another version")
+    (folder / "lib" / "adafruit_register" / "i2c_bit.py.part").write_text("half")
+    (folder / "lib" / "adafruit_as7341.mpy").write_text("the user's own; sources win")
     (folder / "lib" / "neopixel.py").write_text("the user's own")
     (folder / "code.py").write_text("print('hello')")
     before = files_of(folder)
@@ -74,7 +104,7 @@ def test_the_libraries_come_first_and_the_entry_last(mount, capsys):
     steps = [line.split()[:2] for line in capsys.readouterr().out.splitlines()[:-1]]
     assert files_of(folder) == before
     removed = [path for step, path in steps if step == "remove"]
-    assert removed == ["code.py", "lib/adafruit_as7341.mpy"]
+    assert removed == ["code.py", "lib/adafruit_register/i2c_bit.py.part"]
     copied = [path for step, path in steps if step == "copy"]
     libraries = [path for path in copied if path.startswith("lib/")]
     assert "lib/adafruit_as7341.py" in libraries
@@ -128,25 +158,25 @@ def test_no_drive_two_drives_and_what_is_none(mount, capsys, tmp_path):
 def test_what_another_user_has_mounted_is_not_looked_into(mount, capsys, monkeypatch):
     mount(*RIGHT, name="alice")
     folder = mount(*RIGHT)
-    stat = os.stat
+    lstat = os.lstat
 
     def guarded(path, **options):
         if "alice" in str(path):
             raise PermissionError(errno.EACCES, "Permission denied", path)
-        return stat(path, **options)
+        return lstat(path, **options)
 
-    monkeypatch.setattr(os, "stat", guarded)
+    monkeypatch.setattr(os, "lstat", guarded)
     assert drive.drives() == [str(folder)]
 
 
 @pytest.mark.parametrize(
     ("name", "command"),
     [
-        ("iterdir", ("flash",)),
-        ("iterdir", ("flash", "--dry-run")),
-        ("iterdir", ("erase", "--yes")),
-        ("read_bytes", ("flash",)),
-        ("read_bytes", ("flash", "--dry-run")),
+        ("stat", ("flash",)),
+        ("stat", ("flash", "--dry-run")),
+        ("stat", ("erase", "--yes")),
+        ("open", ("flash",)),
+        ("open", ("flash", "--dry-run")),
     ],
 )
 def test_a_drive_that_goes_away_while_it_is_looked_at(
@@ -155,14 +185,14 @@ def test_a_drive_that_goes_away_while_it_is_looked_at(
     folder = mount(*RIGHT)
     entry = files_of(build("qtpy_rp2040", tmp_path / "build"))["code.py"]
     (folder / "code.py").write_bytes(entry)
-    usual = getattr(Path, name)
+    usual = getattr(os, name)
 
-    def gone(path):
-        if path == folder or path.parent == folder:
+    def gone(path, *arguments, dir_fd=None, **options):
+        if path == "code.py" and dir_fd is not None:
             raise OSError(errno.EIO, "Input/output error")
-        return usual(path)
+        return usual(path, *arguments, dir_fd=dir_fd, **options)
 
-    monkeypatch.setattr(Path, name, gone)
+    monkeypatch.setattr(os, name, gone)
     said = refused(capsys, command[0], "qtpy_rp2040", *command[1:])
     assert "fails (Input/output error): replug the board" in said
 
@@ -180,7 +210,7 @@ def test_a_drive_that_fails_in_mid_copy_holds_nothing_that_starts(
 ):
     folder = mount(*RIGHT)
     (folder / "code.py").write_text("print('the one before')")
-    settle = drive._settle
+    settle = nofollow.settle
     written = []
 
     def fail(of):
@@ -189,7 +219,7 @@ def test_a_drive_that_fails_in_mid_copy_holds_nothing_that_starts(
             raise OSError(number, "so it is")
         settle(of)
 
-    monkeypatch.setattr(drive, "_settle", fail)
+    monkeypatch.setattr(nofollow, "settle", fail)
     assert sentence in refused(capsys, "flash", "qtpy_rp2040")
     assert len(written) == 10
     assert "code.py" not in files_of(folder)
@@ -206,7 +236,7 @@ def test_an_erase_that_fails_in_the_middle_leaves_nothing_that_starts(mount, cap
         if len(settled) == 2:
             raise OSError(errno.EIO, "so it is")
 
-    monkeypatch.setattr(drive, "_settle", fail)
+    monkeypatch.setattr(nofollow, "settle", fail)
     assert "replug the board" in refused(capsys, "erase", "qtpy_rp2040", "--yes")
     assert "code.py" not in files_of(folder)
     assert "settings.txt" in files_of(folder)
@@ -225,6 +255,6 @@ def test_the_ports_of_a_drive_are_its_boards_with_the_one_for_data_first(mount, 
     usb = [("/dev/a", "0123ab"), ("/dev/b", "0123ab"), ("/dev/c", "77"), ("/dev/d", None)]
     ports = [SimpleNamespace(device=name, serial_number=uid) for name, uid in usb]
     monkeypatch.setattr(place, "usb_ports", lambda: ports)
-    with place.place(spots.stage.device_of("qtpy_rp2040"), None) as there:
+    with place.place(device_of("qtpy_rp2040"), None) as there:
         assert there.name == str(folder)
         assert there.ports() == ["/dev/b", "/dev/a"]

@@ -30,7 +30,8 @@ def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):
     source = build("virtual", tmp_path / "build")
     with virtual_board(empty) as port:
         command = [sys.executable, "-m", "mpremote", "connect", port]
-        command += ["cp", "-r", "tactile", "board_config.py", ":", "+", "cp", "main.py", ":"]
+        command += ["cp", "-r", "tactile", "board_config.py", "spots.sha256", ":"]
+        command += ["+", "cp", "main.py", ":"]
         run = subprocess.run(
             [*command, "+", "reset"], cwd=source, capture_output=True, text=True, timeout=120
         )
@@ -47,6 +48,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
     (empty / "tactile").mkdir()
     (empty / "tactile" / "app.py").write_text("an older version")
     (empty / "tactile" / "log2.mpy.part").write_text("half")
+    (empty / "tactile" / "hers.py").write_text("the user's own")
     wanted = files_of(build("virtual", tmp_path / "build"))
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
@@ -62,7 +64,8 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
         assert main(["flash", "virtual", "--port", port]) == 0
         assert "nothing to copy" in capsys.readouterr().out
     own = {"settings.txt": b"mine\n", "calibration.txt": b"mine too\n"}
-    assert files_of(empty) == wanted | own | {"notes.py": b"the user's own"}
+    own |= dict.fromkeys(("notes.py", "tactile/hers.py"), b"the user's own")
+    assert files_of(empty) == wanted | own
 
 
 def test_a_board_without_the_library_for_usb_is_told_of_in_a_sentence(empty, capsys):

@@ -73,6 +73,14 @@ def test_nothing_stale_stays(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
 
 
+def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
+    (tmp_path / "virtual").mkdir()
+    (tmp_path / "virtual" / "thesis.txt").write_text("the user's own")
+    with pytest.raises(SpotsError, match="is no build of this program: move it"):
+        build("virtual", tmp_path)
+    assert files_of(tmp_path) == {"virtual/thesis.txt": b"the user's own"}
+
+
 def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
     before = files_of(build("virtual", tmp_path))
     monkeypatch.setattr(builder, "_mpy_cross", lambda: ["false"])

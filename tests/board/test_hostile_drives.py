@@ -1,0 +1,368 @@
+"""`spots flash` and `erase` on drives with links, FIFOs and swaps: nothing outside changes."""
+
+import contextlib
+import hashlib
+import io
+import os
+import shutil
+import stat
+import tempfile
+from pathlib import Path, PurePosixPath
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from spots import flash as flashing
+from spots import link, nofollow, place, released, stage
+from spots.build import build, files_of
+from spots.cli import main
+from spots.errors import SpotsError
+from spots.flash import USER_FILES
+
+BOARD = "qtpy_rp2040"
+ABOUT = (
+    "Adafruit CircuitPython 9.2.1 on 2026-01-01; Some board\n"
+    "Board ID:adafruit_qtpy_rp2040\nUID:0123AB\n"
+)
+# What the home folder next to the drive holds: also what a flash would write, and erase remove.
+HOME = (".ssh/id_ed25519", "thesis.txt", "app.py", "code.py", "runtime/__init__.py", "i2c_bit.py")
+LINKED = "linked.txt"  # what a hard link on the drive is another name of
+NAMES = released.FILES["circuitpython"] | stage.names("circuitpython") | {"spots.sha256"}
+# Where something odd lies: in the way of a flash, beside it, and under a user's own names.
+PLACES = (
+    "tactile",
+    "tactile/runtime",
+    "lib",
+    "lib/adafruit_register",
+    "lib/adafruit_register/i2c_bit.py",
+    "code.py",
+    "boot.py",
+    "board_config.py",
+    "tactile/app.py",
+    "tactile/runtime/__init__.py",
+    "tactile/kernel.mpy",
+    "spots.sha256",
+    "spots.sha256.part",
+    "code.py.part",
+    "tactile/app.py.part",
+    "boot_out.txt",
+    "settings.txt",
+    "calibration.txt.old",
+    "notes.py",
+    "tactile/mine.py",
+    "lib/neopixel.py",
+    "tactile/mine",
+    "lib/mine/deep",
+    ".Trash",
+    "tactile/\u2603 \xe9.py",
+    "lib/new\nline.py",
+    "-rf",
+    "tactile/*",
+)
+KINDS = (
+    "folder_link",
+    "file_link",
+    "relative_link",
+    "dangling",
+    "loop",
+    "fifo",
+    "hard_link",
+    "folder",
+    "file",
+)
+STATES = ("blank", "flashed", "released", "older")
+COMMANDS = (["flash", BOARD], ["erase", BOARD, "--yes"])
+CALLS = ["open", "stat", "unlink", "replace", "mkdir", "rmdir"]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The files of a board, built once."""
+    folder = build(BOARD, tmp_path_factory.mktemp("build"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flashing, "build", lambda board, root: folder)
+        patch.setattr(flashing, "_greet", lambda there: None)
+        patch.setattr(place, "usb_ports", list)
+        patch.setattr(link, "usb_ports", list)
+        patch.setattr(os, "fsync", lambda handle: None)  # a power cut is not the subject
+        yield Files(files_of(folder))
+
+
+class Files(dict):
+    """Files by path, with a `repr` that fits a report."""
+
+    def __repr__(self):
+        return f"<{len(self)} files>"
+
+
+class Sandbox:
+    """A home folder and a drive beside it."""
+
+    def __init__(self, root, built, state):
+        self.home, self.drive = root / "home", root / "drive"
+        for path in (*HOME, LINKED):
+            put(self.home / path, f"private: {path}".encode())
+        os.mkfifo(self.home / "pipe")
+        self.drive.mkdir()
+        put(self.drive / "boot_out.txt", ABOUT.encode())
+        put(self.drive / "tactile" / "hers.py", b"a user's own, among ours")
+        files = {"blank": {}, "flashed": built, "released": without_manifest(built)}
+        for path, data in (files[state] if state in files else older()).items():
+            put(self.drive / path, data)
+        for path in [*self.home.rglob("*"), self.home]:
+            os.utime(path, (1, 2))  # read once, it is accessed later than that
+        self.inodes = {path.lstat().st_ino for path in [*self.home.rglob("*"), self.home]}
+
+    def trap(self, path, kind):
+        """Put something odd on the drive, in the place of what is there."""
+        where = self.drive / path
+        if any(not stat.S_ISDIR(up.lstat().st_mode) for up in ups(where, self.drive)):
+            return
+        where.parent.mkdir(parents=True, exist_ok=True)
+        if kind in ("file", "folder") and where.exists():
+            return
+        if where.is_dir() and not where.is_symlink():
+            shutil.rmtree(where)
+        where.unlink(missing_ok=True)
+        self.plant(where, kind)
+
+    def plant(self, where, kind):
+        if kind == "folder_link":
+            where.symlink_to(self.home)
+        elif kind == "file_link":
+            where.symlink_to(self.home / "thesis.txt")
+        elif kind == "relative_link":
+            where.symlink_to(os.path.relpath(self.home, where.parent))
+        elif kind == "dangling":
+            where.symlink_to(self.home / "not_there_yet")
+        elif kind == "loop":
+            where.symlink_to(where)
+        elif kind == "fifo":
+            os.mkfifo(where)
+        elif kind == "hard_link":
+            os.link(self.home / LINKED, where)
+            self.inodes.discard(where.lstat().st_ino)  # the file is on the drive as well
+        elif kind == "folder":
+            where.mkdir()
+        else:
+            where.write_bytes(b"odd")
+
+
+def ups(where, top):
+    return [up for up in where.parents if up.is_relative_to(top) and os.path.lexists(up)]
+
+
+def put(path, data):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def without_manifest(built):
+    return {path: data for path, data in built.items() if path != "spots.sha256"}
+
+
+def older():
+    """What a version left that had other modules."""
+    files = {"code.py": b"import old", "old_package/app.py": b"old", "old_package/in/x.py": b"x"}
+    lines = [f"{hashlib.sha256(data).hexdigest()}  {path}\n" for path, data in files.items()]
+    lines += [f"{'0' * 64}  {path}\n" for path in ("../home/thesis.txt", "/etc/passwd")]
+    lines += [f"{hashlib.sha256(b'before').hexdigest()}  notes.py\n", "no line of a manifest\n"]
+    return files | {"spots.sha256": "".join(lines).encode(), "notes.py": b"changed since"}
+
+
+def snapshot(folder, times=True):
+    """Return all that there is to know of a folder without reading its files' access times away."""
+    found = {}
+    for path in [folder, *sorted(folder.rglob("*"))]:
+        status = path.lstat()
+        entry = [status.st_mode, status.st_mtime_ns if times else 0]
+        if times:
+            # A folder is read right here, and the file with two names is on the drive as well.
+            reads = stat.S_ISDIR(status.st_mode) or path.name == LINKED
+            entry.append(0 if reads else status.st_atime_ns)
+        if path.is_symlink():
+            entry.append(os.readlink(path))
+        elif stat.S_ISREG(status.st_mode):
+            entry.append(path.read_bytes())
+            os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+        found[path.relative_to(folder).as_posix()] = entry
+    return found
+
+
+def run(sandbox, command, before_call=lambda: None):
+    """Run a command on the drive; return its exit code. No file outside may even be opened."""
+    opened = []
+
+    def watched(name, usual):
+        def call(*arguments, **options):
+            if any(options.get(key) is not None for key in ("dir_fd", "src_dir_fd")):
+                before_call()
+            result = usual(*arguments, **options)
+            if name == "open" and os.fstat(result).st_ino in sandbox.inodes:
+                opened.append(arguments[0])
+            return result
+
+        return call
+
+    errors = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        for name in CALLS:
+            patch.setattr(os, name, watched(name, getattr(os, name)))
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
+            code = main([*command, "--port", str(sandbox.drive)])
+    assert opened == []
+    assert code in (0, 2)
+    assert errors.getvalue().count("\n") == (1 if code else 0), errors.getvalue()
+    return code
+
+
+def is_in_the_way(sandbox, path, command, state):
+    """Whether what lies there keeps a command from reaching its files without a link."""
+    wanted = NAMES | (set(older()) if state == "older" else set())
+    wanted |= {name + ".part" for name in wanted} | {"boot_out.txt"}
+    if command[0] == "erase":
+        wanted |= set(USER_FILES)
+    where = sandbox.drive / path
+    if not os.path.lexists(where):
+        return False
+    mode = where.lstat().st_mode
+    if any(path in map(str, PurePosixPath(name).parents) for name in wanted):
+        return not stat.S_ISDIR(mode)
+    return path in wanted and not stat.S_ISREG(mode)
+
+
+@settings(max_examples=40)
+@given(
+    st.sampled_from(STATES),
+    st.lists(st.tuples(st.sampled_from(PLACES), st.sampled_from(KINDS)), max_size=4),
+    st.sampled_from(COMMANDS),
+    st.booleans(),
+)
+@example("blank", [("tactile", "folder_link")], COMMANDS[0], True)
+@example("flashed", [("tactile", "folder_link")], COMMANDS[1], True)
+@example("released", [("tactile/runtime", "relative_link")], COMMANDS[1], False)
+@example("flashed", [("code.py.part", "hard_link")], COMMANDS[0], True)
+@example("blank", [("boot_out.txt", "fifo")], COMMANDS[0], True)
+@example("older", [("tactile/mine.py", "file_link")], COMMANDS[0], False)
+def test_a_drive_is_done_completely_or_refused_untouched(built, state, traps, command, by_handle):
+    with tempfile.TemporaryDirectory() as root, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(nofollow, "_BY_HANDLE", by_handle)
+        sandbox = Sandbox(Path(root), built, state)
+        for path, kind in traps:
+            sandbox.trap(path, kind)
+        refused = "boot_out.txt" in dict(traps) and dict(traps)["boot_out.txt"] == "hard_link"
+        refused |= any(is_in_the_way(sandbox, path, command, state) for path, _ in traps)
+        home, drive = snapshot(sandbox.home), snapshot(sandbox.drive, times=False)
+        code = run(sandbox, command)
+        assert snapshot(sandbox.home) == home
+        after = snapshot(sandbox.drive, times=False)
+        if refused:
+            assert code == 2
+            assert after == drive
+            return
+        assert code == 0
+        flashed = command[0] == "flash"
+        ours = (
+            NAMES | {path for path in older() if path != "notes.py"} if state == "older" else NAMES
+        )
+        ours |= {name + ".part" for name in ours}
+        ours |= set() if flashed else set(USER_FILES)
+        for path in set(drive) - ours:  # a user's own
+            if not stat.S_ISDIR(drive[path][0]):
+                assert after[path] == drive[path], path
+        if flashed:
+            for path, data in built.items():
+                assert after[path][-1] == data
+        left = {path for path in after if not stat.S_ISDIR(after[path][0])} & ours
+        kept = {path for path, kind in traps if state in ("flashed", "older")}
+        assert left <= (set(built) if flashed else kept | {"spots.sha256"})
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from(STATES),
+    st.sampled_from(PLACES),
+    st.sampled_from([kind for kind in KINDS if kind not in ("hard_link", "file")]),
+    st.sampled_from(COMMANDS),
+    st.integers(0, 700),
+    st.booleans(),
+)
+def test_what_is_swapped_for_a_link_at_any_call_leads_nowhere(
+    built, state, path, kind, command, at, back
+):
+    with tempfile.TemporaryDirectory() as root:
+        sandbox = Sandbox(Path(root), built, state)
+        home = snapshot(sandbox.home)
+        where, aside = sandbox.drive / path, sandbox.drive / "aside"
+        calls = 0
+
+        def swap():
+            nonlocal calls
+            calls += 1
+            if calls == at + 1 and not any(up.is_symlink() for up in where.parents):
+                if os.path.lexists(where):
+                    os.rename(where, aside)
+                where.parent.mkdir(parents=True, exist_ok=True)
+                sandbox.plant(where, kind)
+            elif calls == at + 3 and back and os.path.lexists(aside) and where.is_symlink():
+                where.unlink()
+                os.rename(aside, where)
+
+        run(sandbox, command, swap)
+        assert snapshot(sandbox.home) == home
+
+
+@pytest.mark.parametrize("by_handle", [True, False])
+def test_a_plain_drive_is_flashed_twice_and_erased(tmp_path, built, monkeypatch, by_handle):
+    monkeypatch.setattr(nofollow, "_BY_HANDLE", by_handle)
+    sandbox = Sandbox(tmp_path, built, "older")
+    own = {name: (sandbox.drive / name).read_bytes() for name in ("boot_out.txt", "notes.py")}
+    own["tactile/hers.py"] = b"a user's own, among ours"
+    assert run(sandbox, COMMANDS[0]) == 0
+    assert files_of(sandbox.drive) == built | own
+    assert not (sandbox.drive / "old_package" / "app.py").exists()
+    assert run(sandbox, COMMANDS[0]) == 0
+    assert files_of(sandbox.drive) == built | own
+    (sandbox.drive / "board_config.py").write_bytes(b"SDA_PIN = 'mine'\n")
+    assert run(sandbox, COMMANDS[1]) == 0
+    assert run(sandbox, COMMANDS[1]) == 0
+    kept = {path: data for path, data in built.items() if path == "spots.sha256"}
+    assert files_of(sandbox.drive) == own | kept | {"board_config.py": b"SDA_PIN = 'mine'\n"}
+
+
+@pytest.mark.parametrize("changed", [{"st_file_attributes": stat.FILE_ATTRIBUTE_REPARSE_POINT}])
+def test_a_reparse_point_of_windows_is_refused(tmp_path, monkeypatch, changed):
+    monkeypatch.setattr(nofollow, "_BY_HANDLE", False)
+    put(tmp_path / "tactile" / "app.py", b"")
+    tree = nofollow.Tree(str(tmp_path))
+    assert tree.size("tactile/app.py") == 0
+    lstat = os.lstat
+
+    def junction(path, **options):
+        status = lstat(path, **options)
+        facts = {name: getattr(status, name) for name in ("st_mode", "st_dev", "st_size")}
+        return SimpleNamespace(**facts, **changed)
+
+    monkeypatch.setattr(os, "lstat", junction)
+    with pytest.raises(SpotsError, match=r"tactile on .* is a link"):
+        tree.size("tactile/app.py")
+
+
+def test_what_is_mounted_on_the_drive_is_outside_it(tmp_path, monkeypatch):
+    put(tmp_path / "tactile" / "app.py", b"")
+    tree = nofollow.Tree(str(tmp_path))
+    inode, fstat = (tmp_path / "tactile").stat().st_ino, os.fstat
+
+    def mounted(handle):
+        status = fstat(handle)
+        if status.st_ino != inode:
+            return status
+        return SimpleNamespace(st_mode=status.st_mode, st_dev=status.st_dev + 1)
+
+    monkeypatch.setattr(os, "fstat", mounted)
+    with pytest.raises(SpotsError, match=r"tactile on .* is a link"):
+        tree.remove("tactile/app.py")
+    tree.close()
+    assert (tmp_path / "tactile" / "app.py").exists()
