@@ -6,10 +6,10 @@ import importlib.util
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from . import atomic
 from .errors import SpotsError
 from .stage import Device, device_of, stage
 
@@ -87,15 +87,15 @@ def _build(device: Device, target: Path) -> None:
     root = target.parent
     root.mkdir(parents=True, exist_ok=True)
     # Beside the target: a rename within one file system is whole or not at all.
-    with tempfile.TemporaryDirectory(prefix=f".{device.name}-", dir=root) as temporary:
-        fresh = Path(temporary) / "new"
+    with atomic.folder(root) as temporary:
+        fresh = temporary / "new"
         fresh.mkdir()
         stage(device.name, fresh)
         # MicroPython's mpy-cross makes no files that CircuitPython takes.
         if device.runtime == "micropython":
             _compile(fresh, device)
         if target.exists():
-            target.rename(Path(temporary) / "old")
+            target.rename(temporary / "old")
         fresh.rename(target)
 
 
