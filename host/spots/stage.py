@@ -90,7 +90,8 @@ def device_of(board: str) -> Device:
     Raises
     ------
     SpotsError
-        If there is no such board, its file is damaged, or it asks for viper where that cannot be compiled.
+        If there is no such board, its file is damaged, or it asks for viper where that cannot be
+        compiled.
     """
     if board not in board_names():
         raise SpotsError(f"no board is called {board}; there are {', '.join(board_names())}")

@@ -21,7 +21,7 @@ else:
 _Kind = TypeVar("_Kind")
 _TOO_DEEP = "tables or lists are nested too deep"
 # The reader takes time that grows with the square of a key's parts.
-_KEY_PARTS_MAX = 16
+_KEY_PARTS_MAX = 32
 # Dots of a key stand between these; texts and comments are taken away before.
 _BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
 # Each alternative matches from its first character on, so that the time is linear in any text.
