@@ -10,7 +10,7 @@ import pytest
 from reels import record
 from test_frames import encoded, touch
 
-SHORT, TIMES = 3000, 20
+SHORT, TIMES = 2000, 20
 GROWS_AT_MOST_KIB = 6 * 1024
 # Peak of the process itself: of a child, getrusage would count the parent's pages before exec.
 RUN = """
@@ -23,13 +23,14 @@ print("PEAK", status.split("VmHWM:")[1].split()[0])
 
 
 def pieces(count):
-    """Yield readings, spectra and texts."""
+    """Yield reads of a reading, a spectrum and a text each."""
     for i in range(count):
-        yield touch(3 * i, 1000 + i)
+        frames = [touch(3 * i, 1000 + i)]
         body = struct.pack("<BB6H", 0, 5, *range(i % 100, i % 100 + 6))
-        yield encoded(struct.pack("<BHI", 2, (3 * i + 1) % 65536, 1000 + i) + body)
+        frames.append(encoded(struct.pack("<BHI", 2, (3 * i + 1) % 65536, 1000 + i) + body))
         text = json.dumps({"re": "get", "x": "y" * (i % 40)}).encode()
-        yield encoded(struct.pack("<BHI", 3, (3 * i + 2) % 65536, 1000 + i) + text)
+        frames.append(encoded(struct.pack("<BHI", 3, (3 * i + 2) % 65536, 1000 + i) + text))
+        yield b"".join(frames)
 
 
 @pytest.fixture(scope="module")
