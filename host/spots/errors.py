@@ -1,20 +1,30 @@
 """What a user can put right."""
 
+# Characters of a sentence; it may quote a file.
+_LONGEST = 2000
+
 
 def printable(text: str) -> str:
     """Return a text as one line that does nothing to a terminal: the rest of it is escaped."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+def _shortened(text: str) -> str:
+    if len(text) <= _LONGEST:
+        return text
+    half = _LONGEST // 2
+    return f"{text[:half]} ... {text[-half:]}"  # its end says what to do
+
+
 class SpotsError(Exception):
     """A mistake or a fault outside the program; the text says what is wrong and what to do.
 
     The command line prints it as one line and ends with exit code 2. What it quotes of a file or
-    a board is made printable.
+    a board is made printable, and short.
     """
 
     def __init__(self, text: str):
-        super().__init__(printable(text))
+        super().__init__(_shortened(printable(text)))
 
 
 class PortLostError(SpotsError):

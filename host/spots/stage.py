@@ -7,10 +7,14 @@ import shutil
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Literal
+
+import msgspec
 
 import tactile
 
 from . import toml
+from .bounded import read_text
 from .errors import SpotsError
 
 # An installed package carries both folders inside itself; a checkout has them at its top.
@@ -32,6 +36,16 @@ LIBRARIES = {
 
 # The two forms of tactile's kernel: every board knows the one it has by the first one's name.
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
+
+
+class _BoardFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    title: str
+    runtime: Literal["micropython", "circuitpython"]
+    march: str | None = None
+    viper: bool = False
+    board_id: str | None = None
+    device: dict
+    wiring: dict = {}
 
 
 @dataclass(frozen=True)
@@ -77,23 +91,28 @@ def device_of(board: str) -> Device:
     Raises
     ------
     SpotsError
-        If there is no such board, or it asks for viper where that cannot be compiled.
+        If there is no such board, its file is damaged, or it asks for viper where that cannot be
+        compiled.
     """
     if board not in board_names():
         raise SpotsError(f"no board is called {board}; there are {', '.join(board_names())}")
-    said = toml.loads((BOARDS / board / "board.toml").read_text(encoding="utf-8"))
-    viper = said.get("viper", False)
-    if viper and (said["runtime"] != "micropython" or "march" not in said):
+    path = BOARDS / board / "board.toml"
+    try:
+        text = read_text(path)
+    except (OSError, UnicodeDecodeError):
+        raise SpotsError(f"{path} cannot be read: install the package again") from None
+    said = toml.checked(text, _BoardFile, str(path))
+    if said.viper and (said.runtime != "micropython" or said.march is None):
         raise SpotsError(f"boards/{board}/board.toml: viper needs MicroPython and a march")
     return Device(
         name=board,
-        title=said["title"],
-        runtime=said["runtime"],
-        march=said.get("march"),
-        viper=viper,
-        board_id=said.get("board_id"),
-        config={"NAME": board} | said["device"],
-        wiring=said.get("wiring", {}),
+        title=said.title,
+        runtime=said.runtime,
+        march=said.march,
+        viper=said.viper,
+        board_id=said.board_id,
+        config={"NAME": board} | said.device,
+        wiring=said.wiring,
     )
 
 

@@ -1,15 +1,16 @@
-"""The standard library's TOML reader, or its forerunner on Python 3.10; files of checked keys."""
+"""TOML files of checked keys, bounded in size and depth, by the standard library's reader."""
 
 from __future__ import annotations
 
 import math
-import os
+import re
 import sys
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 
+from .bounded import read_text
 from .errors import SpotsError
 
 if sys.version_info >= (3, 11):
@@ -18,6 +19,20 @@ else:
     import tomli as tomllib
 
 _Kind = TypeVar("_Kind")
+_TOO_DEEP = "tables or lists are nested too deep"
+# The reader takes time that grows with the square of a key's parts.
+_KEY_PARTS_MAX = 32
+# Dots of a key stand between these; texts and comments are taken away before.
+_BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
+# Each alternative matches from its first character on, so that the time is linear in any text.
+_TEXT_OR_COMMENT = re.compile(
+    r'"""(?:[^\\]|\\.)*?(?:"{3,5}|\Z)'
+    r"|'''.*?(?:'{3,5}|\Z)"
+    r'|"(?:[^"\\\n]|\\.)*"?'
+    r"|'[^'\n]*'?"
+    r"|#[^\n]*",
+    re.DOTALL,
+)
 
 
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
@@ -26,13 +41,14 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     Raises
     ------
     SpotsError
-        If there is none; the text says which names there are.
+        If there is none, and the text says which names there are; or it is no regular file, or
+        too large.
     """
     path = Path(name)
     if not path.suffix:
         path = folder / f"{name}.toml"
     try:
-        return path, path.read_text(encoding="utf-8")
+        return path, read_text(path)
     except (OSError, UnicodeDecodeError):
         known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
         raise SpotsError(
@@ -50,10 +66,11 @@ def loads(text: str) -> dict:
         finite, a character that does something to a terminal.
     """
     try:
+        _check_keys(text)
         content = tomllib.loads(text, parse_float=_finite)
         _check_strings(content)
     except RecursionError:
-        raise msgspec.ValidationError("tables or lists are nested too deep") from None
+        raise msgspec.ValidationError(_TOO_DEEP) from None
     except ValueError as error:  # TOMLDecodeError is one; a number of too many digits is another
         raise msgspec.ValidationError(str(error)) from None
     return content
@@ -82,27 +99,10 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
         raise SpotsError(f"{what}: {error}") from None
 
 
-def save(text: str, path: str | Path) -> None:
-    """Write a file, or replace it: at every moment the old one or the new one is whole.
-
-    Raises
-    ------
-    SpotsError
-        If it cannot be written; then what was there still is.
-    """
-    beside = Path(f"{path}.new")
-    try:
-        file = open(beside, "w", encoding="utf-8", newline="\n")
-        try:
-            with file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(beside, path)
-        finally:
-            beside.unlink(missing_ok=True)
-    except OSError as error:
-        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
+def _check_keys(text: str) -> None:
+    plain = _TEXT_OR_COMMENT.sub("", text)
+    if any(part.count(".") >= _KEY_PARTS_MAX for part in _BETWEEN_KEYS.split(plain)):
+        raise ValueError(_TOO_DEEP)
 
 
 def _finite(text: str) -> float:

@@ -115,7 +115,7 @@ def test_tables_drop_no_more_of_their_name_than_csv(tmp_path, out, name):
 
 
 def test_npz(seen, truth, tmp_path, monkeypatch):
-    monkeypatch.setattr(exports, "_ROWS_AT_ONCE", 64)
+    monkeypatch.setattr(exports, "_BLOCK_ROWS", 64)
     (path,) = exported(seen, tmp_path, "npz")
     arrays = np.load(path)
     header = json.loads(str(arrays["header"]))
@@ -132,7 +132,7 @@ def test_npz(seen, truth, tmp_path, monkeypatch):
 
 
 def test_the_longest_text_is_whole_in_npz(tmp_path, monkeypatch):
-    monkeypatch.setattr(exports, "_ROWS_AT_ONCE", 1)
+    monkeypatch.setattr(exports, "_BLOCK_ROWS", 1)
     texts = [{"re": "get", "x": "\u00e9" * count} for count in (3, (TEXT_MAX - 20) // 6, 7)]
     pieces = [
         encoded(struct.pack("<BHI", 3, i, 0) + json.dumps(text).encode())
@@ -172,7 +172,7 @@ def test_nothing_is_written_over_and_nothing_half(tmp_path, capsys, kind):
     assert f"{mine} exists: choose another name" in capsys.readouterr().err
     assert mine.read_text() == "mine"
     assert main(["export", str(path), "--to", kind, "--out", str(tmp_path / "no" / "x")]) == 2
-    assert "cannot be written: No such file or directory" in capsys.readouterr().err
+    assert "cannot write" in capsys.readouterr().err
     assert len(list(tmp_path.iterdir())) == 2
 
 

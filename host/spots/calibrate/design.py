@@ -30,7 +30,7 @@ from tactile.exposure import (
 )
 from tactile.settings import DEFAULT_PLAN
 
-from .. import toml
+from .. import atomic
 from ..errors import SpotsError
 from ..sim.files import SensorFile, load
 from . import figures
@@ -256,7 +256,7 @@ def run(
     if out is not None:
         folder = figures.folder(out)
         sensor_file = folder / "sensor.toml"
-        toml.save(sensor_toml(found), sensor_file)
+        atomic.write_text(sensor_toml(found), sensor_file)
         for path in (sensor_file, _plot(found, resolution_um, folder / "resolution.png")):
             print(path, file=sys.stderr)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import atomic
 from ..errors import SpotsError
 
 # Okabe and Ito's colours, which are told apart with any colour vision; markers differ as well.
@@ -74,11 +75,9 @@ def save(figure, path: Path) -> Path:
     SpotsError
         If it cannot be written.
     """
-    try:
+    with atomic.replacing(path) as file:
         # Without the versions and dates that would change the file though the picture stays.
-        figure.savefig(path, dpi=_DPI, metadata={"Software": None})
-    except OSError as error:
-        raise SpotsError(f"cannot write {path}: {error.strerror}") from None
+        figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
     return path
 
 

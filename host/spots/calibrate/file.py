@@ -16,8 +16,9 @@ import msgspec
 from tactile.calibration import Calibration, CalibrationError
 from tactile.settings import checksum
 
-from .. import toml
+from .. import atomic, toml
 from ..board import Board
+from ..bounded import read_text
 from ..connect import upload
 from ..errors import SpotsError
 from .presses import Conditions
@@ -130,7 +131,7 @@ def save(calibration: CalibrationFile, path: Path) -> None:
         If it cannot be written.
     """
     text = _text(calibration)
-    toml.save(f'{text}{_END}crc32 = "{_crc32(text)}"\n', path)
+    atomic.write_text(f'{text}{_END}crc32 = "{_crc32(text)}"\n', path)
 
 
 def load(path: Path) -> CalibrationFile:
@@ -142,7 +143,7 @@ def load(path: Path) -> CalibrationFile:
         If there is none, or it is cut short, changed, of another version, or not a calibration.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError:
         raise SpotsError(
             f"there is no file {path}: make it with 'spots calibrate position' and "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from .. import atomic
 from ..sim.files import SensorFile, load
 from . import figures
 from .characterize import Run, characterize
@@ -197,7 +198,7 @@ def main(docs: Path) -> None:
     for path in figures.draw(runs[-1], responses, figures.folder(docs / "paper")):
         print(path)
     page = docs / "paper.md"
-    page.write_text(document(runs, departures_um, sensor.length_mm), encoding="utf-8")
+    atomic.write_text(document(runs, departures_um, sensor.length_mm), page)
     print(page)
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from .presses import Conditions, Presses
 from .reader import Reading
@@ -115,7 +116,7 @@ class Session:
         self.path = path
         self.points: list[Point] = []
         try:
-            data = path.read_bytes() if path.exists() else b""
+            data = read_bytes(path, SESSION_MAX_BYTES) if path.exists() else b""
         except OSError as error:
             raise SpotsError(f"cannot read the session {path}: {error.strerror}") from None
         lines = data.split(b"\n")

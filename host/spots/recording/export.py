@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
+from typing import IO
 
 import msgspec
 import numpy as np
+from numpy.lib import format as npy
 
+from ..atomic import replacing, sync
 from ..errors import SpotsError
+from .header import Header
 from .reader import Recording
 from .table import Table, rows
 
-_ROWS_AT_ONCE = 1 << 16
+# Rows of a table in memory: few, so that an export takes the same for any length.
+_BLOCK_ROWS = 1024
+Records = Iterable[tuple[Table, tuple]]
 
 
 def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[Path]:
@@ -42,12 +49,17 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     SpotsError
         If the recording cannot be read, or a file is already there or cannot be written; then
         nothing is.
+
+    Notes
+    -----
+    It takes the same memory whatever the recording's length. NPZ takes room on the medium twice.
     """
     recording = Recording(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
     with ExitStack() as stack:
         files = _Files(stack)
-        EXPORTS[kind](recording, out, files)
+        EXPORTS[kind](recording.header, rows(recording), out, files)
+        files.sync()
     return files.paths
 
 
@@ -56,37 +68,32 @@ class _Files:
 
     def __init__(self, stack: ExitStack):
         self._stack = stack
+        self._files: list[IO] = []
         self.paths: list[Path] = []
 
-    def new(self, path: Path, mode: str = "wb", **options):
-        if path.exists():
-            raise SpotsError(f"{path} exists: choose another name with --out or remove it")
-        file = self._stack.enter_context(_new(path, mode, options))
+    def new(self, path: Path, kind: str = "b", **options) -> IO:
+        file = self._stack.enter_context(replacing(path, kind, new=True, **options))
+        self._files.append(file)
         self.paths.append(path)
         return file
 
-
-@contextmanager
-def _new(path: Path, mode: str, options: dict) -> Iterator:
-    part = path.with_name(path.name + ".part")
-    try:
-        with open(part, mode, **options) as file:
-            yield file
-        os.replace(part, path)
-    except OSError as error:
-        raise SpotsError(f"{path} cannot be written: {error.strerror}") from None
-    finally:
-        part.unlink(missing_ok=True)
+    def sync(self) -> None:
+        """Have all of them on the medium before the first one gets its name."""
+        for path, file in zip(self.paths, self._files):
+            try:
+                sync(file)
+            except OSError as error:
+                raise SpotsError(f"cannot write {path}: {error.strerror}") from None
 
 
-def _csv(recording: Recording, out: Path, files: _Files) -> None:
+def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
     writers: dict[str, Callable] = {}
     stem = out.stem if out.suffix == ".csv" else out.name  # what else has a dot is part of the name
-    for table, row in rows(recording):
+    for table, row in records:
         write = writers.get(table.name)
         if write is None:
             path = out.with_name(f"{stem}-{table.name}.csv")
-            file = files.new(path, "w", newline="", encoding="utf-8")
+            file = files.new(path, "t", newline="", encoding="utf-8")
             write = writers[table.name] = csv.writer(file).writerow
             write(_flat_names(table))
         write(_flat(row))
@@ -110,27 +117,61 @@ def _flat(row: tuple) -> list:
     return cells
 
 
-def _npz(recording: Recording, out: Path, files: _Files) -> None:
-    waiting: dict[str, list] = {}
-    done: dict[str, list] = {}
-    tables: dict[str, Table] = {}
-
-    def pack(name: str) -> None:
-        found = waiting.pop(name)
-        done.setdefault(name, []).append(np.array(found, _dtype(tables[name], found)))
-
+def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
     file = files.new(out)
-    for table, row in rows(recording):
+    with ExitStack() as stack, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        spools: dict[str, _Spool] = {}
+        for name, block in _blocks(records):
+            if name not in spools:
+                # In the folder of the file: where temporary files are may be memory.
+                spool = stack.enter_context(tempfile.TemporaryFile(dir=out.parent))
+                spools[name] = _Spool(spool)
+            spools[name].add(block)
+        with archive.open("header.npy", "w") as member:
+            npy.write_array(member, np.array(msgspec.json.encode(header).decode()))
+        for name, spool in spools.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                spool.write(member)
+
+
+class _Spool:
+    """Blocks of a table, on disk until length and type of the whole table are known."""
+
+    def __init__(self, file: IO):
+        self._file = file
+        self._blocks = self._rows = 0
+        self._dtype: np.dtype | None = None
+
+    def add(self, block: np.ndarray) -> None:
+        npy.write_array(self._file, block)
+        self._blocks += 1
+        self._rows += len(block)
+        known = self._dtype
+        self._dtype = block.dtype if known is None else np.promote_types(known, block.dtype)
+
+    def write(self, member: IO) -> None:
+        descr = npy.dtype_to_descr(self._dtype)
+        shape = {"descr": descr, "fortran_order": False, "shape": (self._rows,)}
+        npy.write_array_header_1_0(member, shape)
+        self._file.seek(0)
+        for _ in range(self._blocks):
+            member.write(npy.read_array(self._file).astype(self._dtype).tobytes())
+
+
+def _blocks(records: Records) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the rows of each table as arrays of at most `_BLOCK_ROWS` rows, by its name."""
+    waiting: dict[str, list[tuple]] = {}
+    tables: dict[str, Table] = {}
+    for table, row in records:
         tables[table.name] = table
-        column = waiting.setdefault(table.name, [])
-        column.append(row)
-        if len(column) == _ROWS_AT_ONCE:
-            pack(table.name)
-    for name in list(waiting):
-        pack(name)
-    arrays = {name: np.concatenate(parts) for name, parts in done.items()}
-    header = np.array(msgspec.json.encode(recording.header).decode())
-    np.savez_compressed(file, header=header, **arrays)
+        found = waiting.setdefault(table.name, [])
+        found.append(row)
+        if len(found) == _BLOCK_ROWS:
+            yield table.name, np.array(found, _dtype(table, found))
+            found.clear()
+    for name, found in waiting.items():
+        if found:
+            yield name, np.array(found, _dtype(tables[name], found))
 
 
 def _dtype(table: Table, found: list[tuple]) -> np.dtype:
@@ -142,7 +183,7 @@ def _dtype(table: Table, found: list[tuple]) -> np.dtype:
     return np.dtype(fields)
 
 
-def _mcap(recording: Recording, out: Path, files: _Files) -> None:
+def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
     try:
         from mcap.writer import Writer
     except ImportError:
@@ -151,7 +192,6 @@ def _mcap(recording: Recording, out: Path, files: _Files) -> None:
         ) from None
     from .foxglove import LOG_SCHEMA, log_message, schema
 
-    header = recording.header
     begun_ns = round(1e9 * header.utc_s)
     writer = Writer(files.new(out))
     writer.start(profile="", library=header.program)
@@ -170,7 +210,7 @@ def _mcap(recording: Recording, out: Path, files: _Files) -> None:
         )
 
     encode = msgspec.json.Encoder().encode
-    for table, row in rows(recording):
+    for table, row in records:
         time_s, _, sensor, sequence = row[:4]
         key = table.name, sensor
         if key not in channels:

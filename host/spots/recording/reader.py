@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from ..bounded import open_regular
 from ..clockmap import ClockMap
 from ..errors import SpotsError
 from ..frames import Decoder, Frame, LinkStats, Note
@@ -144,7 +145,7 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
 
 def _blocks(path: Path) -> Iterator[bytes]:
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             while block := file.read(_BLOCK_BYTES):
                 yield block
     except FileNotFoundError:

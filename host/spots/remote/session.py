@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import zenoh
 
+from ..bounded import ZENOH_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 
 # Zenoh's own name for where its configuration is.
@@ -15,6 +16,7 @@ CONFIG_VARIABLE = "ZENOH_CONFIG"
 # What is asked of a board from afar, and under which name its publisher answers.
 READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 
+_NESTED_MAX = 1000  # tables and lists of a configuration; the longest one has some 150
 _PATIENCE_S = 3.0
 _OTHERS_S = 0.5  # so long after the first board others may still come
 
@@ -33,8 +35,8 @@ def open_session() -> zenoh.Session:
         If there is no such file, it is no configuration, or no session can be opened with it.
     """
     path = os.environ.get(CONFIG_VARIABLE)
-    if path and not os.path.isfile(path):
-        raise SpotsError(f"there is no Zenoh configuration {path}")
+    if path:
+        _check_config(path)
     try:
         config = zenoh.Config.from_file(path) if path else zenoh.Config()
     except zenoh.ZError as error:
@@ -44,6 +46,16 @@ def open_session() -> zenoh.Session:
     except zenoh.ZError as error:
         where = path or "its usual settings; --zenoh-config takes others"
         raise SpotsError(f"Zenoh does not start with {where}: {_first_line(error)}") from None
+
+
+def _check_config(path: str) -> None:
+    """Refuse what Zenoh's own reader would wait for, or end the program with."""
+    try:
+        text = read_bytes(path, ZENOH_MAX_BYTES)
+    except OSError:
+        raise SpotsError(f"there is no Zenoh configuration {path}") from None
+    if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
+        raise SpotsError(f"{path} is no Zenoh configuration: it is nested too deep")
 
 
 def find(session: zenoh.Session, wanted: str) -> str:

@@ -11,7 +11,8 @@ from typing import Annotated, Union
 
 import msgspec
 
-from .. import toml
+from .. import atomic, toml
+from ..bounded import read_text
 from ..errors import SpotsError
 
 DEFAULT = Path(__file__).parent / "data" / "controller.toml"
@@ -121,7 +122,7 @@ def load(path: str | Path = DEFAULT) -> Settings:
         If there is no such file, or a key in it is unknown, missing or out of range.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
             f"cannot read the settings file {path}: make one with 'spots controller --calibrate'"
@@ -130,7 +131,7 @@ def load(path: str | Path = DEFAULT) -> Settings:
 
 
 def save(settings: Settings, path: str | Path) -> None:
-    """Write a settings file, without comments; see `toml.save`.
+    """Write a settings file, without comments; see `atomic.write_text`.
 
     Raises
     ------
@@ -142,7 +143,7 @@ def save(settings: Settings, path: str | Path) -> None:
     lines = _table("", content)
     for one in buttons:
         lines += ["", "[[button]]", *_table("", one)]
-    toml.save("\n".join(lines) + "\n", path)
+    atomic.write_text("\n".join(lines) + "\n", path)
 
 
 def _table(name: str, content: dict) -> list[str]:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import msgspec
 
-from .. import toml
+from .. import atomic, toml
+from ..bounded import read_text
 from ..calibrate import file as calibrations
 from ..calibrate.file import CalibrationFile
 from ..errors import SpotsError
@@ -144,9 +145,9 @@ class Mounted(_Struct, kw_only=True):
 def is_mounted(name: str) -> bool:
     """Return whether a name is that of a linkage file, and not of a simulated linkage."""
     try:
-        content = toml.loads(Path(name).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
+        content = toml.loads(read_text(name))
+    except (OSError, ValueError, msgspec.ValidationError, SpotsError):
+        return False  # who reads it says what is wrong
     return bool(_OWN & content.keys())
 
 
@@ -159,7 +160,7 @@ def load(path: str | Path) -> Mounted:
         If there is none, or a key in it is unknown, missing or out of range.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
             f"cannot read the linkage file {path}: docs/fivebar.md shows how to write one"
@@ -182,7 +183,7 @@ def save(mounted: Mounted, path: Path, comment: str = "") -> None:
     SpotsError
         If it cannot be written.
     """
-    toml.save(_text(mounted, comment), path)
+    atomic.write_text(_text(mounted, comment), path)
 
 
 def _text(mounted: Mounted, comment: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from .. import atomic
 from ..calibrate.figures import folder, require
 from ..sim.files import LinkageFile, PathFile, SensorFile, load
 from ..sim.linkage import Mechanism
@@ -280,7 +281,7 @@ def main(docs: Path) -> None:
     print(maps.deviation(surveys[0], out / "deviation.png"))
     print(maps.trajectory(runs[_FOLLOW_US][0], out / "sust.png"))
     page = docs / "fivebar.md"
-    page.write_text(document(surveys, runs, linkage, mechanism), encoding="utf-8")
+    atomic.write_text(document(surveys, runs, linkage, mechanism), page)
     print(page)
 
 

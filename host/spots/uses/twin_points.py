@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import os
 from collections.abc import Callable, Iterable
@@ -12,6 +13,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from ..bounded import POINTS_MAX_BYTES, read_bytes, read_text
 from ..errors import SpotsError
 from . import mounted
 from .encoder import Angle, Encoder
@@ -151,7 +153,10 @@ def _mean(angles: list[Angle]) -> tuple[float, float]:
 def _append(path: Path, row: Iterable[float]) -> None:
     try:
         new = not path.exists()
-        cut_off = not new and path.read_bytes()[-1:] not in (b"", b"\n")  # by an editor
+        cut_off = not new and read_bytes(path, POINTS_MAX_BYTES)[-1:] not in (
+            b"",
+            b"\n",
+        )  # by an editor
         with open(path, "a", encoding="utf-8", newline="") as file:
             table = csv.writer(file)
             if cut_off:
@@ -166,18 +171,18 @@ def _append(path: Path, row: Iterable[float]) -> None:
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
     """Return the points, a row each, and in which line of the file each stands."""
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            table = csv.DictReader(file)
-            missing = [name for name in COLUMNS if name not in (table.fieldnames or ())]
-            if missing:
-                raise SpotsError(
-                    f"{path} has no column {', '.join(missing)}: its first line names the columns, "
-                    f"{','.join(COLUMNS)}"
-                )
-            rows, lines = [], []
-            for row in table:
-                rows.append([_number(path, table.line_num, name, row[name]) for name in COLUMNS])
-                lines.append(table.line_num)
+        text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
+        table = csv.DictReader(io.StringIO(text))
+        missing = [name for name in COLUMNS if name not in (table.fieldnames or ())]
+        if missing:
+            raise SpotsError(
+                f"{path} has no column {', '.join(missing)}: its first line names the columns, "
+                f"{','.join(COLUMNS)}"
+            )
+        rows, lines = [], []
+        for row in table:
+            rows.append([_number(path, table.line_num, name, row[name]) for name in COLUMNS])
+            lines.append(table.line_num)
     except FileNotFoundError:
         raise SpotsError(
             f"there is no file {path}: 'spots twin --linkage ARM.toml --measure {path}' makes it"

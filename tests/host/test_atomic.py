@@ -1,0 +1,186 @@
+"""Files are written whole or not at all; no link is followed, and no left-over stays."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+
+import pytest
+
+from reels import record
+from spots import SpotsError, atomic, build
+from spots.calibrate import figures
+from spots.cli import main
+from test_frames import stream
+
+# A process that is interrupted in the middle of a write: it waits where it would sync.
+WRITER = """
+import os, sys
+from pathlib import Path
+from spots import atomic, build
+def wait(*_):
+    print("ready", flush=True)
+    sys.stdin.read()
+if sys.argv[1] == "file":
+    os.fsync = wait
+    atomic.write_text("new", Path(sys.argv[2]))
+else:
+    build._compile = wait
+    build.build("virtual", Path(sys.argv[2]))
+"""
+
+
+@pytest.fixture
+def interrupted():
+    """Return a function that starts a writer and returns it in the middle of its work."""
+    processes = []
+
+    def start(*arguments):
+        command = [sys.executable, "-c", WRITER, *map(str, arguments)]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        processes.append(process)
+        assert process.stdout.readline() == b"ready\n"
+        return process
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def kill(process):
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def linked(path, victim):
+    victim.write_text("precious")
+    path.symlink_to(victim)
+
+
+def test_a_saved_file_follows_no_planted_link(tmp_path):
+    victim = tmp_path / "victim"
+    linked(tmp_path / "a.toml.new", victim)
+    atomic.write_text("new", tmp_path / "a.toml")
+    assert victim.read_text() == "precious"
+    assert (tmp_path / "a.toml").read_text() == "new"
+    assert (tmp_path / "a.toml.new").is_symlink()
+
+
+@pytest.mark.parametrize("kind", ["mcap", "csv", "npz"])
+def test_an_export_follows_no_planted_link(tmp_path, kind):
+    record(tmp_path / "x.spots", stream(5))
+    victim = tmp_path / "victim"
+    name = "x-touch.csv" if kind == "csv" else f"x.{kind}"
+    linked(tmp_path / f"{name}.part", victim)
+    assert main(["export", str(tmp_path / "x.spots"), "--to", kind]) == 0
+    assert victim.read_text() == "precious"
+    assert names(tmp_path) == sorted(["victim", "x.spots", name, f"{name}.part"])
+
+
+def test_an_export_does_not_replace_a_link_to_nowhere(tmp_path, capsys):
+    record(tmp_path / "x.spots", stream(5))
+    (tmp_path / "x.npz").symlink_to(tmp_path / "nowhere")
+    assert main(["export", str(tmp_path / "x.spots"), "--to", "npz"]) == 2
+    assert "x.npz exists: choose another name" in capsys.readouterr().err
+    assert names(tmp_path) == ["x.npz", "x.spots"]
+
+
+@pytest.mark.parametrize("write", ["toml", "picture"])
+def test_a_link_in_the_place_of_the_file_is_replaced_and_not_followed(tmp_path, write):
+    victim = tmp_path / "victim"
+    path = tmp_path / "a.png"
+    linked(path, victim)
+    if write == "toml":
+        atomic.write_text("new", path)
+    else:
+        figures.save(figures.panels(width=1, height=1)[0], path)
+    assert victim.read_text() == "precious"
+    assert not path.is_symlink()
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o755])
+def test_a_replaced_file_keeps_its_mode(tmp_path, mode):
+    path = tmp_path / "a.toml"
+    path.write_text("old")
+    path.chmod(mode)
+    atomic.write_text("new", path)
+    assert stat.S_IMODE(path.stat().st_mode) == mode
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o077])
+def test_a_new_file_has_the_mode_of_any_other(tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        atomic.write_text("new", tmp_path / "a.toml")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.toml").stat().st_mode) == 0o666 & ~umask
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/dev/null")
+    for name in ("pipe", "link"):
+        with pytest.raises(SpotsError, match=rf"cannot write .*{name}: .*not a regular file"):
+            atomic.write_text("new", tmp_path / name)
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "link").is_symlink()
+    assert names(tmp_path) == ["link", "pipe"]
+
+
+def test_a_killed_writer_leaves_the_old_file_and_the_next_one_cleans_up(tmp_path, interrupted):
+    path = tmp_path / "a.toml"
+    path.write_text("old")
+    writer = interrupted("file", path)
+    kill(writer)
+    assert path.read_text() == "old"
+    assert len(names(tmp_path)) == 2, "the left-over of the killed writer is there"
+    atomic.write_text("next", tmp_path / "b.toml")
+    assert names(tmp_path) == ["a.toml", "b.toml"]
+
+
+def test_the_file_of_a_living_writer_stays(tmp_path, interrupted):
+    path = tmp_path / "a.toml"
+    writer = interrupted("file", path)
+    atomic.write_text("other", path)
+    assert len(names(tmp_path)) == 2
+    writer.communicate(b"")
+    assert writer.returncode == 0
+    assert path.read_text() == "new"
+    assert names(tmp_path) == ["a.toml"]
+
+
+def test_only_left_overs_of_ours_are_removed(tmp_path, interrupted):
+    kill(interrupted("file", tmp_path / "a.toml"))
+    (left_over,) = tmp_path.iterdir()
+    ours = left_over.name
+    left_over.unlink()
+    target = tmp_path / "target"
+    target.write_text("precious")
+    kept = [ours.replace(ours[8:12], word) for word in ("0000", "0001", "0002")]
+    (tmp_path / kept[0]).symlink_to(target)
+    (tmp_path / kept[1]).mkdir()
+    os.mkfifo(tmp_path / kept[2])
+    for name in ("x" + ours, ours + "x", ours.upper(), ours[1:], "a.part", "a.toml.new"):
+        (tmp_path / name).write_text("precious")
+        kept.append(name)
+    atomic.write_text("next", tmp_path / "b.toml")
+    assert names(tmp_path) == sorted([*kept, "target", "b.toml"])
+
+
+def test_a_killed_build_is_cleaned_up_by_the_next_one(tmp_path, interrupted):
+    build.build("virtual", tmp_path)
+    other = interrupted("build", tmp_path)
+    kill(interrupted("build", tmp_path))
+    assert len(names(tmp_path)) == 3
+    build.build("virtual", tmp_path)
+    assert len(names(tmp_path)) == 2, "the folder of the living build stays"
+    kill(other)
+    build.build("virtual", tmp_path)
+    assert names(tmp_path) == ["virtual"]
