@@ -14,7 +14,7 @@ from rich.progress import track
 from .build import ARCHITECTURES, build, files_of, mpy_header
 from .connect import open as open_board
 from .drive import Drive
-from .errors import SpotsError
+from .errors import SpotsError, printable
 from .place import Place, place
 from .prompt import Prompt
 from .stage import ENTRIES, LIBRARIES, Device, device_of
@@ -176,10 +176,10 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
     for path in plan.remove:
-        print(f"remove {path}")
+        print(f"remove {printable(path)}")
     for path in plan.copy:
         print(f"copy {path}  {len(files[path])} bytes")
-    print(f"{len(plan.copy)} files to copy to {port}" if plan.copy else "nothing to copy")
+    print(f"{len(plan.copy)} files to copy to {printable(port)}" if plan.copy else "nothing to copy")
 
 
 def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
@@ -187,7 +187,7 @@ def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
     if device.config["USB_HID"] and not built_in and not target.has("usb.device.hid"):
         print(
             "to be a USB keyboard or gamepad, this board also needs: "
-            f"mpremote connect {target.port} mip install usb-device-hid"
+            f"mpremote connect {printable(target.port)} mip install usb-device-hid"
         )
 
 
@@ -199,7 +199,7 @@ def _greet(there: Place) -> None:
         for port in there.ports():
             try:
                 with open_board(port) as board:
-                    print("{board}, firmware {firmware}, {runtime}".format(**board.info), port)
+                    print("{board}, firmware {firmware}, {runtime}".format(**board.info), printable(port))
                     return
             except SpotsError as error:
                 reason = str(error)
