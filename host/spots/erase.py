@@ -41,7 +41,11 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             for folder in sorted(_folders(ours), reverse=True):
                 target.remove_folder(folder)
             target.reset()
-        print(f"{len(ours)} files removed from {printable(there.name)}" if ours else "nothing to remove")
+        print(
+            f"{len(ours)} files removed from {printable(there.name)}"
+            if ours
+            else "nothing to remove"
+        )
 
 
 def _folders(paths: list[str]) -> set[str]:
@@ -51,7 +55,9 @@ def _folders(paths: list[str]) -> set[str]:
 def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erasing asks first: add --yes where nobody can answer")
-    question = f"remove the firmware, its settings and its calibration from {printable(port)}? [y/N] "
+    question = (
+        f"remove the firmware, its settings and its calibration from {printable(port)}? [y/N] "
+    )
     try:
         answer = input(question)
     except EOFError:

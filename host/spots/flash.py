@@ -179,7 +179,9 @@ def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
         print(f"remove {printable(path)}")
     for path in plan.copy:
         print(f"copy {path}  {len(files[path])} bytes")
-    print(f"{len(plan.copy)} files to copy to {printable(port)}" if plan.copy else "nothing to copy")
+    print(
+        f"{len(plan.copy)} files to copy to {printable(port)}" if plan.copy else "nothing to copy"
+    )
 
 
 def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
@@ -199,7 +201,10 @@ def _greet(there: Place) -> None:
         for port in there.ports():
             try:
                 with open_board(port) as board:
-                    print("{board}, firmware {firmware}, {runtime}".format(**board.info), printable(port))
+                    print(
+                        "{board}, firmware {firmware}, {runtime}".format(**board.info),
+                        printable(port),
+                    )
                     return
             except SpotsError as error:
                 reason = str(error)

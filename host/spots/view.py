@@ -12,8 +12,8 @@ from rich.text import Text
 
 from tactile import decode
 
-from .errors import printable
 from .board import CONNECTED
+from .errors import printable
 from .frames import Frame, LinkStats, Spectrum, Touch
 from .score import Score
 

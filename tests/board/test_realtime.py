@@ -115,7 +115,7 @@ NOISE = "[faults]\nfrom_s = 5.0\n[faults.to_board]\nbursts = { per_min = 40.0, l
 @pytest.mark.parametrize("faults", ["", NOISE], ids=["", "through noise"])
 def test_a_host_that_writes_faster_than_the_board_reads_stops_nothing(faults, tmp_path):
     scenario = tmp_path / "scenario.toml"
-    scenario.write_text('seconds = 600.0\n' + faults)
+    scenario.write_text("seconds = 600.0\n" + faults)
     with open_virtual("default", str(scenario), 0)[0] as board:
         port = os.open(board.port, os.O_RDWR | os.O_NOCTTY)
         try:
@@ -203,6 +203,6 @@ def test_nothing_of_a_virtual_board_outlives_its_parent(state, killed, copied):
             time.sleep(0.05)
     finally:
         starter.kill()
-        starter.communicate()
         for number in others & processes().keys():
             os.kill(number, signal.SIGKILL)
+        starter.communicate()  # at last, for the copy has its output too

@@ -1,21 +1,16 @@
 """Text that devices, files and other machines chose does nothing to a terminal."""
 
-import os
 import re
-import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
-from rich.text import Text
 
-from spots import cli, connect, doctor, errors, link
-from spots.board import Board
-from spots.calibrate.guide import Guide
+from spots import link
 from spots.cli import main
 from spots.frames import LinkStats
-from spots.recording import table
-from spots.uses import stick, twin_view
+from spots.uses import layout, stick, twin_view
 from spots.uses.outputs import REST
 from spots.view import View
 
@@ -88,10 +83,8 @@ def test_hostile_names_and_values_of_files_are_not_printed_raw(
 
 
 def test_a_layout_of_a_hostile_name_is_checked_and_shown_harmlessly(tmp_path, capsys):
-    from spots.uses.layout import DATA
-
     path = tmp_path / (EVIL.replace("/", "") + ".toml")
-    path.write_bytes((DATA / "layouts" / "mini.toml").read_bytes())
+    path.write_bytes((Path(layout.__file__).parent / "layouts" / "mini.toml").read_bytes())
     for what in ("check", "show"):
         assert main(["keys", what, str(path)]) == 0
         told = capsys.readouterr().out

@@ -135,7 +135,9 @@ class Guide:
         parts += [Text(message, style="dim") for message in self._messages[:-1]]
         parts += [Text(message, style="bold") for message in self._messages[-1:]]
         title = f"{self._title}  {self._done} of {self._total}"
-        return Panel(Group(*parts), title=Text(printable(title)), width=_COLUMNS + 16, padding=(1, 2))
+        return Panel(
+            Group(*parts), title=Text(printable(title)), width=_COLUMNS + 16, padding=(1, 2)
+        )
 
     def _strip(self) -> Text:
         line = Text("sensor ▐" + "█" * _COLUMNS, style="rgb(140,60,60)")

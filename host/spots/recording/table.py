@@ -85,7 +85,11 @@ def rows(recording: Recording) -> Iterator[tuple[Table, tuple]]:
 
 def shown(recording: Recording) -> Iterator[tuple[float, Frame]]:
     """Yield what a recording does, showing on a terminal how far it is."""
-    columns = (TextColumn(printable(recording.path.name), markup=False), BarColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn(printable(recording.path.name), markup=False),
+        BarColumn(),
+        TimeRemainingColumn(),
+    )
     console = Console(stderr=True)
     quiet = not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:

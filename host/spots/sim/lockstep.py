@@ -23,7 +23,6 @@ from .usb import UsbHost
 from .vm import Machine, micropython_command
 from .world import chip
 
-
 _LOOK_S = 0.05  # real time, after which a board that asks for nothing may wait to be read
 _HANGS_S = 60.0  # real time, in which a board that runs asks for something
 

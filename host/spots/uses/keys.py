@@ -10,8 +10,8 @@ from rich.text import Text
 from tactile import layout as lines_of
 from tactile.settings import checksum
 
-from ..errors import printable
 from ..board import Board
+from ..errors import printable
 from .layout import SLOTS, KeyLayout, PlacedKey, load
 from .usages import KEYBOARD, MODIFIERS_FROM, name_of
 
@@ -59,7 +59,9 @@ def picture(layout: KeyLayout) -> Panel:
     parts = []
     for name, keys in layout.layers.items():
         parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
-    return Panel(Group(*parts[:-1]), title=Text(printable(layout.name)), width=COLUMNS + 6, padding=(1, 2))
+    return Panel(
+        Group(*parts[:-1]), title=Text(printable(layout.name)), width=COLUMNS + 6, padding=(1, 2)
+    )
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:

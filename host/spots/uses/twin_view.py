@@ -48,7 +48,9 @@ class View:
         self._see([*path, *(point for bar in bars for point in bar)])
         remark = self._twin.silence(now_s) or (last.remark if last else "")
         parts = [self._plot(path, bars, last), _numbers(last, remark), _facts(stats)]
-        return Panel(Group(*parts), title=Text(printable(self._title)), width=_COLUMNS + 6, padding=(0, 2))
+        return Panel(
+            Group(*parts), title=Text(printable(self._title)), width=_COLUMNS + 6, padding=(0, 2)
+        )
 
     def _see(self, points: Iterable[Point]) -> None:
         for point in points:
