@@ -109,7 +109,12 @@ def test_the_demo_in_real_time_loses_nothing(capsys):
     assert run["position_rmse_um"] <= 500
 
 
-NOISE = "[faults]\nfrom_s = 5.0\n[faults.to_board]\nbursts = { per_min = 40.0, last_ms = 30.0, damage_percent = 50.0 }\n"
+NOISE = """
+[faults]
+from_s = 5.0
+[faults.to_board]
+bursts = { per_min = 40.0, last_ms = 30.0, damage_percent = 50.0 }
+"""
 
 
 @pytest.mark.parametrize("faults", ["", NOISE], ids=["", "through noise"])
