@@ -87,9 +87,7 @@ def test_a_layout_of_a_hostile_name_is_checked_and_shown_harmlessly(tmp_path, ca
     path.write_bytes((Path(layout.__file__).parent / "layouts" / "mini.toml").read_bytes())
     for what in ("check", "show"):
         assert main(["keys", what, str(path)]) == 0
-        told = capsys.readouterr().out
-        assert harmless(told, lines=99)
-        assert "[red]" in told
+        assert harmless(capsys.readouterr().out, lines=99)
 
 
 PICTURES = {

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import mimetypes
 import time
 from pathlib import Path
 
@@ -88,14 +89,11 @@ class App:
         for news in self._clients.values():
             news.set()
 
-    async def _index(self, request: web.Request) -> web.FileResponse:
-        return web.FileResponse(STATIC / "index.html")
+    async def _index(self, request: web.Request) -> web.Response:
+        return _file("index.html")
 
-    async def _static(self, request: web.Request) -> web.FileResponse:
-        path = _FILES.get(request.match_info["name"])
-        if path is None:
-            raise web.HTTPNotFound
-        return web.FileResponse(path)
+    async def _static(self, request: web.Request) -> web.Response:
+        return _file(request.match_info["name"])
 
     async def _record(self, request: web.Request) -> web.Response:
         word = _COMMANDS.get(await _body(request))
@@ -196,6 +194,16 @@ class _Drawn:
         while self.pace.full:
             self._changed.clear()
             await self._changed.wait()
+
+
+def _file(name: str) -> web.Response:
+    # Not a FileResponse: its sendfile raises RuntimeError where a client has left meanwhile.
+    path = _FILES.get(name)
+    if path is None:
+        raise web.HTTPNotFound
+    kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
+    charset = "utf-8" if kind.startswith("text/") else None
+    return web.Response(body=path.read_bytes(), content_type=kind, charset=charset)
 
 
 async def _body(request: web.Request) -> bytes:
