@@ -13,7 +13,7 @@ from . import __version__
 from .board import Board
 from .connect import VIRTUAL
 from .connect import open as open_board
-from .errors import SpotsError
+from .errors import SpotsError, printable
 from .frames import Spectrum
 from .link import SerialLink
 from .place import the_board
@@ -46,7 +46,7 @@ def doctor(port: str | None = None) -> None:
     problems = 0
     for finding in examine(port):
         problems += not finding.ok
-        print(f"{'ok' if finding.ok else 'problem':8} {finding.check:10} {finding.text}")
+        print(f"{'ok' if finding.ok else 'problem':8} {finding.check:10} {printable(finding.text)}")
     if problems:
         raise SpotsError(f"{problems} of the checks found a problem: see what each says to do")
 

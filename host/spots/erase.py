@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import PurePosixPath
 
-from .errors import SpotsError
+from .errors import SpotsError, printable
 from .flash import USER_FILES, Known
 from .manifest import MANIFEST
 from .place import place
@@ -43,9 +43,14 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             for folder in sorted(_folders(ours), reverse=True):
                 target.remove_folder(folder)
             target.reset()
-        print(f"{len(ours)} files removed from {there.name}" if ours else "nothing to remove")
+        print(
+            f"{len(ours)} files removed from {printable(there.name)}"
+            if ours
+            else "nothing to remove"
+        )
         if changed:
-            print(f"these were changed since they were flashed, and stay: {', '.join(changed)}")
+            names = printable(", ".join(changed))
+            print(f"these were changed since they were flashed, and stay: {names}")
 
 
 def _folders(paths: set[str]) -> set[str]:
@@ -55,7 +60,9 @@ def _folders(paths: set[str]) -> set[str]:
 def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erasing asks first: add --yes where nobody can answer")
-    question = f"remove the firmware, its settings and its calibration from {port}? [y/N] "
+    question = (
+        f"remove the firmware, its settings and its calibration from {printable(port)}? [y/N] "
+    )
     try:
         answer = input(question)
     except EOFError:

@@ -16,7 +16,7 @@ from . import manifest
 from .build import ARCHITECTURES, build, files_of, mpy_header
 from .connect import open as open_board
 from .drive import Drive
-from .errors import SpotsError
+from .errors import SpotsError, printable
 from .manifest import MANIFEST
 from .place import Place, place
 from .prompt import Prompt
@@ -226,10 +226,12 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
     for path in plan.remove:
-        print(f"remove {path}")
+        print(f"remove {printable(path)}")
     for path in plan.copy:
         print(f"copy {path}  {len(files[path])} bytes")
-    print(f"{len(plan.copy)} files to copy to {port}" if plan.copy else "nothing to copy")
+    print(
+        f"{len(plan.copy)} files to copy to {printable(port)}" if plan.copy else "nothing to copy"
+    )
 
 
 def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
@@ -237,7 +239,7 @@ def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
     if device.config["USB_HID"] and not built_in and not target.has("usb.device.hid"):
         print(
             "to be a USB keyboard or gamepad, this board also needs: "
-            f"mpremote connect {target.port} mip install usb-device-hid"
+            f"mpremote connect {printable(target.port)} mip install usb-device-hid"
         )
 
 
@@ -249,7 +251,10 @@ def _greet(there: Place) -> None:
         for port in there.ports():
             try:
                 with open_board(port) as board:
-                    print("{board}, firmware {firmware}, {runtime}".format(**board.info), port)
+                    print(
+                        "{board}, firmware {firmware}, {runtime}".format(**board.info),
+                        printable(port),
+                    )
                     return
             except SpotsError as error:
                 reason = str(error)

@@ -20,6 +20,13 @@ except ImportError:  # Windows has none
 else:
     _FAILURES = (serial.SerialException, OSError, termios.error)
 
+WRITE_TIMEOUT_S = 2.0
+
+
+def takes_nothing(port: str) -> str:
+    """Return what there is to say of a port that took no bytes for so long."""
+    return f"{port} takes no data: replug the board"
+
 
 class Link(Protocol):
     """What a board is talked to over. Owns no protocol logic."""
@@ -121,7 +128,6 @@ class SerialLink:
         If there is no such port, it is busy, or it may not be opened.
     """
 
-    _WRITE_TIMEOUT_S = 2.0
     # Of a read on Windows, where another one sets up the whole port again, which takes
     # milliseconds and may lose what was just written.
     _STEP_S = 0.005
@@ -165,7 +171,7 @@ class SerialLink:
                 115_200,
                 timeout=self._STEP_S,
                 exclusive=True,
-                write_timeout=self._WRITE_TIMEOUT_S,
+                write_timeout=WRITE_TIMEOUT_S,
             )
             self._serial.reset_input_buffer()
         except (*_FAILURES, ValueError) as error:
@@ -195,7 +201,7 @@ class SerialLink:
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:
-            raise SpotsError(f"{self.name} takes no data: replug the board") from None
+            raise SpotsError(takes_nothing(self.name)) from None
         except _FAILURES:
             raise PortLostError(f"the board on {self.name} was disconnected") from None
 

@@ -13,6 +13,7 @@ from rich.text import Text
 from tactile import decode
 
 from .board import CONNECTED
+from .errors import printable
 from .frames import Frame, LinkStats, Spectrum, Touch
 from .score import Score
 
@@ -76,7 +77,7 @@ class View:
         parts += [self._bars(), Text(), *_facts(stats, score)]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
-        title = Text(f"SPOTS  {info['board']} · {info['runtime']} · {self._port}")
+        title = Text(f"SPOTS  {info['board']} · {info['runtime']} · {printable(self._port)}")
         return Panel(Group(*parts), title=title, width=_TRACE_COLUMNS + 16, padding=(1, 2))
 
     def _strip(self) -> Text:

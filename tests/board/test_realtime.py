@@ -1,7 +1,9 @@
 """The virtual board in real time: a PTY, pyserial, and a process of its own."""
 
+import contextlib
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -105,3 +107,107 @@ def test_the_demo_in_real_time_loses_nothing(capsys):
     # A sliding finger is compared at a time that a busy machine makes vague; how exact the strip is
     # is asserted in simulated time.
     assert run["position_rmse_um"] <= 500
+
+
+NOISE = """
+[faults]
+from_s = 5.0
+[faults.to_board]
+bursts = { per_min = 40.0, last_ms = 30.0, damage_percent = 50.0 }
+"""
+
+
+@pytest.mark.parametrize("faults", ["", NOISE], ids=["", "through noise"])
+def test_a_host_that_writes_faster_than_the_board_reads_stops_nothing(faults, tmp_path):
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text("seconds = 600.0\n" + faults)
+    with open_virtual("default", str(scenario), 0)[0] as board:
+        port = os.open(board.port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.set_blocking(port, False)
+            sent, end_s = 0, time.monotonic() + 60
+            while sent < 80_000:  # more than all buffers on the way take
+                assert time.monotonic() < end_s, "the board takes no more"
+                try:
+                    sent += os.write(port, (b"x" * 200 + b"\n") * 5)
+                except BlockingIOError:
+                    select.select([port], [], [], 0.01)
+                    with contextlib.suppress(BlockingIOError):
+                        os.read(port, 1 << 16)
+        finally:
+            os.close(port)
+
+
+STATES = {
+    "it streams": "",
+    "the host has filled all buffers": "flood",
+    "the machine runs a program that asks for nothing": "busy",
+    "the machine is stopped": "stopped",
+}
+STARTER = """
+import os, sys, time
+from spots.connect import start_simulator
+start, end = start_simulator("default", "demo", 0)
+port = os.open(start["port"], os.O_RDWR | os.O_NOCTTY)
+os.set_blocking(port, False)
+time.sleep(1.0)
+if sys.argv[1] == "flood":
+    for _ in range(2000):
+        try:
+            os.write(port, b"hello\\n" * 50)
+        except BlockingIOError:
+            time.sleep(0.001)
+if sys.argv[1] == "busy":
+    os.write(port, b"\\r\\x03\\x03")
+    time.sleep(1.0)
+    os.write(port, b"while True: pass\\r\\n\\r\\n")
+    time.sleep(0.5)
+if sys.argv[2] == "copied" and os.fork() == 0:
+    time.sleep(60)
+print("ready", flush=True)
+time.sleep(600)
+"""
+
+
+def processes():
+    """Return parent and command of each process that has not ended, by number."""
+    run = ["ps", "-A", "-ww", "-o", "pid=", "-o", "ppid=", "-o", "stat=", "-o", "args="]
+    lines = subprocess.run(run, capture_output=True, text=True, check=True).stdout.splitlines()
+    rows = [line.split(None, 3) for line in lines]
+    return {int(row[0]): (int(row[1]), row[-1]) for row in rows if row[2][0] != "Z"}
+
+
+def under(parent, alive):
+    """Return the numbers of the processes under one."""
+    ours = {parent}
+    while more := {number for number in alive if alive[number][0] in ours} - ours:
+        ours |= more
+    return ours - {parent}
+
+
+@pytest.mark.parametrize("copied", ["", "copied"], ids=["", "its pipe inherited by another one"])
+@pytest.mark.parametrize("killed", ["the starter", "the simulator"])
+@pytest.mark.parametrize("state", STATES.values(), ids=STATES)
+def test_nothing_of_a_virtual_board_outlives_its_parent(state, killed, copied):
+    arguments = [sys.executable, "-c", STARTER, state, copied]
+    starter = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
+    others = set()
+    try:
+        assert starter.stdout.readline() == "ready\n"
+        alive = processes()
+        others = under(starter.pid, alive)
+        (simulator,) = (n for n in others if "spots.sim.realtime" in alive[n][1])
+        ours = under(simulator, alive)
+        (machine,) = (n for n in ours if "heapsize" in alive[n][1])
+        if state == "stopped":
+            os.kill(machine, signal.SIGSTOP)
+        os.kill(starter.pid if killed == "the starter" else simulator, signal.SIGKILL)
+        end_s = time.monotonic() + 30
+        while left := {simulator, *ours} & processes().keys():
+            assert time.monotonic() < end_s, [alive[number] for number in left]
+            time.sleep(0.05)
+    finally:
+        starter.kill()
+        for number in others & processes().keys():
+            os.kill(number, signal.SIGKILL)
+        starter.communicate()  # at last, for the copy has its output too

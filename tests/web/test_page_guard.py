@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -58,11 +59,111 @@ UPGRADE = {
         "192.168.1.9",
         "[",
         "localhost.x",
+        "[::1].evil",
+        "[::1]evil.example",
+        "x@localhost",
+        "localhost/evil",
+        "localhost?evil",
+        "localhost#evil",
+        "localhost:80:80",
+        "localhost:",
+        "localhost:99999",
+        "localhost:+80",
+        "[127.0.0.1]",
+        "::1",
+        "",
     ],
 )
 def test_a_foreign_host_is_refused(serve, host, path):
-    url = serve(State()).url
-    assert status(url, path, Host=host)[0] == 403
+    server = serve(State())
+    assert code(raw(server, f"GET /{path} HTTP/1.1", f"Host: {host}")) in (400, 403)
+
+
+def raw(server, *lines, body=b""):
+    """Send a request as it is written here; return the whole answer."""
+    head = "\r\n".join([*lines, "Connection: close", "", ""]).encode(errors="surrogateescape")
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
+        connection.sendall(head + body)
+        return b"".join(iter(lambda: connection.recv(1 << 16), b""))
+
+
+def code(answer):
+    """Return the status in an answer."""
+    return int(answer.split()[1])
+
+
+@pytest.mark.parametrize("path", ["/", "/live", "/static/main.js"])
+def test_a_request_names_one_host_and_at_most_one_origin(serve, path):
+    server = serve(State())
+    host = f"Host: 127.0.0.1:{server.port}"
+    origin = f"Origin: http://127.0.0.1:{server.port}"
+    evil = "Origin: http://evil.example"
+    begin = f"GET {path} HTTP/1.1"
+    upgrade = [f"{name}: {value}" for name, value in UPGRADE.items()][1:]
+    for headers in (
+        [],
+        [host, host],
+        [host, "Host: evil.example"],
+        ["Host: evil.example", host],
+        [host, origin, evil],
+        [host, evil, origin],
+        [host, origin, origin],
+        [host, "Origin:"],
+        [host, f"{origin}, http://evil.example"],
+    ):
+        assert code(raw(server, begin, *headers, *upgrade)) in (400, 403), headers
+    assert code(raw(server, "GET / HTTP/1.0")) in (400, 403)
+    assert code(raw(server, begin, host, origin)) in (200, 400)  # to /live, not a WebSocket
+
+
+NO_FILE = (
+    "/static/" + "x" * 300,
+    "/static/" + "x" * 5000,
+    "/static/%00",
+    "/static/%ff",
+    "/static/main.js/x",
+    "/static//etc/passwd",
+    "/static/.",
+    "/static/" + "../" * 50,
+    "/%ff",
+)
+
+
+@pytest.mark.parametrize("path", NO_FILE)
+def test_a_path_that_no_file_has_is_quietly_not_found(serve, caplog, path):
+    server = serve(State())
+    assert code(raw(server, f"GET {path} HTTP/1.1", f"Host: 127.0.0.1:{server.port}")) == 404
+    assert caplog.records == []
+
+
+BAD = {
+    "no HTTP": b"\x16\x03\x01\x02\x00\x01\x00\r\n\r\n",
+    "a long header": b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 100_000 + b"\r\n\r\n",
+    "a bad length": b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: x\r\n\r\n",
+    "bad chunks": b"POST /recording HTTP/1.1\r\nHost: localhost\r\n"
+    b"Transfer-Encoding: chunked\r\n\r\nzz\r\n",
+    "a bad Expect": b"GET / HTTP/1.1\r\nHost: localhost\r\nExpect: x\r\n\r\n",
+    "no path": b"GET nowhere HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "bad brackets": b"GET http://[ HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "a bad port": b"GET http://x:99999999/ HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "a bad WebSocket": b"GET /live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
+    b"Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: x\r\n\r\n",
+    "a bad range": b"GET / HTTP/1.1\r\nHost: localhost\r\nRange: bytes=9-2\r\n\r\n",
+    "a bad date": b"GET / HTTP/1.1\r\nHost: localhost\r\nIf-Modified-Since: \xff\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("request_", BAD.values(), ids=BAD)
+def test_a_bad_request_is_refused_and_leaves_no_line_in_the_log(serve, caplog, request_):
+    server = serve(State())
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
+        connection.sendall(request_)
+        connection.shutdown(socket.SHUT_WR)
+        answer = b"".join(iter(lambda: connection.recv(1 << 16), b""))
+    assert not answer or code(answer) < 500
+    assert b"Traceback" not in answer
+    assert caplog.records == []
+    assert status(server.url)[0] == 200
 
 
 def test_the_names_of_home_are_taken(serve):

@@ -95,7 +95,7 @@ def test_who_has_no_token_sees_the_recording_but_no_button(recorded, open_page, 
     assert post(server, "stop", token=token_of(server))[0] == 204
 
 
-def test_nobody_else_records(recorded, tmp_path):
+def test_nobody_else_records(recorded, tmp_path, caplog):
     _, server = recorded
     token = token_of(server)
     for other in (None, "wrong", token + "a", ""):
@@ -104,8 +104,15 @@ def test_nobody_else_records(recorded, tmp_path):
     assert post(server, "start", token=token, Origin="null")[0] == 403
     assert post(server, "start", token=token, Host="evil.example")[0] == 403
     assert post(server, "start", path=f"recording?token={token}x")[0] == 403
-    for word in ("", "starts", "start\nstop", "../start"):
+    for word in ("", "starts", "start\nstop", "../start", b"\xff\xfe", b"start\0"):
         assert post(server, word, token=token)[0] == 400
+    for header in (
+        {"Content-Type": "text/plain; charset=nonsense"},
+        {"Content-Encoding": "deflate"},
+        {"Content-Encoding": "gzip"},
+    ):
+        assert post(server, b"\xff\xfe", token=token, **header)[0] == 400
+    assert caplog.records == []
     assert post(server, "s" * 5000, token=token)[0] == 413
     assert post(server, "start", path="live", token=token)[0] == 405
     assert list(tmp_path.iterdir()) == []

@@ -31,7 +31,7 @@ from tactile.exposure import (
 from tactile.settings import DEFAULT_PLAN
 
 from .. import atomic
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..sim.files import SensorFile, load
 from . import figures
 from .bound import Bound
@@ -258,7 +258,7 @@ def run(
         sensor_file = folder / "sensor.toml"
         atomic.write_text(sensor_toml(found), sensor_file)
         for path in (sensor_file, _plot(found, resolution_um, folder / "resolution.png")):
-            print(path, file=sys.stderr)
+            print(printable(str(path)), file=sys.stderr)
 
 
 def _text(found: Design) -> str:

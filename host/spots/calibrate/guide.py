@@ -12,7 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..view import live
 from .reader import Reading
 from .session import Wanted
@@ -87,6 +87,7 @@ class Guide:
 
     def say(self, text: str) -> None:
         """Tell something."""
+        text = printable(text)
         self._messages = [*self._messages, text][-_MESSAGES:]
         if self._live is None:
             self._console.print(text, markup=False, soft_wrap=True)
@@ -134,7 +135,9 @@ class Guide:
         parts += [Text(message, style="dim") for message in self._messages[:-1]]
         parts += [Text(message, style="bold") for message in self._messages[-1:]]
         title = f"{self._title}  {self._done} of {self._total}"
-        return Panel(Group(*parts), title=title, width=_COLUMNS + 16, padding=(1, 2))
+        return Panel(
+            Group(*parts), title=Text(printable(title)), width=_COLUMNS + 16, padding=(1, 2)
+        )
 
     def _strip(self) -> Text:
         line = Text("sensor ▐" + "█" * _COLUMNS, style="rgb(140,60,60)")

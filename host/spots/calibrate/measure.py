@@ -9,7 +9,7 @@ from pathlib import Path
 from tactile.decode import AVERAGE_MAX
 from tactile.exposure import MAX_US, MIN_US
 
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..sim.files import SensorFile, load
 from . import figures, report
 from .characterize import characterize
@@ -59,4 +59,4 @@ def measure(
     else:
         report.show(run.summary)
     for path in drawn:
-        print(path, file=sys.stderr)
+        print(printable(str(path)), file=sys.stderr)

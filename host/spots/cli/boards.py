@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
+from ..errors import printable
 from . import arguments
 
 
@@ -53,7 +54,7 @@ def _ports(options: argparse.Namespace) -> None:
     elif not rows:
         print("no USB serial port; plug a board in, or use port 'virtual'")
     for row in [] if options.json else rows:
-        print(f"{row['port']}  {row['device']}  {row['answer']}")
+        print("  ".join(map(printable, row.values())))
 
 
 def _boards(options: argparse.Namespace) -> None:
@@ -73,7 +74,7 @@ def _boards(options: argparse.Namespace) -> None:
     if options.json:
         print(json.dumps(rows))
         return
-    table = [list(rows[0])] + [[value or "-" for value in row.values()] for row in rows]
+    table = [list(rows[0])] + [[printable(value or "-") for value in row.values()] for row in rows]
     widths = [max(map(len, column)) for column in zip(*table)]
     for line in table:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip())
@@ -82,7 +83,7 @@ def _boards(options: argparse.Namespace) -> None:
 def _build(options: argparse.Namespace) -> None:
     from ..build import build
 
-    print(build(options.board))
+    print(printable(str(build(options.board))))
 
 
 def _flash(options: argparse.Namespace) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
+from ..errors import printable
 from . import arguments
 
 
@@ -68,4 +69,4 @@ def _export(options: argparse.Namespace) -> None:
     from ..recording.export import export
 
     for path in export(options.file, options.to, options.out):
-        print(path)
+        print(printable(str(path)))

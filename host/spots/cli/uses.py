@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from ..errors import printable
 from . import arguments
 
 
@@ -74,7 +75,7 @@ def _keys(options: argparse.Namespace) -> None:
         layout = keys.load(options.layout)
         with arguments.open_board(options) as board:
             note = keys.push(board, layout)
-        print(f"{layout.name} is on the board" + (f": {note}" if note else ""))
+        print(printable(f"{layout.name} is on the board" + (f": {note}" if note else "")))
 
 
 def _keyboard(options: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from tactile.settings import checksum
 
 from ..board import Board
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..view import Pace
 from .recorder import Recorder
 
@@ -70,7 +70,7 @@ class _Progress:
 
     def _line(self) -> str:
         paths, stats = self._recorder.paths, self._board.stats
-        name = f"{paths[0]}" + (f" … {paths[-1].name}" if len(paths) > 1 else "")
+        name = printable(f"{paths[0]}" + (f" … {paths[-1].name}" if len(paths) > 1 else ""))
         seconds = self._board.now_s() - self._begun_s
         return (
             f"{name}: {seconds:.1f} s, {self._frames} frames, {self._recorder.bytes / 1e6:.3f} MB, "

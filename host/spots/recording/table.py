@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from ..errors import printable
 from ..frames import Frame, Key, Spectrum, Text, Touch
 from .reader import Recording
 
@@ -84,7 +85,11 @@ def rows(recording: Recording) -> Iterator[tuple[Table, tuple]]:
 
 def shown(recording: Recording) -> Iterator[tuple[float, Frame]]:
     """Yield what a recording does, showing on a terminal how far it is."""
-    columns = (TextColumn(recording.path.name), BarColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn(printable(recording.path.name), markup=False),
+        BarColumn(),
+        TimeRemainingColumn(),
+    )
     console = Console(stderr=True)
     quiet = not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import os
 import select
+import time
 from collections.abc import Callable
 
 from ..errors import SpotsError
+from ..link import WRITE_TIMEOUT_S, takes_nothing
 from ..stage import device_of
 from . import server
 from .bus import Bus, SimulatedClock
@@ -21,6 +23,9 @@ from .identity import board_id
 from .usb import UsbHost
 from .vm import Machine, micropython_command
 from .world import chip
+
+_LOOK_S = 0.05  # real time, after which a board that asks for nothing may wait to be read
+_HANGS_S = 60.0  # real time, in which a board that runs asks for something
 
 
 class LockstepLink:
@@ -80,6 +85,8 @@ class LockstepLink:
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
+        os.set_blocking(self._to_board, False)
+        self._sent = b""  # taken out of the pipe, so that the board can go on
         self._board_in = board_in
         self._open = [board_in, self._to_board, self._from_board, board_out]
         stdin, data = board_in, None
@@ -112,27 +119,37 @@ class LockstepLink:
             received = self._received()
             if received or self.clock.now_us() >= horizon_us:
                 return received
-            off_us = self._faults.step(self.bus) if self._faults else None
-            if off_us is None:
-                if self._busy_us and server.is_poll(self._pending):
-                    self.clock.spend_us(self._busy_us(self.free_bytes))
-                answers = self._machine.answers
-                server.answer(self._pending, self.bus, self.usb, answers, self._rate)
-            else:
-                self._brown_out(off_us)
-            self._pending = self._next_request()
+            self._step()
 
     def write(self, data: bytes) -> None:
-        """Put bytes where the board finds them at its next look."""
+        """Put bytes where the board finds them at its next look; if they do not fit, let it run."""
         if not self._open:
             raise SpotsError("the virtual board was closed")
-        os.write(self._to_board, data)
+        deadline_us = self.clock.now_us() + 1e6 * WRITE_TIMEOUT_S
+        while data:
+            try:
+                data = data[os.write(self._to_board, data) :]
+            except BlockingIOError:
+                if self.clock.now_us() >= deadline_us:
+                    raise SpotsError(takes_nothing(self.name)) from None
+                self._step()
 
     def close(self) -> None:
         """End the board; closing twice is closing once."""
         self._machine.close()
         while self._open:
             os.close(self._open.pop())
+
+    def _step(self) -> None:
+        off_us = self._faults.step(self.bus) if self._faults else None
+        if off_us is None:
+            if self._busy_us and server.is_poll(self._pending):
+                self.clock.spend_us(self._busy_us(self.free_bytes))
+            answers = self._machine.answers
+            server.answer(self._pending, self.bus, self.usb, answers, self._rate)
+        else:
+            self._brown_out(off_us)
+        self._pending = self._next_request()
 
     def _brown_out(self, off_us: float) -> None:
         self._machine.shut_down()
@@ -144,10 +161,10 @@ class LockstepLink:
 
     def _next_request(self) -> bytes:
         for _ in range(3):
-            request = server.read_request(self._machine.requests)
+            request = self._request()
             while request and (free_bytes := server.told_free_bytes(request)) is not None:
                 self.free_bytes = free_bytes
-                request = server.read_request(self._machine.requests)
+                request = self._request()
             if request is None:
                 self._machine.ended(self._received())
             elif not server.is_reset(request):
@@ -155,8 +172,18 @@ class LockstepLink:
             self._machine.boot()
         raise SpotsError("the virtual board reboots without end")
 
+    def _request(self) -> bytes | None:
+        deadline_s = time.monotonic() + _HANGS_S
+        while not select.select([self._machine.requests], [], [], _LOOK_S)[0]:
+            # A board that has more to send than the pipe takes asks for nothing before it is sent.
+            self._sent = self._received()
+            if time.monotonic() >= deadline_s:
+                raise SpotsError(f"the virtual board hangs: no request for {_HANGS_S:.0f} s")
+        return server.read_request(self._machine.requests)
+
     def _received(self) -> bytes:
+        sent, self._sent = self._sent, b""
         try:
-            return os.read(self._from_board, 1 << 16)
+            return sent + os.read(self._from_board, 1 << 16)
         except BlockingIOError:
-            return b""
+            return sent

@@ -3,8 +3,8 @@
 Run as ``python -m spots.sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
 file system, used as it is; where it is empty, a new one gets the firmware. It prints one JSON
 object: the ports for frames and for the prompt, which are one but on CircuitPython, and the host's
-monotonic time of power-on. It lives until its standard input closes, so that it never outlives
-whoever started it.
+monotonic time of power-on. It lives until its standard input closes or its parent ends, whatever it
+does just then, so that it never outlives whoever started it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import os
 import pty
 import select
 import sys
+import threading
 import time
 import tty
 from pathlib import Path
@@ -34,7 +35,38 @@ from .world import chip
 
 _RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
 
-_STUCK_S = 0.002  # between two tries to give the host what it does not read
+_STUCK_S = 0.002  # between two tries to write what a reader has no room for
+_PARENT_EVERY_S = 0.5  # between two looks whether the parent is there
+_END_S = 5.0  # for the board to end cleanly once the parent has
+
+
+class Inlet:
+    """A descriptor to write to, and what its reader has no room for yet; never blocks.
+
+    Parameters
+    ----------
+    fd : int
+
+    Attributes
+    ----------
+    stuck : bool
+        Whether something waits. Give it no more then, so that no more waits than one read's worth.
+    """
+
+    def __init__(self, fd: int):
+        os.set_blocking(fd, False)
+        self._fd = fd
+        self._waiting = b""
+
+    @property
+    def stuck(self) -> bool:
+        return bool(self._waiting)
+
+    def write(self, data: bytes = b"") -> None:
+        """Write what waits and this, as far as there is room."""
+        self._waiting += data
+        with contextlib.suppress(BlockingIOError):
+            self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
 
 
 class RealClock:
@@ -76,23 +108,25 @@ class Console(SerialPort):
 
     def __init__(self):
         super().__init__()
-        self._to_board, self.board_in = pty.openpty()
+        to_board, self.board_in = pty.openpty()
         tty.setraw(self.board_in)
+        self.to_board = Inlet(to_board)
         self.raw_prompt = False
 
-    def pass_on(self, to_board) -> None:
-        """Give the board what the host has written, changed by ``to_board(data)``."""
-        data = to_board(os.read(self.board_end, 4096))
+    def pass_on(self, damaged) -> None:
+        """Give the board what the host has written, changed by ``damaged(data)``."""
+        data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
             self.raw_prompt = modes[-1] == _RAW_PROMPT
-        os.write(self._to_board, data)
+        self.to_board.write(data)
 
     def after_soft_reset(self) -> None:
         """Say what a board says, and go back to the raw prompt if that is where it was."""
-        os.write(self.board_end, b"MPY: soft reboot\r\n")
+        with contextlib.suppress(BlockingIOError):  # nobody reads it
+            os.write(self.board_end, b"MPY: soft reboot\r\n")
         if self.raw_prompt:
-            os.write(self._to_board, bytes((_RAW_PROMPT,)))
+            self.to_board.write(bytes((_RAW_PROMPT,)))
 
 
 class Noise:
@@ -113,33 +147,26 @@ class Noise:
         self._clock = clock
         self._port_end = port.board_end
         self.from_board, self.board_out = os.pipe()
-        self.board_in, self._to_board = os.pipe()
-        self._waiting = b""
+        self.board_in, to_board = os.pipe()
+        self.to_board, self.to_host = Inlet(to_board), Inlet(self._port_end)
 
-    @property
-    def stuck(self) -> bool:
-        """Whether the host reads nothing."""
-        return bool(self._waiting)
-
-    def to_board(self, data: bytes) -> bytes:
+    def damaged(self, data: bytes) -> bytes:
         """Return what arrives at the board."""
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
         """Give the board what the host has written to a port for frames alone."""
-        os.write(self._to_board, self.to_board(os.read(self._port_end, 4096)))
+        self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:
-        """Give the host what the board has sent; as long as it reads none, no more is taken."""
-        if not self._waiting:
-            data = os.read(self.from_board, 4096)
-            self._waiting = self._faults.to_host(data, self._clock.now_us())
-        with contextlib.suppress(BlockingIOError):
-            self._waiting = self._waiting[os.write(self._port_end, self._waiting) :]
+        """Give the host what the board has sent."""
+        data = os.read(self.from_board, 4096)
+        self.to_host.write(self._faults.to_host(data, self._clock.now_us()))
 
 
 def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: str) -> None:
-    """Serve a board until standard input closes."""
+    """Serve a board until standard input closes or the parent ends."""
+    parent_end = _end_of_parent()
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)
     scenario = Scenario(file)
@@ -172,12 +199,35 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     }
     try:
         _tell(start)
-        _serve(machine, bus, usb, console, data, noise, board_faults)
+        _serve(parent_end, machine, bus, usb, console, data, noise, board_faults)
     finally:
         machine.close()
 
 
+def _end_of_parent() -> int:
+    """Return a descriptor that ends with the parent.
+
+    A thread of its own notices it, and ends the process if the rest of it does not in time; the
+    virtual machine's keeper then ends that.
+    """
+    parent, stdin = os.getppid(), sys.stdin.fileno()
+    gone, there = os.pipe()
+
+    def watch():
+        # A copy of the pipe that somebody else inherited keeps it open after the parent's end.
+        while os.getppid() == parent:
+            if select.select([stdin], [], [], _PARENT_EVERY_S)[0] and not os.read(stdin, 1):
+                break
+        os.close(there)
+        time.sleep(_END_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    return gone
+
+
 def _serve(
+    parent_end: int,
     machine: Machine,
     bus: Bus | FaultyBus,
     usb: UsbHost,
@@ -186,26 +236,26 @@ def _serve(
     noise: Noise | None,
     board_faults: BoardFaults | None,
 ) -> None:
-    stdin = sys.stdin.fileno()
-    passages = {console.board_end: lambda: console.pass_on(bytes)}
+    # From whom, to whom, and how. A passage whose end takes no more is not read from.
+    passages = {console.board_end: (console.to_board, lambda: console.pass_on(bytes))}
     if noise:
-        passages[noise.from_board] = noise.pass_out
+        passages[noise.from_board] = noise.to_host, noise.pass_out
         if data:
-            passages[data.board_end] = noise.pass_in
+            passages[data.board_end] = noise.to_board, noise.pass_in
         else:
-            passages[console.board_end] = lambda: console.pass_on(noise.to_board)
+            pass_on = console.to_board, lambda: console.pass_on(noise.damaged)
+            passages[console.board_end] = pass_on
     starved_us = math.inf  # when the watchdog bites
     while True:
-        stuck = noise is not None and noise.stuck
-        ends = [end for end in passages if not (stuck and end == noise.from_board)]
-        patience_s = _patience_s(bus, stuck, starved_us)
-        ready, _, _ = select.select([machine.requests, stdin, *ends], [], [], patience_s)
-        if stuck:
-            noise.pass_out()
-        if stdin in ready and not os.read(stdin, 1):
+        ends = [end for end, (inlet, _) in passages.items() if not inlet.stuck]
+        timeout_s = _timeout_s(bus, len(ends) < len(passages), starved_us)
+        ready, _, _ = select.select([machine.requests, parent_end, *ends], [], [], timeout_s)
+        if parent_end in ready:
             return
-        for end, pass_on in passages.items():
-            if end in ready:
+        for end, (inlet, pass_on) in passages.items():
+            if inlet.stuck:
+                inlet.write()
+            elif end in ready:
                 pass_on()
         if bus.clock.now_us() > starved_us:
             starved_us = math.inf
@@ -240,7 +290,7 @@ def _tell(message: dict) -> None:
         os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
 
 
-def _patience_s(bus: Bus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
+def _timeout_s(bus: Bus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
     if stuck:
         return _STUCK_S
     if starved_us < math.inf:

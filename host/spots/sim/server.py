@@ -5,9 +5,9 @@ A request is 4 bytes: operation and three arguments; see boards/_virtual/_simula
 
 from __future__ import annotations
 
-import contextlib
 import os
 
+from ..errors import SpotsError
 from .bus import Bus
 from .usb import UsbHost
 
@@ -55,6 +55,11 @@ def answer(request: bytes, bus: Bus, usb: UsbHost, fd: int, rate: float = 1.0) -
         Where to write.
     rate : float
         Seconds that the board counts in one.
+
+    Raises
+    ------
+    SpotsError
+        If the board has left so many answers unread that no more fit into the pipe.
     """
     data, error = b"", 0
     try:
@@ -79,5 +84,10 @@ def answer(request: bytes, bus: Bus, usb: UsbHost, fd: int, rate: float = 1.0) -
     except OSError as failure:
         error = failure.errno
     now = int(bus.clock.now_us() * rate) % _TICKS
-    with contextlib.suppress(BrokenPipeError):  # the next request will not come, and tell
-        os.write(fd, bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data))
+    reply = bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data)
+    try:
+        os.write(fd, reply)  # shorter than PIPE_BUF: wholly or not at all
+    except BrokenPipeError:
+        pass  # the next request will not come, and tell
+    except BlockingIOError:
+        raise SpotsError("the virtual board stopped: it reads none of its answers") from None

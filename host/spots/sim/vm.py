@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import os
 import shutil
@@ -19,6 +20,10 @@ HEAP_BYTES = 384 * 1024
 _HEAP_OF_BOTH_BYTES = 576 * 1024
 # What the virtual boards share.
 _COMMON = BOARDS / "_virtual"
+# Ends its process group, which the machine is in, when its standard input does: at the latest with
+# the process that holds the other end, however that ends, and whatever the machine is doing.
+_KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
+_EXIT_S = 10.0  # for MicroPython to end after it closed its pipes
 # Does after a reset what CircuitPython does, in the place of a board's built-in part.
 _CIRCUITPYTHON = "_circuitpython.py"
 
@@ -109,7 +114,14 @@ class Machine:
         self._stdio = stdin, stdout
         self._terminal = terminal
         self._process = None
-        self.boot()
+        self._keeper = subprocess.Popen(
+            _KEEPER, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, **_in_group(0)
+        )
+        try:
+            self.boot()
+        except BaseException:
+            self.close()
+            raise
 
     def boot(self, run_entry: bool = True) -> None:
         """Start MicroPython, which opens new pipes: `requests` to read, `answers` to write."""
@@ -132,10 +144,11 @@ class Machine:
             stdout=self._stdio[1],
             stderr=subprocess.STDOUT,
             pass_fds=(request_end, answer_end, *self._data),
-            start_new_session=True,
+            **_in_group(self._keeper.pid),
         )
         os.close(request_end)
         os.close(answer_end)
+        os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
         """Take note that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
@@ -150,7 +163,10 @@ class Machine:
         SpotsError
             If it ended in any other way.
         """
-        code = self._process.wait()
+        try:
+            code = self._process.wait(_EXIT_S)
+        except subprocess.TimeoutExpired:
+            raise SpotsError("the virtual board stopped: it closed its pipes and goes on") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
             raise SpotsError(f"the virtual board stopped: {lines[-1]}")
@@ -169,5 +185,14 @@ class Machine:
     def close(self) -> None:
         """End MicroPython and remove its file system."""
         self.shut_down()
+        self._keeper.stdin.close()
+        self._keeper.wait()
         if self._own:
             self._own.cleanup()
+
+
+def _in_group(group: int) -> dict:
+    """Return how `subprocess.Popen` starts a process in a group; 0 is one of its own."""
+    if sys.version_info >= (3, 11):
+        return {"process_group": group}
+    return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

@@ -11,6 +11,7 @@ from tactile import layout as lines_of
 from tactile.settings import checksum
 
 from ..board import Board
+from ..errors import printable
 from .layout import SLOTS, KeyLayout, PlacedKey, load
 from .usages import KEYBOARD, MODIFIERS_FROM, name_of
 
@@ -23,7 +24,7 @@ def check(name: str) -> None:
     """Read a layout and say what it holds; SpotsError says what is wrong with it."""
     layout = load(name)
     keys = sum(len(row) for row in layout.layers.values())
-    print(f"{layout.name}: {keys} keys in {len(layout.layers)} layers, no problem found")
+    print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
 
 
 def show(name: str) -> None:
@@ -58,7 +59,9 @@ def picture(layout: KeyLayout) -> Panel:
     parts = []
     for name, keys in layout.layers.items():
         parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
-    return Panel(Group(*parts[:-1]), title=Text(layout.name), width=COLUMNS + 6, padding=(1, 2))
+    return Panel(
+        Group(*parts[:-1]), title=Text(printable(layout.name)), width=COLUMNS + 6, padding=(1, 2)
+    )
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:

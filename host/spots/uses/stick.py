@@ -7,6 +7,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from ..errors import printable
 from .outputs import AXIS_MAX, BUTTONS, REST, State
 
 _COLUMNS = 61  # odd, so that rest is a column
@@ -42,7 +43,7 @@ def picture(
     parts = [*_stick(state), Text(), numbers, Text(), _buttons(state.buttons, buttons)]
     if facts:
         parts += [Text(), Text("  " + facts, style="dim")]
-    return Panel(Group(*parts), title=Text(title), width=_COLUMNS + 19, padding=(1, 2))
+    return Panel(Group(*parts), title=Text(printable(title)), width=_COLUMNS + 19, padding=(1, 2))
 
 
 def _stick(state: State) -> list[Text]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from ..connect import RECORDING, VIRTUAL
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..sim.files import LinkageFile, PathFile, SensorFile, load
 from ..view import Pace, live
 from . import maps
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> None:
             )
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
-        print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
+        print(printable(str(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))))
     elif virtual:
         files = options.sensor, options.linkage, options.path, options.seed, options.exposure_us
         with simulated(*files, options.record) as source:
@@ -137,7 +137,8 @@ def _measure(source: Source, points: Path) -> None:
     except (EOFError, KeyboardInterrupt):
         print()
         return
-    print(f"{points} has {count} points; 'spots twin --calibrate {points}' goes on from there")
+    shown = printable(str(points))
+    print(f"{shown} has {count} points; 'spots twin --calibrate {shown}' goes on from there")
 
 
 def _compare(options: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from ..errors import printable
 from ..frames import LinkStats
 from .twin import Terminal, Twin
 
@@ -47,7 +48,9 @@ class View:
         self._see([*path, *(point for bar in bars for point in bar)])
         remark = self._twin.silence(now_s) or (last.remark if last else "")
         parts = [self._plot(path, bars, last), _numbers(last, remark), _facts(stats)]
-        return Panel(Group(*parts), title=self._title, width=_COLUMNS + 6, padding=(0, 2))
+        return Panel(
+            Group(*parts), title=Text(printable(self._title)), width=_COLUMNS + 6, padding=(0, 2)
+        )
 
     def _see(self, points: Iterable[Point]) -> None:
         for point in points:

@@ -6,6 +6,7 @@ from rich.console import Group
 from rich.panel import Panel
 from rich.text import Text
 
+from ..errors import printable
 from ..frames import LinkStats, Touch
 from .keyboard import KeyEngine
 from .keys import COLUMNS, row
@@ -40,7 +41,7 @@ def picture(
     parts = [row(keys, lit if held else None), finger, layer, Text(), *paper, Text(), facts]
     return Panel(
         Group(*parts),
-        title=Text(f"SPOTS keyboard  {layout.name}"),
+        title=Text(f"SPOTS keyboard  {printable(layout.name)}"),
         width=COLUMNS + 6,
         padding=(1, 2),
     )

@@ -9,6 +9,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from ..errors import printable
 from ..frames import LinkStats, Touch
 from .gestures import (
     DOUBLE_TAP,
@@ -48,7 +49,7 @@ def picture(
             spoken(gesture.name),
             f"{gesture.confidence:.0%}",
             f"{gesture.position_um / 1000:.0f} mm",
-            Text(does.get(gesture.name, "-")),
+            Text(printable(does.get(gesture.name, "-"))),
             style="bold" if i == 0 else "dim",
         )
     for _ in range(_ROWS - len(recent)):

@@ -7,25 +7,46 @@ the newest state when it has; nothing is queued for it, here or in the sockets b
 from __future__ import annotations
 
 import asyncio
+import logging
+import mimetypes
 import time
 from pathlib import Path
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
+from aiohttp.http import HttpProcessingError
+from aiohttp.http_exceptions import PayloadEncodingError
 
 from ..errors import SpotsError
-from .guard import Guard
+from .guard import Guard, host_of
 from .pace import Pace
 from .recordings import START, STOP, Recordings
 from .state import State
 
 STATIC = Path(__file__).parent / "static"
+# By name, so that no name that a request invents reaches the file system.
+_FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
+_COMMANDS = {word.encode(): word for word in (START, STOP)}
 _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
 _HEARTBEAT_S = 20.0
 _ANSWER_S = 10.0
 _PING_EVERY = 32  # messages
 _REQUEST_MAX = 1024  # bytes
+
+
+# What aiohttp raises for requests that are no HTTP, or whose body is not what its header promises.
+_DAMAGED = (HttpProcessingError, web.RequestPayloadError, PayloadEncodingError)
+
+
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Whether a line of the log is about this program, not about what somebody sent to it."""
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, (*_DAMAGED, ConnectionError))
+
+
+LOG = logging.getLogger(__name__)
+LOG.addFilter(_is_fault)
 
 
 class App:
@@ -50,7 +71,7 @@ class App:
         self.web.router.add_get("/live", self._live)
         if recordings:
             self.web.router.add_post("/recording", self._record)
-        self.web.router.add_static("/static", STATIC)
+        self.web.router.add_get("/static/{name:.*}", self._static)
         self.web.on_response_prepare.append(_add_headers)
         self.web.on_shutdown.append(self._close)
 
@@ -68,12 +89,15 @@ class App:
         for news in self._clients.values():
             news.set()
 
-    async def _index(self, request: web.Request) -> web.FileResponse:
-        return web.FileResponse(STATIC / "index.html")
+    async def _index(self, request: web.Request) -> web.Response:
+        return _file("index.html")
+
+    async def _static(self, request: web.Request) -> web.Response:
+        return _file(request.match_info["name"])
 
     async def _record(self, request: web.Request) -> web.Response:
-        word = await request.text()
-        if word not in (START, STOP):
+        word = _COMMANDS.get(await _body(request))
+        if word is None:
             raise web.HTTPBadRequest(text=f"say {START} or {STOP}")
         try:
             await asyncio.wait_for(asyncio.wrap_future(self._recordings.ask(word)), _ANSWER_S)
@@ -172,9 +196,27 @@ class _Drawn:
             await self._changed.wait()
 
 
+def _file(name: str) -> web.Response:
+    # Not a FileResponse: its sendfile raises RuntimeError where a client has left meanwhile.
+    path = _FILES.get(name)
+    if path is None:
+        raise web.HTTPNotFound
+    kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
+    charset = "utf-8" if kind.startswith("text/") else None
+    return web.Response(body=path.read_bytes(), content_type=kind, charset=charset)
+
+
+async def _body(request: web.Request) -> bytes:
+    try:
+        return await request.read()
+    except _DAMAGED:
+        raise web.HTTPBadRequest(text="the body is damaged") from None
+
+
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    host = request.headers.get("Host", "")
-    live = f" ws://{host}" if host.replace(".", "").replace(":", "").isalnum() else ""
+    host = host_of(request)
+    # A policy has no way to write an IPv6 address.
+    live = f" ws://{request.host}" if host and ":" not in host[0] else ""
     response.headers.update(
         {
             "Content-Security-Policy": (

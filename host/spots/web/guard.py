@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import re
 import socket
-from urllib.parse import urlsplit
 
 from aiohttp import web
 
 _COOKIE = "spots-token-{port}"  # browsers keep the cookies of all ports of an address together
 _LOOKING = ("GET", "HEAD")
 _ASK = "this needs the token: open the address that 'spots serve' printed"
+# What a browser sends as Host: a name, an IPv4 address or an IPv6 one in brackets, and a port.
+_HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z.-]+))(?::([0-9]{1,5}))?", re.ASCII | re.I)
+_PORT = 80  # of HTTP, where the host names none
+_PORT_MAX = 65_535
 
 
 class Guard:
@@ -41,10 +45,10 @@ class Guard:
 
         @web.middleware
         async def check(request: web.Request, handler):
-            if not self._knows(request.headers.get("Host", "")):
+            if not self._knows(request):
                 raise web.HTTPForbidden(text="this name is not mine: use the address printed")
-            origin = request.headers.get("Origin")
-            if origin is not None and origin != f"http://{request.headers['Host']}":
+            origins = request.headers.getall("Origin", [])
+            if origins not in ([], [f"http://{request.headers['Host']}"]):
                 raise web.HTTPForbidden(text="pages of other sites get nothing here")
             if self._is_token(request.query.get("token", "")):
                 raise self._let_in(request)
@@ -60,14 +64,15 @@ class Guard:
         """Return whether who asks has the token."""
         return self._is_token(request.cookies.get(_cookie(request), ""))
 
-    def _knows(self, host: str) -> bool:
+    def _knows(self, request: web.Request) -> bool:
+        host = host_of(request)
+        if host is None:
+            return False
+        if host[0] in self._names:
+            return True
         try:
-            name = urlsplit(f"//{host}").hostname or ""
-            _port(host)  # it is a number, or raises ValueError
-            if name in self._names:
-                return True
             # A name that is an address cannot be made to point anywhere else.
-            address = ipaddress.ip_address(name)
+            address = ipaddress.ip_address(host[0])
         except ValueError:
             return False
         return address.is_loopback or not self._loopback
@@ -84,9 +89,21 @@ class Guard:
         return answer
 
 
+def host_of(request: web.Request) -> tuple[str, int] | None:
+    """Return the host that a request names and its port; None unless it names one, wholly."""
+    hosts = request.headers.getall("Host", [])
+    match = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+    if match is None:
+        return None
+    in_brackets, name, port = match.groups()
+    if in_brackets is not None:
+        try:
+            name = str(ipaddress.IPv6Address(in_brackets))
+        except ValueError:
+            return None
+    number = _PORT if port is None else int(port)
+    return (name.lower(), number) if number <= _PORT_MAX else None
+
+
 def _cookie(request: web.Request) -> str:
-    return _COOKIE.format(port=_port(request.headers["Host"]))
-
-
-def _port(host: str) -> int:
-    return urlsplit(f"//{host}").port or 80
+    return _COOKIE.format(port=host_of(request)[1])

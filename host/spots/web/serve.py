@@ -24,7 +24,7 @@ from .twin_feed import linkage_readers, simulated_readers
 try:
     from aiohttp import web
 
-    from .app import App
+    from .app import LOG, App
     from .guard import Guard
 except ImportError:
     raise SpotsError("the page needs aiohttp: pip install 'spots[web]'") from None
@@ -80,7 +80,7 @@ class Server:
 
     async def __aenter__(self) -> Server:
         app = App(self._state, Guard(self._address, self._token), self._recordings)
-        self._runner = web.AppRunner(app.web, access_log=None, shutdown_timeout=1.0)
+        self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
         await self._runner.setup()
         try:
             await web.TCPSite(self._runner, self._address, self._port).start()
