@@ -58,7 +58,7 @@ def test_columns_are_those_that_are_documented(seen):
         assert f"{table.itemsize} bytes a row" in described
         for name in table.dtype.names:
             kind = table.dtype[name].base
-            kind = "bool" if kind == bool else f"{kind.kind}{kind.itemsize}"
+            kind = "bool" if kind.kind == "b" else f"{kind.kind}{kind.itemsize}"
             assert re.search(rf"\b{name} (six )?{kind}\b", described), name
 
 
