@@ -11,6 +11,7 @@ from .board import Board
 from .connect import open
 from .errors import SpotsError
 from .frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+from .recording.arrays import Arrays, RecordingBlocks, read_arrays
 from .recording.reader import Recording
 from .recording.replay import open_recording
 from .uses.encoder import Encoder
@@ -19,6 +20,7 @@ from .uses.twin import Twin
 
 __version__ = "0.1.0"
 __all__ = [
+    "Arrays",
     "Board",
     "Decoder",
     "Encoder",
@@ -27,6 +29,7 @@ __all__ = [
     "Linkage",
     "Note",
     "Recording",
+    "RecordingBlocks",
     "Spectrum",
     "SpotsError",
     "Text",
@@ -34,4 +37,5 @@ __all__ = [
     "Twin",
     "open",
     "open_recording",
+    "read_arrays",
 ]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
+import numpy as np
+
 from .frames import Frame, Text
 
 _WRAP = 1 << 32
@@ -93,6 +95,26 @@ class ClockMap:
         if self._high_s == float("inf"):
             return None
         return board_us * 1e-6 + self._offset_s(board_us)
+
+    def host_s_each(self, t_us: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
+        """Return what `host_s` returns of one after the other, to the last bit; NaN for None.
+
+        Parameters
+        ----------
+        t_us : ndarray of int64
+            Board times modulo 2**32.
+        arrived_s : ndarray of float64
+            When each of them came.
+        """
+        half = _WRAP // 2
+        steps = (np.diff(t_us, prepend=self._last_us) + half) % _WRAP - half
+        board_us = self._last_us + np.cumsum(steps)
+        host_s = board_us * 1e-6 + self._offset_s(board_us)
+        if not np.all(arrived_s - host_s + _SURE_S < _TURN_S):  # nobody asked for too long
+            each = [self.host_s(*one) for one in zip(t_us.tolist(), arrived_s.tolist())]
+            return np.array(each, float)
+        self._last_us += int(steps.sum())
+        return host_s
 
     def began_anew(self, sent_s: float, t_us: int, received_s: float) -> bool:
         """Return whether a time told between two moments cannot be that of the same start."""

@@ -232,7 +232,7 @@ class Decoder:
                 self._overlong = False
             elif piece:
                 self._take(piece, frames)
-        if len(rest) > ENCODED_MAX:
+        if self._overlong or len(rest) > ENCODED_MAX:
             if not self._overlong:
                 self.stats.bad_crc += 1
             self._overlong, rest = True, b""
@@ -251,7 +251,7 @@ class Decoder:
 
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
         # However it was cut into pieces, what is longer than any frame is none.
-        payload = _checked(piece) if len(piece) <= ENCODED_MAX else None
+        payload = checked(piece) if len(piece) <= ENCODED_MAX else None
         if payload is None:
             self.stats.bad_crc += 1
             return
@@ -260,7 +260,7 @@ class Decoder:
             self._count(sequence)
             if kind & 0x0F in _READINGS:
                 self._lost_at_reading = self.stats.lost
-        parse = _PARSERS.get(kind & 0x0F)
+        parse = PARSERS.get(kind & 0x0F)
         if parse is not None:
             try:
                 body = payload[frame.HEADER_SIZE :]
@@ -285,7 +285,8 @@ class Decoder:
         self.stats.frames += 1
 
 
-def _checked(piece: bytes) -> bytes | None:
+def checked(piece: bytes) -> bytes | None:
+    """Return what a piece between two delimiters carries, None if it is damaged."""
     try:
         payload = cobs.decode(piece)
     except cobs.DecodeError:
@@ -322,7 +323,8 @@ def _object(body):
     return msgspec.json.decode(body, type=dict)
 
 
-_PARSERS = {
+# By kind: sensor, sequence, time and body to a frame; struct.error or ValueError if it is none.
+PARSERS = {
     frame.TOUCH: _touch,
     frame.SPECTRUM: _spectrum,
     frame.KEY: _key,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from spots.bench import host
+from spots.bench import arrays, host
+from spots.bench.report import _host, _text
 from spots.frames import Decoder
+from spots.recording import arrays as of_recordings
 from tactile import frame
 
 
@@ -47,7 +49,7 @@ def test_lines_hold_the_fields_of_the_frames(stream):
     figures = host.run(stream)
     touches = Decoder().feed(stream)
     assert len(touches) == 32
-    line = host._line(touches[5])
+    line = host.line(touches[5])
     assert line.startswith(b'{"sensor":0,"sequence":5,"t_us":131073,"flags":1,')
     assert b'"position_um":42500,"force_mN":3000}\n' in line
     assert figures["json"]["bytes_per_reading"] == pytest.approx(len(line), abs=1)
@@ -61,3 +63,21 @@ def test_a_decoder_that_drops_readings_gets_no_rate(stream, monkeypatch):
     monkeypatch.setattr(host, "_decode", lambda pieces: sum(len(Lossy().feed(p)) for p in pieces))
     with pytest.raises(AssertionError, match="readings decoded of"):
         host.run(stream)
+
+
+def test_arrays_have_ten_times_the_rate_of_json(results):
+    figures = results["host"]["arrays"]
+    assert figures["rate_ratio"] >= 10
+    ratio = figures["readings_per_s"] / figures["json_readings_per_s"]
+    assert figures["rate_ratio"] == pytest.approx(ratio, rel=0.01)
+    shown = " ".join(_text(_host(results["host"])).split())
+    assert f"{figures['readings_per_s']:,}" in shown
+    assert f"arrays of a recording {figures['rate_ratio']:.0f} times" in shown
+
+
+def test_arrays_without_some_readings_get_no_rate(stream, monkeypatch):
+    monkeypatch.setattr(arrays, "_READINGS", 1000)
+    assert arrays.run(stream)["readings_per_s"] > 0
+    monkeypatch.setattr(of_recordings._Growing, "whole", lambda self: self._array[1 : self._size])
+    with pytest.raises(AssertionError, match="readings decoded of"):
+        arrays.run(stream)

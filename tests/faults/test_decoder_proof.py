@@ -140,7 +140,7 @@ def test_a_million_damages_of_several_bytes(stream):
 def test_a_decoder_that_does_not_look_at_the_crc_is_found_out(stream, monkeypatch):
     from spots import frames as module
 
-    monkeypatch.setattr(module, "_checked", lambda piece: _unchecked(piece))
+    monkeypatch.setattr(module, "checked", lambda piece: _unchecked(piece))
     rng = np.random.default_rng(0)
     piece, meaning = _pair(stream, 0)
     assert intruders(damaged(piece, 2000, rng), meaning, *_pair(stream, 1))

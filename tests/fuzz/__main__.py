@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent), str(HERE.parent / "host")]
+sys.path[:0] = [str(HERE.parent / room) for room in (".", "host", "recording")]
 
 from targets import TARGETS  # noqa: E402
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import atheris
 
 TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "host")]
+sys.path[:0] = [str(TESTS / room) for room in (".", "host", "recording")]
 target = sys.argv.pop(1)
 with atheris.instrument_imports(include=["spots", "tactile", "tomllib"]):
     import targets

@@ -17,6 +17,7 @@ from pathlib import Path
 from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
 from rich.console import Console
+from same_arrays import check, recording_of
 from smallint import small
 
 import desk
@@ -92,6 +93,7 @@ def decoder(data: bytes) -> None:
         assert len(pieces.pending) <= ENCODED_MAX
     assert repr(frames) == repr(at_once.feed(stream))  # NaN is not NaN
     assert at_once.stats == pieces.stats
+    check(recording_of(FOLDER / "stream.spots", stream), few=1)
 
 
 def commands(data: bytes) -> None:
@@ -272,6 +274,7 @@ def recording(data: bytes) -> None:
     path = _file("a.spots", _stream(data))
     with _refusing():
         assert report(summary(path)).replace("\n", "").isprintable()
+        check(path, few=1)
         _use(path)
 
 

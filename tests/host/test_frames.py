@@ -182,3 +182,14 @@ def test_a_note_is_no_frame_of_the_link():
     frames = decoder.feed(touch(0) + note + encoded(struct.pack("<BHI", 15, 0, 9)) + touch(1))
     assert frames[1:3] == [Note((2 << 32) + 3, {"a": 1}), Note(9, {})]
     assert (decoder.stats.frames, decoder.stats.lost, decoder.stats.bad_crc) == (2, 0, 0)
+
+
+@pytest.mark.parametrize("size", [1, 100, 512, 5000])
+def test_noise_that_is_longer_than_any_frame_is_the_beginning_of_none(size):
+    decoder, noise = Decoder(), b"x" * 5000
+    for i in range(0, len(noise), size):
+        decoder.feed(noise[i : i + size])
+    assert decoder.pending == b""
+    assert decoder.stats.bad_crc == 1
+    assert decoder.feed(b"\0" + touch(1))
+    assert decoder.stats.bad_crc == 1

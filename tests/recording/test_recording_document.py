@@ -7,6 +7,7 @@ import msgspec
 
 from spots.bench import recording as bench
 from spots.frames import Decoder, Note
+from spots.recording.arrays import _TABLES
 from spots.recording.header import Header
 from spots.recording.note import note
 
@@ -20,6 +21,12 @@ def test_the_note_that_is_taken_apart_is_one():
     rows = DOCUMENT.partition("| bytes | |")[2].partition("\n\n")[0]
     pieces = re.findall(r"`([0-9a-f ]+)`", rows)
     assert bytes.fromhex("".join(pieces)) == told
+
+
+def test_every_column_of_the_arrays_is_in_the_table():
+    table = DOCUMENT.partition("| column | type | |")[2].partition("\n\n")[0]
+    named = set(re.findall(r"`(\w+)`", table))
+    assert named == {name for kind in _TABLES.values() for name in kind.dtype.names}
 
 
 def test_every_key_of_the_header_is_in_the_table():

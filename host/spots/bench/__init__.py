@@ -16,7 +16,7 @@ def run() -> dict:
     -------
     dict
         ``driver``, ``firmware``, ``host`` and ``linkage``, each as the module of that name
-        describes it, and ``boards`` as `space` does.
+        describes it, and ``boards`` as `space` does. ``host`` has those of `arrays`, too.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def run() -> dict:
     from ..calibrate.stage import calibrate
     from ..sim.files import SensorFile, load
     from ..sim.vm import micropython_command
-    from . import driver, firmware, host, linkage, space
+    from . import arrays, driver, firmware, host, linkage, space
     from .adafruit import published
 
     published()
@@ -41,6 +41,7 @@ def run() -> dict:
     on_the_board, stream = firmware.run(sensor, calibration)
     _say("host: frames and lines of JSON")
     on_the_host = host.run(stream)
+    on_the_host["arrays"] = arrays.run(stream)
     _say("linkage: arrays and loops")
     return {
         "driver": on_the_bus,

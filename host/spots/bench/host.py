@@ -23,14 +23,14 @@ def run(stream: bytes) -> dict:
         Whole TOUCH frames.
     """
     touches = Decoder().feed(stream)
-    lines = b"".join(_line(touch) for touch in touches)
-    contents = {"spots": (stream * _COPIES, _decode), "json": (lines * _COPIES, _loads)}
-    pieces = {name: (_pieces(data), read) for name, (data, read) in contents.items()}
-    seconds = {name: [] for name in pieces}
+    lines = b"".join(line(touch) for touch in touches)
+    contents = {"spots": (stream * _COPIES, _decode), "json": (lines * _COPIES, loads)}
+    cut = {name: (pieces(data), read) for name, (data, read) in contents.items()}
+    seconds = {name: [] for name in cut}
     count = len(touches) * _COPIES
     for _ in range(_ROUNDS):
-        for name, (data, read) in pieces.items():
-            seconds[name].append(_timed_s(data, read, count))
+        for name, (data, read) in cut.items():
+            seconds[name].append(timed_s(data, read, count))
     rates_Hz = {name: count / median(times) for name, times in seconds.items()}
     figures = {
         name: {
@@ -43,19 +43,22 @@ def run(stream: bytes) -> dict:
     return figures
 
 
-def _line(touch: Touch) -> bytes:
+def line(touch: Touch) -> bytes:
+    """Return a reading as a line of JSON."""
     fields = touch._asdict()
     del fields["time_s"]  # the host's own, not sent
     return json.dumps(fields, separators=(",", ":")).encode() + b"\n"
 
 
-def _pieces(data: bytes) -> list[bytes]:
+def pieces(data: bytes) -> list[bytes]:
+    """Return bytes as a port would deliver them."""
     return [data[i : i + _PIECE_BYTES] for i in range(0, len(data), _PIECE_BYTES)]
 
 
-def _timed_s(pieces: list[bytes], read: Callable, count: int) -> float:
+def timed_s(data: object, read: Callable, count: int) -> float:
+    """Return how long it takes to read data, which must give so many readings."""
     began = perf_counter()
-    found = read(pieces)
+    found = read(data)
     elapsed_s = perf_counter() - began
     if found != count:
         raise AssertionError(f"{found} readings decoded of {count}")
@@ -67,7 +70,8 @@ def _decode(pieces: list[bytes]) -> int:
     return sum(len(decoder.feed(piece)) for piece in pieces)
 
 
-def _loads(pieces: list[bytes]) -> int:
+def loads(pieces: list[bytes]) -> int:
+    """Return how many lines of JSON there are, after reading each of them."""
     found, rest = 0, b""
     for piece in pieces:
         *lines, rest = (rest + piece).split(b"\n")

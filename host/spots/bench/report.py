@@ -124,7 +124,8 @@ def _boards(results: dict) -> Table:
 def _host(results: dict) -> Table:
     table = _table(
         "Host: readings decoded on this machine",
-        f"{results['rate_ratio']:.2f} times the rate of JSON.",
+        f"{results['rate_ratio']:.2f} times the rate of JSON; arrays of a recording "
+        f"{results['arrays']['rate_ratio']:.0f} times.",
         "format",
         "bytes",
         "readings/s",
@@ -132,6 +133,7 @@ def _host(results: dict) -> Table:
     for name, label in {"spots": "spots, checked frames", "json": "lines of JSON"}.items():
         cost = results[name]
         table.add_row(label, f"{cost['bytes_per_reading']:.1f}", f"{cost['readings_per_s']:,}")
+    table.add_row("arrays of a recording", "", f"{results['arrays']['readings_per_s']:,}")
     return table
 
 

@@ -71,25 +71,33 @@ class Recording:
         self._restart()
 
     def __iter__(self) -> Iterator[tuple[float, Frame]]:
+        for path, header, block in self._blocks(_BLOCK_BYTES):
+            for frame in self._decoder.feed(block):
+                if isinstance(frame, Note):
+                    self._note(path, header, frame)
+                else:
+                    yield self.end_s, self._clock.timed(frame, self.end_s)
+
+    def _blocks(self, size: int) -> Iterator[tuple[Path, Header, bytes]]:
+        """Yield the bytes of the files in turn, with what was known when each of them began."""
         self._restart()
         start = b""
         for path, header in self._headers.items():
-            clock = _resumed(header.clock)
+            self._clock = _resumed(header.clock)
             self._decoder.restarted(header.restarts)
-            arrived_s = self.end_s = header.host_s
-            for block in chain([start], _blocks(path)):
+            self.end_s = header.host_s
+            for block in chain([start], _blocks(path, size)):
                 self.read_bytes += len(block)
-                for frame in self._decoder.feed(block):
-                    if not isinstance(frame, Note):
-                        yield arrived_s, clock.timed(frame, arrived_s)
-                        continue
-                    self.notes += 1
-                    arrived_s = self.end_s = header.host_s + 1e-6 * frame.since_us
-                    if "clock" in frame.content:
-                        clock = _noted(path, frame.content["clock"])
-                    self.complete |= frame.content.get("end") is True
+                yield path, header, block
             self.cut_bytes += len(self._decoder.pending)
             start = b"\0"  # what a file breaks off in the middle of does not go on in the next
+
+    def _note(self, path: Path, header: Header, note: Note) -> None:
+        self.notes += 1
+        self.end_s = header.host_s + 1e-6 * note.since_us
+        if "clock" in note.content:
+            self._clock = _noted(path, note.content["clock"])
+        self.complete |= note.content.get("end") is True
 
     @property
     def stats(self) -> LinkStats:
@@ -143,10 +151,10 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     return dict(found.values())
 
 
-def _blocks(path: Path) -> Iterator[bytes]:
+def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
     try:
         with open_regular(path) as file:
-            while block := file.read(_BLOCK_BYTES):
+            while block := file.read(size):
                 yield block
     except FileNotFoundError:
         raise SpotsError(f"there is no file {path}") from None

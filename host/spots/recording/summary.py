@@ -9,7 +9,8 @@ from pathlib import Path
 import msgspec
 
 from ..errors import printable
-from .reader import Recording
+from ..frames import Key, Spectrum, Text, Touch
+from .arrays import RecordingBlocks
 from .table import TABLES, shown
 
 
@@ -21,8 +22,12 @@ def summary(path: str | Path) -> dict:
     SpotsError
         If it cannot be read.
     """
-    recording = Recording(path)
-    counts = Counter(TABLES[type(frame)].name for _, frame in shown(recording))
+    recording = RecordingBlocks(path)
+    counts = Counter()
+    for block in shown(recording, every=1):
+        kinds = Touch, Spectrum, Key, Text
+        for kind, found in zip(kinds, (block.touches, block.spectra, block.keys, block.texts)):
+            counts[TABLES[kind].name] += len(found)
     stats, header = recording.stats, recording.header
     return {
         "files": [str(path) for path in recording.paths],

@@ -83,7 +83,7 @@ def rows(recording: Recording) -> Iterator[tuple[Table, tuple]]:
         )
 
 
-def shown(recording: Recording) -> Iterator[tuple[float, Frame]]:
+def shown(recording: Recording, every: int = _PROGRESS_EVERY) -> Iterator:
     """Yield what a recording does, showing on a terminal how far it is."""
     columns = (
         TextColumn(printable(recording.path.name), markup=False),
@@ -95,6 +95,6 @@ def shown(recording: Recording) -> Iterator[tuple[float, Frame]]:
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
         task = progress.add_task("", total=recording.size)
         for count, entry in enumerate(recording):
-            if count % _PROGRESS_EVERY == 0:
+            if count % every == 0:
                 progress.update(task, completed=recording.read_bytes)
             yield entry

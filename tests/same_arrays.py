@@ -1,0 +1,94 @@
+"""A recording's arrays beside its frames: equal to the last bit, or the same refusal."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from unittest import mock
+
+import pytest
+
+from reels import INFO, clock
+from spots.errors import SpotsError
+from spots.frames import Key, Spectrum, Text, Touch
+from spots.recording import arrays
+from spots.recording.header import Clock, Header, encoded
+from spots.recording.reader import Recording
+
+_TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys"}
+_COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete")
+
+
+def recording_of(path: Path, data: bytes, part: int = 0, restarts: int = 0) -> Path:
+    """Write bytes behind a header."""
+    header = Header(
+        recording=1,
+        program="test",
+        set="a",
+        part=part,
+        host_s=1000.0,
+        utc_s=1.7e9,
+        info=INFO,
+        clock=Clock(**clock().state()),
+        restarts=restarts,
+    )
+    path.write_bytes(encoded(header) + data)
+    return path
+
+
+def check(path: Path, block_bytes: int = arrays._BLOCK_BYTES, few: int = arrays._FEW) -> int:
+    """Return how many frames a recording has, all of them the same in both ways to read it.
+
+    Parameters
+    ----------
+    block_bytes : int
+        Bytes that are decoded at once.
+    few : int
+        Of so few pieces of a size each is decoded alone; 1 decodes all of them together.
+    """
+    with mock.patch.multiple(arrays, _BLOCK_BYTES=block_bytes, _FEW=few):
+        recording, frames, refusal = _frames(path)
+        if refusal is not None:
+            with pytest.raises(SpotsError, match=f"^{re.escape(refusal)}$"):
+                arrays.read_arrays(path)
+            return 0
+        got = arrays.read_arrays(path)
+        blocks = arrays.RecordingBlocks(path)
+        parts = list(blocks)
+    for name in _COUNTS:
+        assert getattr(blocks, name) == getattr(recording, name), name
+    assert got.stats == recording.stats
+    assert repr(got.texts) == repr(frames[Text])  # NaN is not NaN
+    assert sum(len(part.texts) for part in parts) == len(got.texts)
+    for kind, name in _TABLES.items():
+        table = getattr(got, name)
+        assert sorted(table.dtype.names) == sorted((*kind._fields, "arrived_s"))
+        assert _bits(_rows(table, kind)) == _bits(frames[kind])
+        assert sum(len(getattr(part, name)) for part in parts) == len(table)
+        assert all(table.dtype == getattr(part, name).dtype for part in parts)
+    return sum(map(len, frames.values()))
+
+
+def _frames(path):
+    frames = {kind: [] for kind in (*_TABLES, Text)}
+    recording = None
+    try:
+        recording = Recording(path)
+        for arrived_s, frame in recording:
+            frames[type(frame)].append((arrived_s, frame))
+    except SpotsError as error:
+        return recording, frames, str(error)
+    return recording, frames, None
+
+
+def _rows(table, kind):
+    columns = {name: table[name].tolist() for name in table.dtype.names}
+    if kind is Spectrum:
+        columns["counts"] = list(map(tuple, columns["counts"]))
+    if "time_s" in columns:
+        columns["time_s"] = [None if time != time else time for time in columns["time_s"]]
+    return list(zip(columns["arrived_s"], map(kind, *(columns[name] for name in kind._fields))))
+
+
+def _bits(rows):
+    return [repr(row) for row in rows]  # a float's repr is its bits, and True is not 1
