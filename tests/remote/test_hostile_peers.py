@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -17,8 +18,8 @@ import spots
 from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Board, SpotsError
 from spots import board as board_module
+from spots.link import SerialLink
 from spots.remote import mailbox, subscribe
-from spots.remote import session as session_module
 from spots.remote.publish import Publisher
 
 DEEP = b'{"a":' * 50_000 + b"1" + b"}" * 50_000
@@ -148,8 +149,10 @@ def _rss(pid):
 
 
 def test_a_flood_of_questions_does_not_delay_readings(net, tmp_path):
-    with running("") as start, session(net.hub) as own, session(net.leaf) as other:
-        with Board(spots.connect.SerialLink(start["port"])) as board:
+    with contextlib.ExitStack() as stack:
+        start = stack.enter_context(running(""))
+        own, other = stack.enter_context(session(net.hub)), stack.enter_context(session(net.leaf))
+        with Board(SerialLink(start["port"])) as board:
             publisher = Publisher(board, own)
             late_s = []
 

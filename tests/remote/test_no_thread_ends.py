@@ -15,7 +15,7 @@ import aiohttp
 import pytest
 
 import spots
-from net import publishing, session, stand_in, wait_until
+from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Board
 from spots.bench import remote as bench
 from spots.board import CONNECTED
@@ -116,8 +116,7 @@ def test_a_reader_that_cannot_show_its_state(fault):
     state = State()
     reader, _ = reading(open_stand_in, state)
     reader.start()
-    goes_on_before = lambda: "touch" in shown(state)  # noqa: E731
-    wait_until(goes_on_before)
+    wait_until(lambda: shown(state).get("touch"))
     state.put = fault.into(state.put, at=20)
     wait_until(lambda: fault.raised)
     goes_on(reader, state)
@@ -150,7 +149,7 @@ def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
     fault.patch(monkeypatch, Board, "record")
     reader, _ = reading(open_stand_in, state, recordings=recordings)
     reader.start()
-    wait_until(lambda: "touch" in shown(state))
+    wait_until(lambda: recordings._attended)
     with pytest.raises(spots.SpotsError, match="a recording failed"):
         recordings.ask(START).result(2)
     assert recordings.ask(START).result(30) is None
@@ -174,36 +173,30 @@ def test_the_thread_that_writes_a_recording_to_its_medium(fault, tmp_path, monke
 def test_a_page_gets_the_newest_state(fault, place, monkeypatch):
     async def newest():
         state = State()
+        if place == "_wake":
+            fault.patch(monkeypatch, app_module.App, "_wake_all")
         async with Server(state) as server, aiohttp.ClientSession() as client:
             if place == "_changed":
                 owner = asyncio.get_running_loop()
                 fault.patch(monkeypatch, owner, "call_soon_threadsafe")
                 state.put("first", 0)
-            elif place == "_wake":
-                fault.patch(monkeypatch, asyncio.Event, "set", at=2)
-            else:
+            elif place == "encode":
                 encode = fault.into(app_module.msgspec.json.encode, at=2)
                 json = SimpleNamespace(encode=encode)
                 monkeypatch.setattr(app_module, "msgspec", SimpleNamespace(json=json))
             for _ in range(3):
                 url = server.url.replace("http", "ws") + "live"
                 async with client.ws_connect(url) as page:
-                    number = 0
+                    state.put("next", 1)
+                    while not fault.raised:
+                        await asyncio.sleep(0.01)
+                    state.put("last", 1)
                     async for message in page:
                         await page.send_str(str(message.json()["n"]))
                         if "last" in message.json():
                             return
-                        number += 1
-                        state.put("last" if fault.raised else "next", number)
 
     asyncio.run(asyncio.wait_for(newest(), 30))
-
-
-def subscribed(net):
-    """A board from afar that streams."""
-    board = spots.open("zenoh:a1")
-    board.command("stream touch")
-    return board
 
 
 def test_frames_that_come_from_zenoh(net, fault, monkeypatch):
@@ -234,14 +227,13 @@ def test_boards_that_are_looked_for_on_zenoh(net, fault, monkeypatch):
             return super().__enter__()
 
     notify = fault.into(lambda: None)
-    with publishing(net.hub, stand_in("a1")):
-        publishing_more = publishing(net.hub, stand_in("b2"))
-        timer = threading.Timer(1.0, publishing_more.__enter__)
-        timer.start()
+    with publishing(net.hub, stand_in()):
+        monkeypatch.setattr(session_module, "_PATIENCE_S", 1.0)
+        with pytest.raises(spots.SpotsError, match="no board is published"):
+            spots.open("zenoh:")
+        monkeypatch.setattr(session_module, "_PATIENCE_S", DEADLINE_S)
         with spots.open("zenoh:") as board:
-            assert board.info["id"] == "b2"
-        timer.join()
-        publishing_more.__exit__(None, None, None)
+            assert board.info["id"] == "a1"
 
 
 def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):

@@ -314,12 +314,12 @@ def test_mistakes_are_one_sentence(net, tmp_path, monkeypatch, capsys):
 
 
 def test_more_than_may_wait_is_dropped_and_counted(monkeypatch):
-    monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 10)
+    monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 2 * mailbox._size((0, b"1234")))
     mail = mailbox.Mailbox()
     for i in range(5):
         mail.put(i, b"1234")
     assert mail.dropped == 3
     assert [mail.take()[0] for _ in range(len(mail))] == [3, 4]
-    mail.put(5, bytes(11))
+    mail.put(5, bytes(1000))
     assert len(mail) == 0
     assert mail.dropped == 4
