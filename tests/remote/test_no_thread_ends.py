@@ -15,7 +15,7 @@ import aiohttp
 import pytest
 
 import spots
-from net import DEADLINE_S, publishing, session, stand_in, wait_until
+from net import publishing, session, stand_in, wait_until
 from spots import Board
 from spots.bench import remote as bench
 from spots.board import CONNECTED
@@ -216,24 +216,12 @@ def test_a_board_that_appears_on_zenoh(net, fault, monkeypatch):
 
 
 def test_boards_that_are_looked_for_on_zenoh(net, fault, monkeypatch):
-    condition = threading.Condition
-    monkeypatch.setattr(session_module, "threading", SimpleNamespace(Condition=lambda: Entered()))
-
-    class Entered(condition):
-        # The first that enters from a thread of Zenoh.
-        def __enter__(self):
-            if threading.current_thread() is not threading.main_thread():
-                notify()
-            return super().__enter__()
-
-    notify = fault.into(lambda: None)
-    with publishing(net.hub, stand_in()):
-        monkeypatch.setattr(session_module, "_PATIENCE_S", 1.0)
-        with pytest.raises(spots.SpotsError, match="no board is published"):
-            spots.open("zenoh:")
-        monkeypatch.setattr(session_module, "_PATIENCE_S", DEADLINE_S)
-        with spots.open("zenoh:") as board:
-            assert board.info["id"] == "a1"
+    condition = threading.Condition()
+    fault.patch(monkeypatch, condition, "notify_all")
+    monkeypatch.setattr(session_module, "threading", SimpleNamespace(Condition=lambda: condition))
+    monkeypatch.setattr(session_module, "_PATIENCE_S", 5.0)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:") as board:
+        assert board.info["id"] == "a1"
 
 
 def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):

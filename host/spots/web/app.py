@@ -45,7 +45,7 @@ class App:
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
         self._waking = False
-        self._wake = Guarded(self._wake_all, "waking the pages")
+        self._wake = Guarded(self._wake_all, "waking the pages", self._not_woken)
         self._telling = Guarded(self._tell, "sending to a page")
         state.on_change = Guarded(self._changed, "waking the server of the page")
         self.web = web.Application(middlewares=[guard.middleware()], client_max_size=_REQUEST_MAX)
@@ -67,6 +67,9 @@ class App:
                 self._waking = False  # the next change tries again
                 if not self._loop.is_closed():
                     raise
+
+    def _not_woken(self, why: str) -> None:
+        self._waking = False  # the next change tries again
 
     def _wake_all(self) -> None:
         self._waking = False
