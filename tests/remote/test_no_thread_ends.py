@@ -82,7 +82,9 @@ def shown(state):
 
 def goes_on(reader, state):
     try:
-        wait_until(lambda: shown(state)["board"]["state"] == CONNECTED and shown(state)["touch"])
+        wait_until(
+            lambda: shown(state)["board"]["state"] == CONNECTED and shown(state).get("touch")
+        )
     finally:
         reader.stop()
 
@@ -187,8 +189,8 @@ def test_a_page_gets_the_newest_state(fault, place, monkeypatch):
             for _ in range(3):
                 url = server.url.replace("http", "ws") + "live"
                 async with client.ws_connect(url) as page:
-                    state.put("next", 1)
                     while not fault.raised:
+                        state.put("next", 1)
                         await asyncio.sleep(0.01)
                     state.put("last", 1)
                     async for message in page:
