@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 
 from tactile.smux import CHANNELS
 
 from .errors import printable
+
+# A reply has at most `frame.TEXT_MAX` bytes on the wire, a published sample less than twice that.
+JSON_BYTES_MAX = 4096
+_NESTING_MAX = 64
 
 _Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 _Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
@@ -67,6 +71,29 @@ _KINDS = {
     "sync": _Sync,
     "stream": _Stream,
 }
+
+
+def decoded(data: Any) -> dict:
+    """Return a JSON object that anyone may have sent, if it is as small and flat as a board's.
+
+    A parser recurses once a bracket, so they are counted before. Those in strings count, too.
+
+    Parameters
+    ----------
+    data : bytes or zenoh.ZBytes
+        Copied only if it is short enough.
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON object, too long or too deep; msgspec.DecodeError is one.
+    """
+    if len(data) > JSON_BYTES_MAX:
+        raise ValueError(f"a message has at most {JSON_BYTES_MAX} bytes")
+    data = bytes(data)
+    if data.count(b"[") + data.count(b"{") > _NESTING_MAX:
+        raise ValueError(f"a message has at most {_NESTING_MAX} lists and objects")
+    return msgspec.json.decode(data, type=dict)
 
 
 def made_sure(name: str, reply: dict) -> dict:

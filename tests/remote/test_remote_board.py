@@ -17,7 +17,9 @@ from spots.bench.standin import StandIn
 from spots.cli import main
 from spots.errors import PortLostError
 from spots.remote import mailbox
+from spots.remote import publish as publish_module
 from spots.remote import session as session_module
+from spots.remote.answers import Answers
 from spots.remote.link import ZenohLink
 from spots.remote.publish import Publisher
 from spots.uses.twin_source import give
@@ -244,27 +246,23 @@ def test_a_board_without_a_proper_id_is_not_published(net, board_id):
         Publisher(Board(stand_in(board_id)), own)
 
 
-def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net):
+def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net, monkeypatch):
     link = stand_in(kind=Restarting)
     refusals = []
 
-    class Publishing(Publisher):
-        def _answer_one(self):
+    class Refusing(Answers):
+        def _reply(self, command):
             if refusals:
                 refusals.pop()
-                link.restarting = True
-                for command, queryable in self._questions:
-                    query = queryable.try_recv()
-                    if query is not None:
-                        with query:
-                            query.reply_err(f"no {command}")
-                return
-            super()._answer_one()
+                raise SpotsError(f"no {command}")
+            return super()._reply(command)
 
-    with publishing(net.hub, link, kind=Publishing), spots.open("zenoh:a1") as board:
+    monkeypatch.setattr(publish_module, "Answers", Refusing)
+    with publishing(net.hub, link), spots.open("zenoh:a1") as board:
         touches = board.touches()
         next(touches)
-        refusals += range(50)
+        refusals += range(10)
+        link.restarting = True
         wait_until(lambda: next(touches) and board.stats.restarts >= 1 and not refusals)
         assert next(touches).force_mN == 3000
 
@@ -316,12 +314,12 @@ def test_mistakes_are_one_sentence(net, tmp_path, monkeypatch, capsys):
 
 
 def test_more_than_may_wait_is_dropped_and_counted(monkeypatch):
-    monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 10)
+    monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 2 * mailbox._size((0, b"1234")))
     mail = mailbox.Mailbox()
     for i in range(5):
         mail.put(i, b"1234")
     assert mail.dropped == 3
     assert [mail.take()[0] for _ in range(len(mail))] == [3, 4]
-    mail.put(5, bytes(11))
+    mail.put(5, bytes(1000))
     assert len(mail) == 0
     assert mail.dropped == 4

@@ -25,6 +25,7 @@ import msgspec
 
 from ..board import Board
 from ..frames import Decoder, Touch
+from ..guarded import Guarded
 from .standin import CLOSING_UM, StandIn
 
 MODES = ("frames", "samples", "tcp")
@@ -202,7 +203,7 @@ def _publish(pipe, config: str, names: list[str], rate_Hz: float) -> None:
         links = [StandIn(name, rate_Hz) for name in names]
         outlets = [_outlet(mode, Board(link), session) for link in links]
         ended = threading.Event()
-        threads = [threading.Thread(target=_serve, args=(one, ended)) for one in outlets]
+        threads = [serving(outlet, ended) for outlet in outlets]
         for thread in threads:
             thread.start()
         pipe.send({name: one.port for name, one in zip(names, outlets) if mode == "tcp"})
@@ -227,10 +228,16 @@ def _outlet(mode: str, board: Board, session):
     return _TcpPublisher(board) if mode == "tcp" else Publisher(board, session)
 
 
-def _serve(outlet, ended: threading.Event) -> None:
-    while not ended.is_set():
-        outlet.run(_TURN_S)
-    outlet.close()
+def serving(outlet, ended: threading.Event) -> threading.Thread:
+    """Return a thread that publishes until the end."""
+    run = Guarded(outlet.run, "publishing")
+
+    def serve() -> None:
+        while not ended.is_set():
+            run(_TURN_S)
+        outlet.close()
+
+    return threading.Thread(target=Guarded(serve, "the end of publishing"))
 
 
 class _TcpPublisher:

@@ -7,6 +7,7 @@ import threading
 from pathlib import Path
 
 from ..errors import SpotsError
+from ..guarded import Guarded
 
 _SYNC_EVERY_S = 1.0
 
@@ -37,6 +38,7 @@ class Disk:
             raise SpotsError(f"{path} exists: choose another name or remove it") from None
         except OSError as error:
             raise SpotsError(f"{path} cannot be written: {error.strerror}") from None
+        self._synced = 0
         self._closing = threading.Event()
         self._syncer = threading.Thread(target=self._sync, daemon=True)
         self._syncer.start()
@@ -61,14 +63,16 @@ class Disk:
         self._file.close()
 
     def _sync(self) -> None:
-        synced = 0
-        while True:
-            closing = self._closing.wait(_SYNC_EVERY_S)
-            if synced != self.bytes:
-                synced = self.bytes
-                try:
-                    os.fsync(self._file.fileno())
-                except OSError:
-                    pass  # a pipe, or a medium that is gone: `append` tells
-            if closing:
-                return
+        flush = Guarded(self._flush, f"writing {self.path} to its medium")
+        while not self._closing.wait(_SYNC_EVERY_S):
+            flush()
+        flush()
+
+    def _flush(self) -> None:
+        written = self.bytes
+        if self._synced != written:
+            try:
+                os.fsync(self._file.fileno())
+            except OSError:
+                pass  # a pipe, or a medium that is gone: `append` reports it
+            self._synced = written

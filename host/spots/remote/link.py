@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 
-import msgspec
 import zenoh
 
 from ..errors import PortLostError, SpotsError
+from ..replies import decoded
 from .mailbox import Mailbox
 from .session import READ_ONLY, direct, key
+
+_RUN_BYTES_MAX = 64
+_ERROR_BYTES_MAX = 600  # as long as any text of a board
 
 
 class ZenohLink:
@@ -78,11 +81,15 @@ class ZenohLink:
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
             if reply.err is not None:
-                return {"re": command, "error": str(reply.err.payload)}
+                # Any peer can send an error, of any length and in no encoding at all.
+                if len(reply.err.payload) <= _ERROR_BYTES_MAX:
+                    text = bytes(reply.err.payload).decode(errors="replace")
+                    return {"re": command, "error": text}
+                continue
             try:
-                return msgspec.json.decode(bytes(reply.ok.payload), type=dict)
-            except msgspec.DecodeError:
-                return None  # nobody of ours
+                return decoded(reply.ok.payload)
+            except ValueError:
+                continue  # not a SPOTS publisher
         return None
 
     def close(self) -> None:
@@ -102,7 +109,9 @@ class ZenohLink:
         return b"".join(pieces)
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        self._mail.put(bytes(sample.attachment or b""), bytes(sample.payload))
+        run = sample.attachment or b""
+        if len(run) <= _RUN_BYTES_MAX:
+            self._mail.put(bytes(run), sample.payload)
 
     def _note(self, sample: zenoh.Sample) -> None:
         with self._mail.changed:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from typing import Any
 
 WAITING_BYTES_MAX = 1 << 19
+MESSAGE_BYTES_MAX = 1 << 16
+# Of a message without its label and its bytes: the tuple of both, and its place in the queue.
+_OVERHEAD_BYTES = sys.getsizeof((None, None)) + 8
 
 
 class Mailbox:
@@ -29,11 +33,22 @@ class Mailbox:
     def __len__(self) -> int:
         return len(self._messages)
 
-    def put(self, label: Any, data: bytes) -> None:
-        """Add a message and what it is labelled with."""
+    def put(self, label: Any, data: Any) -> None:
+        """Add a message and what it is labelled with.
+
+        Parameters
+        ----------
+        label : hashable
+        data : bytes or zenoh.ZBytes
+            Copied only if it is no longer than any message of a publisher.
+        """
         with self.changed:
-            self._messages.append((label, data))
-            self._bytes += len(data)
+            if len(data) > MESSAGE_BYTES_MAX:
+                self.dropped += 1
+                return
+            message = label, bytes(data)
+            self._messages.append(message)
+            self._bytes += _size(message)
             while self._bytes > WAITING_BYTES_MAX:
                 self._take()
                 self.dropped += 1
@@ -51,6 +66,10 @@ class Mailbox:
             self._bytes = 0
 
     def _take(self) -> tuple[Any, bytes]:
-        label, data = self._messages.popleft()
-        self._bytes -= len(data)
-        return label, data
+        message = self._messages.popleft()
+        self._bytes -= _size(message)
+        return message
+
+
+def _size(message: tuple[Any, bytes]) -> int:
+    return _OVERHEAD_BYTES + sum(map(sys.getsizeof, message))

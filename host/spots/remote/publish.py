@@ -7,7 +7,6 @@ import re
 import secrets
 import sys
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
 
@@ -18,14 +17,14 @@ from ..connect import open_named
 from ..errors import SpotsError
 from ..frames import Frame, whole
 from ..uses.signals import released_by_signals
+from .answers import Answers
 from .samples import encode, sample
-from .session import READ_ONLY, is_published, key, open_session
+from .session import is_published, key, open_session
 
 FRAMES_ENCODING = "application/octet-stream;spots-frames"
 _JSON = zenoh.Encoding.APPLICATION_JSON
 _TURN_S = 0.05  # questions do not wait longer while a board is silent
 _HEALTH_EVERY_S = 1.0
-_QUESTIONS = 16  # that wait; the oldest are dropped
 
 
 class Publisher:
@@ -63,15 +62,7 @@ class Publisher:
         self._frames = self._outlet("frames", encoding=FRAMES_ENCODING)
         self._health = self._outlet("link", encoding=_JSON)
         self._health_due_s = 0.0
-        self._questions = deque(
-            (
-                command,
-                session.declare_queryable(
-                    key(self.board_id, name), zenoh.handlers.RingChannel(_QUESTIONS)
-                ),
-            )
-            for command, name in READ_ONLY.items()
-        )
+        self._answers = Answers(board, self.board_id, session)
         board.command("stream touch spectrum")
         # Last: who sees it may ask and listen.
         self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
@@ -89,17 +80,17 @@ class Publisher:
         while end_s is None or now_s() < end_s:
             for frame in self._board.frames(_TURN_S):
                 self._publish(frame)
-                self._answer_one()
+                self._answers.give()
             self._send()
-            self._answer_one()
+            self._answers.give()
             self._tell_health()
 
     def close(self) -> None:
         """Say that the board is gone."""
         self._token.undeclare()
-        questions = (queryable for _, queryable in self._questions)
-        for entity in (*self._outlets.values(), *questions):
-            entity.undeclare()
+        self._answers.close()
+        for outlet in self._outlets.values():
+            outlet.undeclare()
 
     def _keep(self, data: bytes, now_s: float) -> None:
         self._copy += data
@@ -134,23 +125,6 @@ class Publisher:
         if now_s >= self._health_due_s:
             self._health_due_s = now_s + _HEALTH_EVERY_S
             self._health.put(encode({"utc_s": time.time(), **asdict(self._board.stats)}))
-
-    def _answer_one(self) -> None:
-        # One at a time, of each kind in turn: however many ask, readings go on and so do others.
-        for _ in range(len(self._questions)):
-            command, queryable = self._questions[0]
-            self._questions.rotate(-1)
-            query = queryable.try_recv()
-            if query is None:
-                continue
-            with query:
-                try:
-                    reply = self._board.command(command)
-                except SpotsError as error:
-                    query.reply_err(str(error))
-                else:
-                    query.reply(queryable.key_expr, encode(reply), encoding=_JSON)
-            return
 
 
 def run(options: argparse.Namespace) -> None:

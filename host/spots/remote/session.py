@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import zenoh
 
 from ..bounded import ZENOH_MAX_BYTES, read_bytes
 from ..errors import SpotsError
+from ..guarded import Guarded
 
 # Zenoh's own name for where its configuration is.
 CONFIG_VARIABLE = "ZENOH_CONFIG"
@@ -19,6 +21,7 @@ READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 _NESTED_MAX = 1000  # tables and lists of a configuration; the longest one has some 150
 _PATIENCE_S = 3.0
 _OTHERS_S = 0.5  # so long after the first board others may still come
+_FOUND_MAX = 16  # boards that are looked at; anyone may publish thousands of names
 
 
 def key(board_id: str, *rest: str | int) -> str:
@@ -78,7 +81,10 @@ def find(session: zenoh.Session, wanted: str) -> str:
     def note(sample: zenoh.Sample) -> None:
         with changed:
             board_id = str(sample.key_expr).split("/")[1]
-            (alive.add if sample.kind == zenoh.SampleKind.PUT else alive.discard)(board_id)
+            if sample.kind != zenoh.SampleKind.PUT:
+                alive.discard(board_id)
+            elif len(alive) < _FOUND_MAX:
+                alive.add(board_id)
             changed.notify_all()
 
     tokens = key(wanted or "*", "alive")
@@ -103,13 +109,15 @@ def find(session: zenoh.Session, wanted: str) -> str:
     return found[0]
 
 
-def direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
+def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
     """Return a handler that runs in Zenoh's own threads.
 
     The usual one starts a thread of Python, for which a program would wait at its end if a board
-    was not closed. The callback must not wait, nor call Zenoh.
+    was not closed. The callback must not wait, nor call Zenoh. An exception in it is reported as
+    one sentence, and the next message is taken.
     """
-    return zenoh.handlers.Callback(callback, indirect=False)
+    guarded = Guarded(callback, "taking what came from Zenoh")
+    return zenoh.handlers.Callback(guarded, indirect=False)
 
 
 def is_published(session: zenoh.Session, board_id: str) -> bool:

@@ -6,18 +6,20 @@ import argparse
 import json
 import sys
 import time
-from collections import defaultdict
+from functools import lru_cache
 
-import msgspec
 import zenoh
 
 from ..errors import SpotsError, printable
 from ..frames import Touch
+from ..replies import decoded
 from ..view import Pace, plain
 from ..watch import PLAIN_LINES_PER_S
 from .mailbox import Mailbox
 from .publish import FRAMES_ENCODING
 from .session import direct, open_session
+
+_NAMES_MAX = 256
 
 
 def run(options: argparse.Namespace) -> None:
@@ -32,7 +34,7 @@ def run(options: argparse.Namespace) -> None:
 
     def receive(sample: zenoh.Sample) -> None:
         if str(sample.encoding) != FRAMES_ENCODING:
-            mail.put(str(sample.key_expr), bytes(sample.payload))
+            mail.put(str(sample.key_expr), sample.payload)
 
     written = _as_json if options.json else _Lines().written
     with open_session() as session:
@@ -65,7 +67,7 @@ def _print(mail: Mailbox, written, seconds: float | None) -> None:
 def _text(written, name: str, data: bytes) -> str | None:
     """Return a message as a line, empty if it is not to be shown, or None if it is none of ours."""
     try:
-        return printable(written(name, msgspec.json.decode(data, type=dict)))
+        return printable(written(name, decoded(data)))
     except Exception:  # anyone may publish anything under such a name
         return None
 
@@ -79,12 +81,13 @@ class _Lines:
 
     def __init__(self):
         self._began_s = time.time()
-        self._paces: dict[str, Pace] = defaultdict(lambda: Pace(PLAIN_LINES_PER_S))
+        # Anyone may publish thousands of names: the least recently used are forgotten.
+        self._pace = lru_cache(_NAMES_MAX)(lambda name: Pace(PLAIN_LINES_PER_S))
 
     def written(self, name: str, content: dict) -> str:
         _, board_id, *rest = name.split("/")
         kind = rest[-1]
-        if kind in ("touch", "spectrum") and not self._paces[name].due(time.monotonic()):
+        if kind in ("touch", "spectrum") and not self._pace(name).due(time.monotonic()):
             return ""
         if kind == "touch":
             text = plain(_touch(content), self._began_s)

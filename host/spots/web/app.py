@@ -18,6 +18,7 @@ from aiohttp.http import HttpProcessingError
 from aiohttp.http_exceptions import PayloadEncodingError
 
 from ..errors import SpotsError
+from ..guarded import Guarded
 from .guard import Guard, host_of
 from .pace import Pace
 from .recordings import START, STOP, Recordings
@@ -65,7 +66,9 @@ class App:
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
         self._waking = False
-        state.on_change = self._changed
+        self._wake = Guarded(self._wake_all, "waking the pages", self._not_woken)
+        self._telling = Guarded(self._tell, "sending to a page")
+        state.on_change = Guarded(self._changed, "waking the server of the page")
         self.web = web.Application(middlewares=[guard.middleware()], client_max_size=_REQUEST_MAX)
         self.web.router.add_get("/", self._index)
         self.web.router.add_get("/live", self._live)
@@ -81,10 +84,15 @@ class App:
             self._waking = True
             try:
                 self._loop.call_soon_threadsafe(self._wake)
-            except RuntimeError:
-                pass  # the loop has ended
+            except Exception:
+                self._waking = False  # the next change tries again
+                if not self._loop.is_closed():
+                    raise
 
-    def _wake(self) -> None:
+    def _not_woken(self, why: str) -> None:
+        self._waking = False  # the next change tries again
+
+    def _wake_all(self) -> None:
         self._waking = False
         for news in self._clients.values():
             news.set()
@@ -136,6 +144,16 @@ class App:
         return socket
 
     async def _tell(
+        self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn, first: dict
+    ) -> None:
+        try:
+            await self._tell_news(socket, news, drawn, first)
+        except Exception as error:
+            # A page whose socket closes connects again and starts from the newest state.
+            self._telling.failed(error)
+            await socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b"the server failed")
+
+    async def _tell_news(
         self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn, first: dict
     ) -> None:
         cursor = self._state.begin()

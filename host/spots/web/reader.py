@@ -14,6 +14,7 @@ from ..board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
 from ..connect import VIRTUAL, find, open
 from ..errors import RefusedError, SpotsError
 from ..frames import Key, Spectrum, Touch
+from ..guarded import Guarded
 from ..recording.replay import Replay
 from ..sim.files import ScenarioFile, SensorFile, load
 from ..uses.layout import KeyLayout
@@ -92,15 +93,24 @@ class Reader:
             self._say(LOST, "no readings come")
 
     def _run(self) -> None:
+        attempt = Guarded(self._attempt, "the reader of a board", self._lost)
         while not self._stopping.is_set():
-            try:
-                with self._open_board(self._id) as board:
-                    self._read(board)
-            except SpotsError as error:
-                self._heard_s = None
-                refused = isinstance(error, RefusedError)
-                self._say(REFUSED if refused else LOST if self._id else SEARCHING, str(error))
+            if not attempt():
                 self._stopping.wait(self._search_every_s)
+
+    def _attempt(self) -> bool:
+        """Read a board until it restarts; return False if it cannot be read."""
+        try:
+            with self._open_board(self._id) as board:
+                self._read(board)
+        except SpotsError as error:
+            self._lost(str(error), refused=isinstance(error, RefusedError))
+            return False
+        return True
+
+    def _lost(self, why: str, refused: bool = False) -> None:
+        self._heard_s = None
+        self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
     def _read(self, board: Board) -> None:
         board.command("stream touch spectrum")
@@ -174,8 +184,8 @@ class Reader:
     def _say(self, state: str, message: str) -> None:
         said = state, message, self._known.get("port")
         if said != self._said:
-            self._said = said
             self._state.put("board", {"state": state, "message": message, **self._known})
+            self._said = said  # now: what could not be shown is shown with the next attempt
 
 
 def _settings(board: Board) -> dict:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import time
 from concurrent.futures import Future
 from datetime import datetime, timezone
@@ -11,6 +12,7 @@ from queue import Empty, SimpleQueue
 
 from ..board import Board
 from ..errors import SpotsError
+from ..guarded import sentence_of
 from ..recording.recorder import Recorder
 from .state import State
 
@@ -69,6 +71,11 @@ class Recordings:
                 answer.set_result(None)
             except SpotsError as error:
                 answer.set_exception(error)
+            except Exception as error:
+                # Who asked gets an answer at once, and readings go on.
+                sentence = sentence_of("a recording", error)
+                print(f"spots: {sentence}", file=sys.stderr, flush=True)
+                answer.set_exception(SpotsError(sentence))
         if self._recorder and time.monotonic() >= self._due_s:
             self._show(board, on=True)
 

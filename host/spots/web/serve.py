@@ -14,6 +14,7 @@ from pathlib import Path
 from ..connect import RECORDING, VIRTUAL
 from ..demo import FIVEBAR
 from ..errors import SpotsError
+from ..guarded import Guarded
 from ..uses.layout import load
 from .browser import print_address, show
 from .reader import Reader, finder
@@ -155,12 +156,13 @@ def serve(
     async def main():
         async with Server(state, address, port, recordings=recordings) as server:
             ended = _ended_by_sigterm()
+            watches = [Guarded(reader.watch, "watching a reader") for reader in readers]
             for reader in readers:
                 reader.start()
             on_start(server.url)
             while not ended.is_set():
-                for reader in readers:
-                    reader.watch()
+                for watch in watches:
+                    watch()
                 try:
                     await asyncio.wait_for(ended.wait(), _WATCH_EVERY_S)
                 except asyncio.TimeoutError:

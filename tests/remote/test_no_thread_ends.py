@@ -1,0 +1,283 @@
+"""Every thread and callback of the host package goes on after any exception, with a sentence."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import re
+import threading
+import time
+from concurrent.futures import Future
+from pathlib import Path
+from types import SimpleNamespace
+
+import aiohttp
+import pytest
+
+import spots
+from net import publishing, session, stand_in, wait_until
+from spots import Board
+from spots.bench import remote as bench
+from spots.board import CONNECTED
+from spots.recording import disk
+from spots.remote import mailbox, subscribe
+from spots.remote import session as session_module
+from spots.remote.link import ZenohLink
+from spots.uses.layout import load
+from spots.web import app as app_module
+from spots.web import serve as serve_module
+from spots.web.reader import Reader
+from spots.web.recordings import START, Recordings
+from spots.web.serve import Server
+from spots.web.state import State
+
+HOST = Path(spots.__file__).parent
+ERRORS = ValueError, RecursionError, MemoryError
+
+
+class Fault:
+    """Puts an exception into a function, in one call of it."""
+
+    def __init__(self, error):
+        self._error = error
+        self.raised = 0
+
+    def into(self, function, at=1):
+        calls = 0
+
+        def faulty(*arguments, **named):
+            nonlocal calls
+            calls += 1
+            if calls == at:
+                self.raised += 1
+                raise self._error("put in by a test")
+            return function(*arguments, **named)
+
+        return faulty
+
+    def patch(self, monkeypatch, owner, name, at=1):
+        monkeypatch.setattr(owner, name, self.into(getattr(owner, name), at))
+
+
+@pytest.fixture(params=ERRORS, ids=lambda kind: kind.__name__)
+def fault(request, capfd):
+    made = Fault(request.param)
+    yield made
+    assert made.raised == 1
+    told = capfd.readouterr().err
+    assert "Traceback" not in told
+    (sentence,) = (line for line in told.splitlines() if "put in by a test" in line)
+    assert sentence.startswith("spots: ")
+    assert request.param.__name__ in sentence
+
+
+def reading(open_board, state=None, **options):
+    state = state or State()
+    return Reader(open_board, load("digits"), state, 0.01, **options), state
+
+
+def shown(state):
+    return state.since(state.begin())[1]
+
+
+def goes_on(reader, state):
+    try:
+        wait_until(
+            lambda: shown(state)["board"]["state"] == CONNECTED and shown(state).get("touch")
+        )
+    finally:
+        reader.stop()
+
+
+def open_stand_in(board_id=None):
+    return Board(stand_in())
+
+
+def test_a_reader_whose_board_cannot_be_opened(fault):
+    reader, state = reading(fault.into(open_stand_in))
+    reader.start()
+    goes_on(reader, state)
+
+
+def test_a_reader_while_it_reads(fault, monkeypatch):
+    fault.patch(monkeypatch, Board, "_pump", at=100)
+    reader, state = reading(open_stand_in)
+    reader.start()
+    wait_until(lambda: fault.raised)
+    goes_on(reader, state)
+
+
+def test_a_reader_whose_state_is_shown_elsewhere(fault):
+    reader, state = reading(open_stand_in, on_touch=fault.into(lambda touch: None, at=5))
+    reader.start()
+    wait_until(lambda: fault.raised)
+    goes_on(reader, state)
+
+
+def test_a_reader_that_cannot_show_its_state(fault):
+    state = State()
+    reader, _ = reading(open_stand_in, state)
+    reader.start()
+    wait_until(lambda: shown(state).get("touch"))
+    state.put = fault.into(state.put, at=20)
+    wait_until(lambda: fault.raised)
+    goes_on(reader, state)
+
+
+def test_who_watches_readers(fault, monkeypatch):
+    fault.patch(monkeypatch, Reader, "watch")
+    monkeypatch.setattr(serve_module, "_WATCH_EVERY_S", 0.01)
+    reader, state = reading(open_stand_in)
+    watched = []
+    watch = Reader.watch
+    monkeypatch.setattr(Reader, "watch", lambda self: (watched.append(1), watch(self)))
+    ended = asyncio.Event()
+    monkeypatch.setattr(serve_module, "_ended_by_sigterm", lambda: ended)
+
+    def serve():
+        serve_module.serve(state, "127.0.0.1", 0, [reader], lambda url: None)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    wait_until(lambda: len(watched) > 3 or not thread.is_alive())
+    ended._loop.call_soon_threadsafe(ended.set)
+    thread.join()
+    assert len(watched) > 3
+
+
+def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
+    state = State()
+    recordings = Recordings(tmp_path, state)
+    fault.patch(monkeypatch, Board, "record")
+    reader, _ = reading(open_stand_in, state, recordings=recordings)
+    reader.start()
+    wait_until(lambda: recordings._attended)
+    with pytest.raises(spots.SpotsError, match="a recording failed"):
+        recordings.ask(START).result(2)
+    assert recordings.ask(START).result(30) is None
+    goes_on(reader, state)
+
+
+def test_the_thread_that_writes_a_recording_to_its_medium(fault, tmp_path, monkeypatch):
+    monkeypatch.setattr(disk, "_SYNC_EVERY_S", 0.01)
+    synced = []
+    fsync = fault.into(lambda number: synced.append(number))
+    monkeypatch.setattr(disk, "os", SimpleNamespace(fsync=fsync))
+    one = disk.Disk(tmp_path / "a.spots")
+    one.append(b"first")
+    wait_until(lambda: fault.raised)
+    one.append(b"second")
+    wait_until(lambda: synced)
+    one.close()
+
+
+@pytest.mark.parametrize("place", ["_changed", "_wake", "encode"])
+def test_a_page_gets_the_newest_state(fault, place, monkeypatch):
+    async def newest():
+        state = State()
+        if place == "_wake":
+            fault.patch(monkeypatch, app_module.App, "_wake_all")
+        async with Server(state) as server, aiohttp.ClientSession() as client:
+            if place == "_changed":
+                owner = asyncio.get_running_loop()
+                fault.patch(monkeypatch, owner, "call_soon_threadsafe")
+                state.put("first", 0)
+            elif place == "encode":
+                encode = fault.into(app_module.msgspec.json.encode, at=2)
+                json = SimpleNamespace(encode=encode)
+                monkeypatch.setattr(app_module, "msgspec", SimpleNamespace(json=json))
+            for _ in range(3):
+                url = server.url.replace("http", "ws") + "live"
+                # Where the server closes it, an answer that is on its way fails.
+                with contextlib.suppress(ConnectionError):
+                    async with client.ws_connect(url) as page:
+                        while not fault.raised:
+                            state.put("next", 1)
+                            await asyncio.sleep(0.01)
+                        state.put("last", 1)
+                        async for message in page:
+                            await page.send_str(str(message.json()["n"]))
+                            if "last" in message.json():
+                                return
+
+    asyncio.run(asyncio.wait_for(newest(), 30))
+
+
+def test_frames_that_come_from_zenoh(net, fault, monkeypatch):
+    with publishing(net.hub, stand_in()):
+        fault.patch(monkeypatch, mailbox.Mailbox, "put", at=3)
+        with spots.open("zenoh:a1") as board:
+            touches = board.touches()
+            wait_until(lambda: next(touches) and fault.raised)
+            assert next(touches).force_mN == 3000
+
+
+def test_a_board_that_appears_on_zenoh(net, fault, monkeypatch):
+    fault.patch(monkeypatch, ZenohLink, "_note")
+    with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
+        assert next(board.touches()).force_mN == 3000
+        wait_until(lambda: fault.raised)
+
+
+def test_boards_that_are_looked_for_on_zenoh(net, fault, monkeypatch):
+    condition = threading.Condition()
+    fault.patch(monkeypatch, condition, "notify_all")
+    monkeypatch.setattr(session_module, "threading", SimpleNamespace(Condition=lambda: condition))
+    monkeypatch.setattr(session_module, "_PATIENCE_S", 5.0)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:") as board:
+        assert board.info["id"] == "a1"
+
+
+def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):
+    with publishing(net.hub, stand_in()):
+        fault.patch(monkeypatch, mailbox.Mailbox, "put")
+        options = SimpleNamespace(expression="spots/**", json=False, seconds=1.0)
+        subscribe.run(options)
+        out, err = capfd.readouterr()
+        assert " 42.500 mm" in out
+        os.write(2, err.encode())
+
+
+def test_questions_that_come_from_zenoh(net, fault, monkeypatch):
+    from spots.remote import answers
+
+    fault.patch(monkeypatch, answers.Answers, "_note")
+    with publishing(net.hub, stand_in()), session(net.leaf) as other:
+        wait_until(lambda: fault.raised or not list(other.get("spots/a1/get", timeout=0.5)))
+        wait_until(lambda: list(other.get("spots/a1/get")))
+
+
+def test_a_board_that_is_published_in_a_measurement(fault):
+    ended, closed = threading.Event(), Future()
+    outlet = SimpleNamespace(run=fault.into(time.sleep), close=lambda: closed.set_result(None))
+    serve = bench.serving(outlet, ended)
+    serve.start()
+    wait_until(lambda: fault.raised)
+    ended.set()
+    serve.join()
+    assert closed.done()
+
+
+@pytest.mark.parametrize(
+    ("made_by", "modules"),
+    [
+        # Another thread or callback needs a case above, and its line here.
+        (r"\bThread\(", {"web/reader.py", "recording/disk.py", "bench/remote.py"}),
+        (r"handlers\.Callback\(", {"remote/session.py"}),
+        (r"declare_subscriber\(", {"remote/session.py", "remote/link.py", "remote/subscribe.py"}),
+        (r"declare_queryable\(", {"remote/answers.py"}),
+        (r"create_task\(|call_soon", {"web/app.py"}),
+        (r"\.on_change = ", {"web/app.py", "web/state.py"}),
+        (r"add_signal_handler\(", {"web/serve.py"}),
+        (r"signal\.signal\(", {"uses/outputs.py"}),
+        (r"atexit|Timer\(|Executor\(|run_in_executor|excepthook|weakref\.finalize", set()),
+    ],
+)
+def test_there_are_no_others(made_by, modules):
+    found = {
+        str(path.relative_to(HOST))
+        for path in HOST.rglob("*.py")
+        if re.search(made_by, path.read_text(encoding="utf-8"))
+    }
+    assert found - {"bench/remote.py"} == modules - {"bench/remote.py"}

@@ -1,0 +1,194 @@
+"""Hostile Zenoh peers against `monitor`, `serve` and `subscribe`, as real processes.
+
+    python tests/soak/hostile_zenoh.py --minutes 60
+
+The last line is JSON. Exit code 1 if a process died, its memory grew or readings stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import random
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import aiohttp
+import zenoh
+
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "remote")]
+
+from boards import running  # noqa: E402
+
+from net import Net, session  # noqa: E402
+
+SAMPLE_EVERY_S = 5.0
+WARM_UP_SHARE = 0.25  # of the time: memory is compared with what it was after that
+GROWTH_MAX = 24 << 20
+STALE_MAX_S = 15.0
+DEEP = b'{"a":' * 20_000 + b"1" + b"}" * 20_000
+PAYLOADS = (b"", b"\0" * 50, b"\xff" * 700, b"{}", b"[]", DEEP, b"\0" + b"x" * 2_000_000)
+PAYLOADS += tuple(b'{"utc_s":%s}' % one for one in (b"1e999", b"null", b"[[]]", b"9" * 400))
+HEADERS = None, b"", b"x", b"\xff" * 100_000
+
+
+def attack(config: Path, board_id: str, seed: int) -> None:
+    """Send what no program of the project would, until killed."""
+    chance, peer = random.Random(seed), session(config)
+    ignore = zenoh.handlers.Callback(lambda reply: None, indirect=False)
+    peer.declare_queryable("spots/*/info", lambda query: query.reply(query.key_expr, DEEP))
+    peer.declare_queryable("spots/x/*", lambda query: query.reply_err(b"\xff" * 5000))
+    tokens = []
+
+    def put() -> None:
+        name = chance.randrange(10 ** chance.randrange(1, 7))
+        places = (
+            *(f"spots/{name}/{chance.randrange(9)}/{kind}" for kind in ("touch", "spectrum", "x")),
+            *(f"spots/{board_id}/{kind}" for kind in ("link", "0/touch", "7/key")),
+            *("spots/" + "y" * 300, "spots/\u202e/\x1b[2J/touch", f"spots/{name}/frames"),
+        )
+        peer.put(chance.choice(places), chance.choice(PAYLOADS), attachment=chance.choice(HEADERS))
+
+    def ask() -> None:
+        place = chance.choice(("info", "get", "sync", "*", "alive", "frames"))
+        for _ in range(200):
+            peer.get(f"spots/{board_id}/{place}", handler=ignore, timeout=1.0)
+
+    def name() -> None:
+        tokens.append(peer.liveliness().declare_token(f"spots/t{chance.randrange(9999)}/alive"))
+        if len(tokens) > 2000:
+            tokens.pop(0).undeclare()
+
+    def break_in() -> None:
+        # Under the board's own name, seldom: it passes for a restart, as documented.
+        place = f"spots/{board_id}/frames"
+        peer.put(place, chance.choice(PAYLOADS), attachment=chance.choice(HEADERS))
+
+    acts = (put, ask, name, break_in)
+    while True:
+        chance.choices(acts, (300, 3, 20, 1))[0]()
+        time.sleep(0.002)
+
+
+class Victim:
+    """A process under attack: alive, its memory, and when it last showed a reading."""
+
+    def __init__(self, config: Path, reading: str, *arguments: str):
+        self.name, self._reading = arguments[0], re.compile(reading)
+        self.rss: list[int] = []
+        self.heard_s, self.readings, self.stale_s = time.monotonic(), 0, 0.0
+        self.url, self.last = "", ""
+        command = [sys.executable, "-m", "spots", *arguments, "--zenoh-config", str(config)]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+        )
+        threading.Thread(target=self._hear, daemon=True).start()
+
+    def _hear(self) -> None:
+        for line in self.process.stdout:
+            self.last = line[:300]
+            if found := re.search(r"http://\S+", line):
+                self.url = found[0]
+            if self._reading.search(line):
+                self.took()
+
+    def took(self) -> None:
+        self.readings += 1
+        self.heard_s = time.monotonic()
+
+    def sample(self) -> None:
+        statm = Path(f"/proc/{self.process.pid}/statm").read_text()
+        self.rss.append(int(statm.split()[1]) * os.sysconf("SC_PAGE_SIZE"))
+        self.stale_s = max(self.stale_s, time.monotonic() - self.heard_s)
+
+    def figures(self) -> dict:
+        warm = self.rss[int(WARM_UP_SHARE * len(self.rss)) :] or [0]
+        third = max(1, len(warm) // 3)
+        grown = max(warm[-third:]) - max(warm[:third])
+        alive = self.process.poll() is None
+        return {
+            "alive": alive,
+            "rss_MB": [round(one / 1e6, 1) for one in (warm[0], max(warm), warm[-1])],
+            "grown_MB": round(grown / 1e6, 1),
+            "readings": self.readings,
+            "longest_without_s": round(self.stale_s, 1),
+            "ok": alive and grown < GROWTH_MAX and self.stale_s < STALE_MAX_S,
+            **({} if alive else {"last_line": self.last}),
+        }
+
+
+def watch_page(victim: Victim) -> None:
+    """Be the page of `serve`, which connects again whenever it has to."""
+
+    async def look() -> None:
+        async with aiohttp.ClientSession() as client:
+            url = victim.url.replace("http", "ws") + "live"
+            async with client.ws_connect(url, max_msg_size=0) as page:
+                async for message in page:
+                    content = message.json()
+                    await page.send_str(str(content["n"]))
+                    if content.get("touch"):
+                        victim.took()
+
+    while True:
+        try:
+            asyncio.run(look())
+        except (aiohttp.ClientError, OSError, ValueError):
+            pass
+        time.sleep(0.5)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--attack", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.attack:
+        config, board_id, seed = options.attack
+        attack(Path(config), board_id, int(seed))
+    with tempfile.TemporaryDirectory() as folder, running("") as start:
+        net = Net(Path(folder))
+        own = [sys.executable, "-m", "spots", "publish", "--port", start["port"]]
+        own += ["--zenoh-config", str(net.hub)]
+        publisher = subprocess.Popen(own, stdout=subprocess.PIPE, text=True)
+        board_id = publisher.stdout.readline().split("spots/")[1].split()[0]
+        port = "--port", f"zenoh:{board_id}"
+        victims = [
+            Victim(net.leaf, r" mm +[\d.]+ N|no touch", "monitor", *port),
+            Victim(net.leaf, r"(?!)", "serve", *port, "--http-port", "0"),
+            Victim(net.leaf, rf"^{board_id}  ", "subscribe", "spots/**"),
+        ]
+        while not victims[1].url:
+            time.sleep(0.1)
+        threading.Thread(target=watch_page, args=(victims[1],), daemon=True).start()
+        time.sleep(5.0)
+        again = [sys.executable, __file__, "--attack", str(net.leaf), board_id]
+        hostile = [subprocess.Popen([*again, str(seed)]) for seed in range(2)]
+        try:
+            end_s = time.monotonic() + 60 * options.minutes
+            while time.monotonic() < end_s and all(v.process.poll() is None for v in victims):
+                time.sleep(SAMPLE_EVERY_S)
+                for victim in victims:
+                    if victim.process.poll() is None:
+                        victim.sample()
+            figures = {victim.name: victim.figures() for victim in victims}
+            figures["publish"] = {"ok": publisher.poll() is None}
+            figures["attackers"] = {"ok": all(one.poll() is None for one in hostile)}
+        finally:
+            for one in (*hostile, *(victim.process for victim in victims), publisher):
+                one.kill()
+                one.wait()
+    ok = all(one["ok"] for one in figures.values())
+    print(json.dumps({"minutes": options.minutes, "ok": ok, **figures}))
+    return 0 if ok else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
