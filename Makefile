@@ -59,8 +59,8 @@ pictures: .venv/test browser
 	@$(BIN)/python docs/make_screenshots.py
 
 paper: .venv/test
-	@$(BIN)/python -m spots.calibrate.paper docs
-	@$(BIN)/python -m spots.uses.page docs
+	@$(BIN)/python -m make.paper docs
+	@$(BIN)/python -m make.linkage_page docs
 
 clean:
 	rm -rf .venv build dist tests/wasm/node_modules tests/web/browser/node_modules

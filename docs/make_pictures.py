@@ -10,25 +10,27 @@ from string import Template
 from rich.console import Console
 
 from spots import Linkage, Twin, atomic
-from spots.demo import open_fast
-from spots.frames import Touch
-from spots.score import Score
-from spots.sim.files import LinkageFile, PathFile, ScenarioFile, SensorFile, load
-from spots.sim.linkage import guided
-from spots.sim.scenario import Scenario
-from spots.stage import board_names, device_of
-from spots.uses import play, typing_view, wearable_view
-from spots.uses.calibrated import length_of
-from spots.uses.controller_settings import load as load_controller
-from spots.uses.gestures import Gestures
-from spots.uses.keyboard import KeyEngine
-from spots.uses.keys import push
-from spots.uses.layout import load as load_layout
-from spots.uses.simulated import START_S, Simulation
-from spots.uses.twin_view import View as TwinView
-from spots.uses.typist import TypedText
-from spots.uses.wearable import Mapping
-from spots.view import View
+from spots.controller import controller as play
+from spots.controller.controller_settings import load as load_controller
+from spots.deploy.staging import board_names, device_of
+from spots.keyboard.key_engine import KeyEngine
+from spots.keyboard.keys import push
+from spots.keyboard.layout import load as load_layout
+from spots.link.calibrated import length_of
+from spots.link.frames import Touch
+from spots.linkage.twin_view import View as TwinView
+from spots.terminal.view import View
+from spots.wearable import wearable_view
+from spots.wearable.gestures import Gestures
+from spots.wearable.wearable import Mapping
+from spots_sim import typing_view
+from spots_sim.demo import open_fast
+from spots_sim.files import LinkageFile, PathFile, ScenarioFile, SensorFile, load
+from spots_sim.mechanism import guided
+from spots_sim.scenario import Scenario
+from spots_sim.score import Score
+from spots_sim.simulated_linkage import START_S, Simulation
+from spots_sim.typist import TypedText
 
 _HERE = Path(__file__).parent
 _LINE = 15  # letters of a board's name that fit its picture

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from playwright.async_api import Browser, async_playwright
 
-from spots.uses.layout import load
-from spots.web.reader import Reader, finder
+from spots.keyboard.layout import load
+from spots.web.board_feed import Reader, finder
 from spots.web.serve import Server
 from spots.web.state import State
 from spots.web.twin_feed import simulated_readers

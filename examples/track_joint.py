@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import spots
-from spots.calibrate import file
-from spots.connect import prepare
-from spots.uses.twin_source import endless
+from spots.calibrate import calibration_file as file
+from spots.link.connect import prepare
+from spots.linkage.twin_source import endless
 
 if len(sys.argv) > 1:
     calibration = file.load(Path(sys.argv[1]))

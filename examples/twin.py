@@ -6,7 +6,7 @@ USB are found, if not given. Without a file it is a simulated linkage.
 
 import sys
 
-from spots.uses.twin_source import opened, simulated
+from spots.linkage.twin_source import opened, simulated
 
 linkage, ports = sys.argv[1:2], sys.argv[2:]
 with opened(linkage[0], ports) if linkage else simulated() as source:

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 import pytest
 from hypothesis import settings
 
-from spots.calibrate.stage import calibrate
-from spots.sim.files import SensorFile, load
+from spots_sim.files import SensorFile, load
+from spots_sim.stage import calibrate
 
 # A loaded machine is slow, not wrong.
 settings.register_profile("spots", deadline=None, derandomize=bool(os.environ.get("CI")))

@@ -10,10 +10,10 @@ import pytest
 
 from reels import INFO, clock
 from spots.errors import SpotsError
-from spots.frames import Key, Spectrum, Text, Touch
+from spots.link.frames import Key, Spectrum, Text, Touch
 from spots.recording import arrays
 from spots.recording.header import Clock, Header, encoded
-from spots.recording.reader import Recording
+from spots.recording.recording import Recording
 
 _TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys"}
 _COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete")

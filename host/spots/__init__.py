@@ -7,16 +7,16 @@
 ...             print(touch.position_um, touch.force_mN)
 """
 
-from .board import Board
-from .connect import open
 from .errors import SpotsError
-from .frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+from .link.board import Board
+from .link.connect import open
+from .link.frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+from .linkage.digital_twin import Twin
+from .linkage.encoder import Encoder
+from .linkage.fivebar import Linkage
 from .recording.arrays import Arrays, RecordingBlocks, read_arrays
-from .recording.reader import Recording
+from .recording.recording import Recording
 from .recording.replay import open_recording
-from .uses.encoder import Encoder
-from .uses.fivebar import Linkage
-from .uses.twin import Twin
 
 __version__ = "0.1.0"
 __all__ = [

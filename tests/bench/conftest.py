@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from spots import bench
+import bench
 
 
 @pytest.fixture(scope="session")

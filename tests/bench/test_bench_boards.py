@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from spots.build import build, files_of
-from spots.stage import board_names, device_of
+from spots.deploy.build import build, files_of
+from spots.deploy.staging import board_names, device_of
 
 HEAP_MAX_BYTES = 64 * 1024
 FLASH_MAX_BYTES = 64 * 1024

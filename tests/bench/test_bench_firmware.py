@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from viper import need_viper
 
-from spots.bench import firmware
+from bench import firmware
 
 FLOATS = ("float_json", "float_struct")
 OURS = ("spots", "spots_viper")

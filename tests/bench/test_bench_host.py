@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from spots.bench import arrays, host
-from spots.bench.report import _host, _text
-from spots.frames import Decoder
+from bench import arrays, host
+from bench.report import _host, _text
+from spots.link.frames import Decoder
 from spots.recording import arrays as of_recordings
 from tactile import frame
 

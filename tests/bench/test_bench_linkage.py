@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from spots.bench import linkage
-from spots.bench.report import _linkage, _text
+from bench import linkage
+from bench.report import _linkage, _text
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import sys
 
 import pytest
 
-from spots import bench
-from spots.bench import driver
+import bench
+from bench import driver
 from spots.cli import main
 from spots.errors import SpotsError
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from spots.board import Board
-from spots.connect import upload
-from spots.frames import Spectrum, Touch
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held, Press
+from spots.link.board import Board
+from spots.link.connect import upload
+from spots.link.frames import Spectrum, Touch
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press
 
 
 class Rig:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from spots.frames import Touch
-from spots.sim.faults import Faults
-from spots.sim.files import BusFaults, ClockFaults, Moments, PowerFaults
-from spots.sim.files import Faults as FaultsFile
+from spots.link.frames import Touch
+from spots_sim.faults import Faults
+from spots_sim.files import BusFaults, ClockFaults, Moments, PowerFaults
+from spots_sim.files import Faults as FaultsFile
 
 BOARDS = ["virtual", "virtual_circuitpython"]
 PLACE_UM = 42_000

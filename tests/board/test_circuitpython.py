@@ -7,15 +7,15 @@ from boards import DEADLINE_S, running, until
 from cobs import cobs
 
 import spots
-from spots.board import Board
-from spots.calibrate.stage import calibrate
-from spots.connect import prepare
+from spots.deploy.staging import stage
 from spots.errors import SpotsError
-from spots.link import SerialLink
-from spots.sim.files import ScenarioFile, load
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Scenario
-from spots.stage import stage
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.serial_link import SerialLink
+from spots_sim.files import ScenarioFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
+from spots_sim.stage import calibrate
 from tactile.settings import checksum
 
 BOARD = "virtual_circuitpython"

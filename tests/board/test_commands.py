@@ -3,11 +3,11 @@
 import pytest
 
 from spots import SpotsError
-from spots.board import Board
-from spots.connect import upload
-from spots.link import Through
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held
+from spots.link.board import Board
+from spots.link.connect import upload
+from spots.link.serial_link import Through
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held
 from tactile.settings import checksum
 
 

@@ -9,8 +9,8 @@ from viper import need_viper
 
 import tactile
 from spots.cli import main
-from spots.sim import vm
-from spots.stage import KERNEL, KERNEL_VIPER, stage
+from spots.deploy.staging import KERNEL, KERNEL_VIPER, stage
+from spots_sim import vm
 
 
 def figures(capsys, *arguments):

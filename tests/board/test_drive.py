@@ -9,10 +9,11 @@ import psutil
 import pytest
 from boards import refused
 
-from spots import drive, link, nofollow, place
-from spots.build import build, files_of
 from spots.cli import main
-from spots.stage import device_of
+from spots.deploy import drive, nofollow, place
+from spots.deploy.build import build, files_of
+from spots.deploy.staging import device_of
+from spots.link import serial_link as link
 
 ABOUT = "Adafruit CircuitPython {} on 2026-01-01; Some board\nBoard ID:{}\nUID:0123AB\n"
 RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
@@ -115,7 +116,7 @@ def test_the_libraries_come_first_and_the_entry_last(mount, capsys):
 def test_a_drive_without_a_console_is_written_and_the_user_told_to_press_reset(
     mount, capsys, monkeypatch, tmp_path
 ):
-    monkeypatch.setattr("spots.flash._RETURN_S", 0)
+    monkeypatch.setattr("spots.deploy.flash._RETURN_S", 0)
     folder = mount(*RIGHT)
     assert "does not come back" in refused_after_copying(capsys)
     files = files_of(folder)

@@ -9,13 +9,14 @@ import pytest
 from boards import refused, virtual_board
 
 import spots
-from spots import flash as flashing
-from spots import link, udev
-from spots.build import build, files_of
 from spots.cli import main
-from spots.doctor import examine_board
-from spots.prompt import Prompt
-from spots.stage import device_of
+from spots.deploy import flash as flashing
+from spots.deploy.build import build, files_of
+from spots.deploy.doctor import examine_board
+from spots.deploy.prompt import Prompt
+from spots.deploy.staging import device_of
+from spots.link import serial_link as link
+from spots.link import udev
 
 
 @pytest.fixture

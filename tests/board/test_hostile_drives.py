@@ -14,12 +14,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from spots import flash as flashing
-from spots import link, nofollow, place, released, stage
-from spots.build import build, files_of
 from spots.cli import main
+from spots.deploy import flash as flashing
+from spots.deploy import nofollow, place, released
+from spots.deploy import staging as stage
+from spots.deploy.build import build, files_of
+from spots.deploy.flash import USER_FILES
 from spots.errors import SpotsError
-from spots.flash import USER_FILES
+from spots.link import serial_link as link
 
 BOARD = "qtpy_rp2040"
 ABOUT = (

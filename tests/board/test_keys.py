@@ -3,9 +3,9 @@
 import pytest
 
 import spots
-from spots.frames import Key, Touch
-from spots.uses.keys import push
-from spots.uses.layout import load
+from spots.keyboard.keys import push
+from spots.keyboard.layout import load
+from spots.link.frames import Key, Touch
 from tactile.decode import DROPPED
 
 # One zone after the other from the sensor's end, and the keys 1 to 0 in them.

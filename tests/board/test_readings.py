@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sensors import replaced
 
-from spots.sim.files import Ambient, ScenarioFile, load
-from spots.sim.scenario import Pose, Scenario
+from spots_sim.files import Ambient, ScenarioFile, load
+from spots_sim.scenario import Pose, Scenario
 from tactile import decode
 
 

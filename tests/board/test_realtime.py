@@ -14,8 +14,8 @@ import pytest
 
 import spots
 from spots.cli import main
-from spots.connect import open_virtual
-from spots.frames import Text
+from spots.link.connect import open_virtual
+from spots.link.frames import Text
 from tactile.decode import DROPPED
 
 
@@ -146,7 +146,7 @@ STATES = {
 }
 STARTER = """
 import os, sys, time
-from spots.connect import start_simulator
+from spots.link.connect import start_simulator
 start, end = start_simulator("default", "demo", 0)
 port = os.open(start["port"], os.O_RDWR | os.O_NOCTTY)
 os.set_blocking(port, False)
@@ -196,7 +196,7 @@ def test_nothing_of_a_virtual_board_outlives_its_parent(state, killed, copied):
         assert starter.stdout.readline() == "ready\n"
         alive = processes()
         others = under(starter.pid, alive)
-        (simulator,) = (n for n in others if "spots.sim.realtime" in alive[n][1])
+        (simulator,) = (n for n in others if "spots_sim.realtime" in alive[n][1])
         ours = under(simulator, alive)
         (machine,) = (n for n in ours if "heapsize" in alive[n][1])
         if state == "stopped":

@@ -8,8 +8,8 @@ import pytest
 from boards import DEADLINE_S, until, virtual_board
 
 import spots
-from spots.link import SerialLink
-from spots.stage import stage
+from spots.deploy.staging import stage
+from spots.link.serial_link import SerialLink
 from tactile.settings import checksum
 
 PROMPT = b"raw REPL; CTRL-B to exit\r\n>"

@@ -5,10 +5,10 @@ import contextlib
 import numpy as np
 import pytest
 
-from spots.frames import Decoder, Text, Touch
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held, Press
-from spots.sim.vm import HEAP_BYTES
+from spots.link.frames import Decoder, Text, Touch
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press
+from spots_sim.vm import HEAP_BYTES
 from tactile.decode import DROPPED
 
 BACK_S = 1.0

@@ -8,20 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from spots.board import Board
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import Noise
-from spots.calibrate.stage import Stage
-from spots.connect import prepare
-from spots.frames import Key, Touch
-from spots.sim.files import Ambient, ScenarioFile
-from spots.sim.files import Touch as Finger
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Scenario
-from spots.uses.keyboard import KeyEngine
-from spots.uses.keys import push
-from spots.uses.layout import load
-from spots.uses.typist import TypedText, Typist
+from spots.keyboard.key_engine import KeyEngine
+from spots.keyboard.keys import push
+from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Key, Touch
+from spots_sim.files import Ambient, ScenarioFile
+from spots_sim.files import Touch as Finger
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
+from spots_sim.stage import Stage
+from spots_sim.typist import TypedText, Typist
 
 START_S = 3.0
 SETTLED_S = 0.6

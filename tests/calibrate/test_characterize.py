@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from sensors import replaced
 
-from spots.calibrate import figures
-from spots.calibrate.bound import Bound
-from spots.calibrate.characterize import Run, _joint, _position, characterize, crb_ratio
-from spots.calibrate.pair import OnePair
 from spots.calibrate.presses import Noise, Presses
-from spots.calibrate.rig import Rig
-from spots.calibrate.stage import Stage
 from spots.cli import main
-from spots.sim.files import DATA, SensorFile, load
+from spots_sim import figures
+from spots_sim.bound import Bound
+from spots_sim.files import DATA, SensorFile, load
+from spots_sim.measurements import Run, _joint, _position, characterize, crb_ratio
+from spots_sim.pair import OnePair
+from spots_sim.rig import Rig
+from spots_sim.stage import Stage
 
 SENSORS = sorted(path.stem for path in (DATA / "sensors").glob("*.toml"))
 PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
@@ -152,7 +152,7 @@ def test_json_is_one_object(capsys, monkeypatch):
         run.summary = {"exposure_us": arguments[2], "average": arguments[3]}
         return run
 
-    monkeypatch.setattr("spots.calibrate.measure.characterize", fake)
+    monkeypatch.setattr("spots_sim.characterize.characterize", fake)
     line = ["characterize", "--exposure-us", "20000", "--average", "2", "--json"]
     assert main(line) == 0
     output = capsys.readouterr()

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from sensors import replaced
 
-from spots.calibrate import design
-from spots.calibrate.characterize import FORCE_MN, PLACES
-from spots.calibrate.rig import Rig
 from spots.cli import main
-from spots.sim.files import SensorFile, load
+from spots_sim import design
+from spots_sim.files import SensorFile, load
+from spots_sim.measurements import FORCE_MN, PLACES
+from spots_sim.rig import Rig
 
 
 def command(capsys, length_mm, resolution_um, rate_hz, *options):

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from spots.board import Board
 from spots.calibrate.expect import expected
-from spots.connect import prepare
-from spots.frames import Spectrum, Touch
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held, Press
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Spectrum, Touch
 from spots.web.expected import expected_shown
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press
 from tactile.settings import checksum
 
 SETTLED_S, READ_S = 0.3, 0.2

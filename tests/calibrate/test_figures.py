@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from make.paper import document, rows
 
-from spots.calibrate import figures
-from spots.calibrate.characterize import BENDS_DEG, STRAINS_PERCENT, Run
-from spots.calibrate.family import Response, departure_um, family
-from spots.calibrate.paper import document, rows
+from spots_sim import figures
+from spots_sim.family import Response, departure_um, family
+from spots_sim.measurements import BENDS_DEG, STRAINS_PERCENT, Run
 
 NAMES = {"position", "resolution", "dye_and_length", "force", "strain", "bending", "joint"}
 

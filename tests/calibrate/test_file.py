@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from spots import SpotsError
-from spots.calibrate import file
+from spots.calibrate import calibration_file as file
 from spots.calibrate.presses import Conditions
 from tactile.calibration import Calibration
 

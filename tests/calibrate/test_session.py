@@ -18,19 +18,21 @@ from rich.console import Console
 from sensors import replaced
 
 from spots import SpotsError, cli
-from spots.calibrate import command, file, guided
-from spots.calibrate.bound import Bound
+from spots.calibrate import calibrate as command
+from spots.calibrate import calibration_file as file
+from spots.calibrate import steps as guided
 from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
 from spots.calibrate.presser import PersonPresser, StagePresser
 from spots.calibrate.presses import Conditions
 from spots.calibrate.session import Session, Wanted, settings
-from spots.calibrate.stage import FULL_MN, Stage
-from spots.connect import upload
-from spots.frames import Spectrum, Touch
-from spots.sim.files import DATA
-from spots.sim.scenario import Press
+from spots.link.connect import upload
+from spots.link.frames import Spectrum, Touch
+from spots_sim.bound import Bound
+from spots_sim.files import DATA
+from spots_sim.scenario import Press
+from spots_sim.stage import FULL_MN, Stage
 from tactile.calibration import Calibration
 from tactile.decode import Decode
 from tactile.settings import checksum

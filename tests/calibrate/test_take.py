@@ -9,11 +9,11 @@ from rich.console import Console
 from spots import SpotsError
 from spots.calibrate.guide import Guide
 from spots.calibrate.presser import StagePresser
-from spots.calibrate.reader import Reader
 from spots.calibrate.session import Wanted
-from spots.calibrate.stage import Stage
+from spots.calibrate.spectra import Reader
 from spots.calibrate.take import BadPressError, Taker
-from spots.sim.scenario import Press
+from spots_sim.scenario import Press
+from spots_sim.stage import Stage
 
 DARK_FIRST = [0, 1, 1, 1, 1, 1]
 PRESS = Press(40.0, 3000.0, 4.0)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from fault_streams import frames
-from spots.frames import Decoder
+from spots.link.frames import Decoder
 
 COUNT = 200
 MULTIPLE = 1_000_000
@@ -138,7 +138,7 @@ def test_a_million_damages_of_several_bytes(stream):
 
 
 def test_a_decoder_that_does_not_look_at_the_crc_is_found_out(stream, monkeypatch):
-    from spots import frames as module
+    from spots.link import frames as module
 
     monkeypatch.setattr(module, "checked", lambda piece: _unchecked(piece))
     rng = np.random.default_rng(0)

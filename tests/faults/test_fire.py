@@ -4,14 +4,14 @@ import json
 from collections import deque
 
 import pytest
+from soak.audit import Audit, Keys, Recoveries, usages_of
+from soak.soak import broken_promises
 
 from fault_streams import frames
-from spots.audit import Audit, Keys, Recoveries, usages_of
 from spots.cli import main
-from spots.connect import open_virtual
 from spots.errors import SpotsError
-from spots.sim.files import DATA, ScenarioFile, load
-from spots.soak import broken_promises
+from spots.link.connect import open_virtual
+from spots_sim.files import DATA, ScenarioFile, load
 
 
 def run(capsys, *arguments):
@@ -71,7 +71,7 @@ def test_damage_on_the_way_does_not_change_what_the_board_sends(capsys, quiet_fi
     monkeypatch.setattr(Audit, "send", remember)
     assert run(capsys, "soak", "--hours", "0.008", "--faults", quiet_fire)["lost"]["damaged"]
     damaged, sent[:] = b"".join(sent), []
-    monkeypatch.setattr("spots.sim.faults.Damage.__call__", untouched)
+    monkeypatch.setattr("spots_sim.faults.Damage.__call__", untouched)
     run(capsys, "soak", "--hours", "0.008", "--faults", quiet_fire)
     assert b"".join(sent) == damaged
 
@@ -145,7 +145,7 @@ FINE = {
     ],
 )
 def test_a_soak_that_breaks_a_promise_ends_with_a_sentence(monkeypatch, worse, said):
-    from spots import soak
+    from soak import soak
 
     assert len(list(broken_promises({**FINE, **worse}))) == (said is not None)
     monkeypatch.setattr(soak, "soak", lambda *arguments: {**FINE, **worse})

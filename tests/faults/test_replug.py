@@ -11,18 +11,18 @@ import pytest
 
 import spots
 from plugs import Hub
-from spots import absence
-from spots.board import CONNECTED, LOST, REFUSED
-from spots.connect import start_simulator
 from spots.errors import RefusedError
-from spots.link import SerialLink
-from spots.sim import files
-from spots.sim.faults import Faults, FaultyLink
-from spots.uses.layout import load
-from spots.uses.type_keys import type_on
-from spots.watch import watch
-from spots.web.reader import Reader, finder
+from spots.keyboard.keyboard import type_on
+from spots.keyboard.layout import load
+from spots.link import timeouts as absence
+from spots.link.board import CONNECTED, LOST, REFUSED
+from spots.link.connect import start_simulator
+from spots.link.serial_link import SerialLink
+from spots.terminal.monitor import watch
+from spots.web.board_feed import Reader, finder
 from spots.web.state import State
+from spots_sim import files
+from spots_sim.faults import Faults, FaultyLink
 
 CYCLES = 100
 DEADLINE_S = 120.0
@@ -31,7 +31,7 @@ DEADLINE_S = 120.0
 @pytest.fixture
 def hub(monkeypatch):
     with Hub(3) as hub:
-        monkeypatch.setattr("spots.link.list_ports.comports", hub.ports)
+        monkeypatch.setattr("spots.link.serial_link.list_ports.comports", hub.ports)
         # The waits are of the same kind, only shorter.
         monkeypatch.setattr(absence, "_REOPEN_S", 0.01)
         monkeypatch.setattr(absence, "_REOPEN_MOST_S", 0.05)
@@ -130,7 +130,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
 
 def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path):
     there, kept = {}, []
-    monkeypatch.setattr("spots.link._usb_numbers", lambda: dict(there))
+    monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: dict(there))
     start, end = start_simulator("default", "demo", 0)
     there[start["port"]] = "number"
     names = [start["port"]]
@@ -161,13 +161,13 @@ def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypa
     with spots.Board(SerialLink(mine.name)) as board:
         board.touches()
         until(lambda: next(board.frames()))
-        monkeypatch.setattr("spots.link._usb_numbers", lambda: {mine.name: None})
+        monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: {mine.name: None})
         board._link._number = None  # as of a bridge without one: only the board can tell
         mine.board_id = "another"
         name = mine.name
         hub.unplug()
         hub.replug()
-        monkeypatch.setattr("spots.link._usb_numbers", lambda: {mine.name: None})
+        monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: {mine.name: None})
         assert mine.name != name
 
         def state_is(state):
@@ -198,7 +198,7 @@ def test_a_device_of_another_number_under_the_old_name_is_not_even_opened(hub):
 def test_on_windows_reading_does_not_set_up_the_port_anew(monkeypatch):
     behind, front = pty.openpty()
     port = SerialLink(os.ttyname(front))
-    monkeypatch.setattr("spots.link.sys.platform", "win32")
+    monkeypatch.setattr("spots.link.serial_link.sys.platform", "win32")
     monkeypatch.setattr(port._serial, "_reconfigure_port", lambda **_: pytest.fail("set up anew"))
     begun_s = port.now_s()
     assert port.read(0.05) == b""

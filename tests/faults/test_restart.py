@@ -11,13 +11,13 @@ import tty
 import pytest
 
 from fault_streams import encoded
-from spots import board as module
-from spots.board import Board
 from spots.errors import PortLostError, SpotsError
-from spots.link import SerialLink
+from spots.link import board as module
+from spots.link.board import Board
+from spots.link.calibrated import ticks
+from spots.link.serial_link import SerialLink
+from spots.recording.info import summary
 from spots.recording.replay import open_recording
-from spots.recording.summary import summary
-from spots.uses.calibrated import ticks
 from tactile import PROTOCOL
 from tactile.decode import DROPPED
 

@@ -7,18 +7,18 @@ host, which sees only what came through the damaged link.
 import numpy as np
 import pytest
 
-from spots.board import Board
-from spots.connect import prepare
-from spots.frames import Touch
-from spots.sim.faults import FaultyLink, of_scenario
-from spots.sim.files import ScenarioFile, load
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Scenario
-from spots.uses.controller import Controller
-from spots.uses.controller_settings import load as load_settings
-from spots.uses.keyboard import LOST_S, KeyEngine
-from spots.uses.keys import push
-from spots.uses.layout import load as load_layout
+from spots.controller.controller_settings import load as load_settings
+from spots.controller.gamepad_engine import Controller
+from spots.keyboard.key_engine import LOST_S, KeyEngine
+from spots.keyboard.keys import push
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Touch
+from spots_sim.faults import FaultyLink, of_scenario
+from spots_sim.files import ScenarioFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
 
 SECONDS = 60.0
 DIGITS = list(range(30, 40))

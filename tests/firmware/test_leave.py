@@ -3,8 +3,8 @@
 import sys
 
 import pytest
+from bench import canned
 
-from spots.bench import canned
 from tactile import app as app_module
 
 A = 4

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from smallint import small
 
 import tactile.app
-from spots.frames import Decoder, Touch
+from spots.link.frames import Decoder, Touch
 from tactile.contact import TICKS
 from tactile.decode import MISFIT, TOO_DARK, TOUCHING
 from tactile.settings import checksum

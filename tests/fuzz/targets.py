@@ -22,22 +22,26 @@ from smallint import small
 
 import desk
 import spots
-from spots.calibrate import file as calibration_file
+from spots.calibrate import calibration_file as calibration_file
+from spots.controller import controller_settings
+from spots.controller.gamepad_engine import Controller
 from spots.errors import SpotsError
-from spots.frames import ENCODED_MAX, Decoder, Touch
+from spots.keyboard import keys, layout
+from spots.link.frames import ENCODED_MAX, Decoder, Touch
+from spots.linkage import mounted, twin_points
 from spots.recording.export import EXPORTS, export
-from spots.recording.summary import report, summary
+from spots.recording.info import report, summary
 from spots.remote import subscribe
-from spots.sim import files, linkage
-from spots.sim.faults import BoardFaults, of_scenario
-from spots.sim.optics import Optics
-from spots.sim.scenario import Scenario
-from spots.uses import controller_settings, keys, layout, mounted, twin_points, wearable
-from spots.uses.controller import Controller
-from spots.view import View, plain
+from spots.terminal.view import View, plain
+from spots.wearable import wearable
 from spots.web.app import _ACK_MAX, _add_headers, _Drawn
 from spots.web.feel import layout_shown
 from spots.web.guard import Guard
+from spots_sim import files
+from spots_sim import mechanism as linkage
+from spots_sim.faults import BoardFaults, of_scenario
+from spots_sim.optics import Optics
+from spots_sim.scenario import Scenario
 from tactile import PROTOCOL, settings
 from tactile.calibration import Calibration, CalibrationError
 from tactile.decode import AVERAGE_MAX, DARK_SAMPLES, Decode

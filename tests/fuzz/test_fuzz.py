@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import desk
-from spots.frames import Text, Touch
+from spots.link.frames import Text, Touch
 from tactile.command import LINE_MAX
 from targets import TARGETS, run
 

@@ -9,9 +9,10 @@ import sys
 import pytest
 
 from reels import record
-from spots import SpotsError, atomic, build
-from spots.calibrate import figures
+from spots import SpotsError, atomic
 from spots.cli import main
+from spots.deploy import build
+from spots_sim import figures
 from test_frames import stream
 
 # A process that is interrupted in the middle of a write: it waits where it would sync.

@@ -7,9 +7,10 @@ import sys
 
 import pytest
 
-from spots import SpotsError, stage, toml
+from spots import SpotsError, toml
 from spots.cli import main
-from spots.uses import mounted
+from spots.deploy import staging as stage
+from spots.linkage import mounted
 
 # Far below what reading the file would take, and no more than the interpreter and NumPy need.
 MEMORY_BYTES = 2 << 30

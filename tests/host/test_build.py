@@ -7,11 +7,11 @@ import pytest
 
 import spots
 from spots import SpotsError
-from spots import build as builder
-from spots import stage as staging
-from spots.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.cli import main
-from spots.stage import board_names, device_of, stage
+from spots.deploy import build as builder
+from spots.deploy import staging as staging
+from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
+from spots.deploy.staging import board_names, device_of, stage
 
 
 @pytest.mark.parametrize("board", board_names())

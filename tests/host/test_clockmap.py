@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots.clockmap import ClockMap
+from spots.link.clockmap import ClockMap
 
 
 @given(st.lists(st.integers(-1_000_000, 2_000_000_000), max_size=50))

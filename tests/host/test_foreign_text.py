@@ -7,12 +7,14 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from spots import link
 from spots.cli import main
-from spots.frames import LinkStats
-from spots.uses import layout, stick, twin_view
-from spots.uses.outputs import REST
-from spots.view import View
+from spots.controller import stick
+from spots.keyboard import layout
+from spots.link import serial_link as link
+from spots.link.frames import LinkStats
+from spots.linkage import twin_view
+from spots.outputs.devices import REST
+from spots.terminal.view import View
 
 EVIL = "a\x1b]0;x\x07\x1b[31m\x9b2J\r\n\u202eb\u2066\u200f[red]r[/red][link=http://x]y[/link]\x7f"
 DANGER = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")

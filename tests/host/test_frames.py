@@ -10,7 +10,7 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots.frames import Decoder, Key, Note, Spectrum, Text, Touch
+from spots.link.frames import Decoder, Key, Note, Spectrum, Text, Touch
 from tactile.frame import TEXT_MAX
 
 

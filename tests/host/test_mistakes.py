@@ -10,10 +10,12 @@ import tty
 
 import pytest
 
-from spots import SpotsError, connect, link
+from spots import SpotsError
 from spots import open as open_board
 from spots.cli import main
-from spots.sim import vm
+from spots.link import connect
+from spots.link import serial_link as link
+from spots_sim import vm
 from test_frames import encoded
 
 
@@ -129,7 +131,7 @@ def test_two_boards_are_listed_and_none_is_taken(monkeypatch):
             self.closed = True
 
     boards = [Fake("/dev/a"), Fake("/dev/b")]
-    monkeypatch.setattr("spots.connect.find", lambda: (boards, []))
+    monkeypatch.setattr("spots.link.connect.find", lambda: (boards, []))
     with pytest.raises(SpotsError, match="/dev/a, /dev/b"):
         open_board()
     assert all(board.closed for board in boards)

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 import spots
-from spots import SpotsError, cli, connect
+from spots import SpotsError, cli
+from spots.link import connect
 
 FULL = Path("/dev/full")
 SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]  # the last with rich
@@ -81,7 +82,7 @@ def test_there_is_no_room_for_an_output_without_a_buffer():
     ],
 )
 def test_options_of_the_demo_that_do_not_go_together(arguments, words, monkeypatch, capsys):
-    for shows in ("spots.demo.demo", "spots.web.serve.show_demo"):
+    for shows in ("spots_sim.demo.demo", "spots.web.serve.show_demo"):
         monkeypatch.setattr(shows, lambda *_: pytest.fail("shown before"))
     assert cli.main(["demo", *arguments]) == 2
     told = capsys.readouterr().err
@@ -112,7 +113,7 @@ def test_a_virtual_board_that_is_interrupted_as_it_starts_ends_quietly(monkeypat
 @pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
 def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed):
     run = subprocess.run(
-        [sys.executable, "-m", "spots.sim.realtime", sensor, "demo", "0", "virtual", ""],
+        [sys.executable, "-m", "spots_sim.realtime", sensor, "demo", "0", "virtual", ""],
         stdin=subprocess.DEVNULL,
         stdout=closed,
         stderr=subprocess.PIPE,

@@ -8,8 +8,8 @@ import struct
 
 import pytest
 
-from spots.board import Board
 from spots.errors import SpotsError
+from spots.link.board import Board
 from tactile import PROTOCOL
 from test_frames import encoded
 

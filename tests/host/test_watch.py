@@ -5,14 +5,16 @@ import io
 import pytest
 from rich.console import Console
 
-from spots import cli, connect, link
+from spots import cli
 from spots.errors import SpotsError
-from spots.frames import LinkStats, Spectrum, Touch
-from spots.score import Score
-from spots.sim.files import ScenarioFile
-from spots.sim.files import Touch as Finger
-from spots.sim.scenario import Scenario
-from spots.view import View, plain
+from spots.link import connect
+from spots.link import serial_link as link
+from spots.link.frames import LinkStats, Spectrum, Touch
+from spots.terminal.view import View, plain
+from spots_sim.files import ScenarioFile
+from spots_sim.files import Touch as Finger
+from spots_sim.scenario import Scenario
+from spots_sim.score import Score
 
 INFO = {"board": "b", "runtime": "r", "plan": ["F3", "F4"], "length_um": 50_000}
 

@@ -16,12 +16,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from bench import canned
 from viper import need_viper
 
 import tactile
-from spots.bench import canned
-from spots.sim.vm import micropython_command
-from spots.stage import KERNEL, KERNEL_VIPER
+from spots.deploy.staging import KERNEL, KERNEL_VIPER
+from spots_sim.vm import micropython_command
 
 HERE = Path(__file__).parent
 WASM = HERE.parent / "wasm"

@@ -6,7 +6,7 @@ of the same scenes.
 
 import pytest
 
-from spots.frames import Decoder, Key, Spectrum, Touch
+from spots.link.frames import Decoder, Key, Spectrum, Touch
 from tactile.calibration import Calibration, CalibrationError
 from tactile.decode import (
     DARK_SUBTRACTED,

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import pytest
 
-from spots.board import Board
-from spots.connect import prepare
-from spots.frames import Frame
-from spots.sim.files import ScenarioFile, load
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Scenario
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Frame
+from spots_sim.files import ScenarioFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
 
 
 class Seen(NamedTuple):

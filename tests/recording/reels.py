@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from spots.clockmap import ClockMap
 from spots.errors import SpotsError
-from spots.frames import Decoder
-from spots.recording.reader import Recording
+from spots.link.clockmap import ClockMap
+from spots.link.frames import Decoder
 from spots.recording.recorder import Recorder
+from spots.recording.recording import Recording
 from tactile import PROTOCOL
 
 INFO = {

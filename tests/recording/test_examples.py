@@ -9,7 +9,7 @@ import pytest
 
 import spots
 from reels import replayed
-from spots.frames import Touch
+from spots.link.frames import Touch
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 matplotlib.use("Agg")

@@ -15,8 +15,8 @@ from same_arrays import check, recording_of
 import spots
 from fault_streams import frames as made
 from reels import clock, record
-from spots.clockmap import ClockMap
-from spots.frames import ENCODED_MAX, checked
+from spots.link.clockmap import ClockMap
+from spots.link.frames import ENCODED_MAX, checked
 from spots.recording import arrays
 from spots.recording.columns import SIZE_MAX, payloads
 from spots.recording.note import note

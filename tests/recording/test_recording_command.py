@@ -12,9 +12,9 @@ import pytest
 import spots
 from reels import record, recorder, replayed
 from spots import cli
-from spots.calibrate import file
+from spots.calibrate import calibration_file as file
 from spots.calibrate.presses import Conditions
-from spots.frames import Spectrum, Touch
+from spots.link.frames import Spectrum, Touch
 from spots.recording.header import Clock, Header, encoded
 from spots.recording.note import note
 from test_frames import stream

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 import kills
 import spots
 from reels import record, recorder, replayed
-from spots.frames import Decoder
+from spots.link.frames import Decoder
 from spots.recording.note import note
-from spots.recording.reader import Recording
+from spots.recording.recording import Recording
 from test_frames import encoded, touch
 
 _FRAMES = 200

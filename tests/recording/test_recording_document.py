@@ -4,9 +4,9 @@ import re
 from pathlib import Path
 
 import msgspec
+from bench import recording as bench
 
-from spots.bench import recording as bench
-from spots.frames import Decoder, Note
+from spots.link.frames import Decoder, Note
 from spots.recording.arrays import _TABLES
 from spots.recording.header import Header
 from spots.recording.note import note

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 import spots
 from reels import record
 from spots.cli import main
-from spots.frames import Key, Spectrum, Text, Touch
+from spots.link.frames import Key, Spectrum, Text, Touch
 from spots.recording import export as exports
 from tactile.frame import TEXT_MAX
 from test_frames import encoded, stream

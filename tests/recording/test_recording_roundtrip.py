@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 import spots
 from reels import AS_FAST_AS_POSSIBLE, cut, record, recorder, replayed
 from spots.cli import main
-from spots.frames import Decoder, Key, Spectrum, Text, Touch
+from spots.controller import controller as play
+from spots.controller.controller_settings import load as load_settings
+from spots.keyboard.keyboard import type_on
+from spots.keyboard.layout import load as load_layout
+from spots.link.frames import Decoder, Key, Spectrum, Text, Touch
+from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.recording import replay
 from spots.recording.note import note
 from spots.recording.recorder import ARRIVAL_STEP_S
-from spots.uses import play, wearable
-from spots.uses.controller_settings import load as load_settings
-from spots.uses.layout import load as load_layout
-from spots.uses.outputs import PrintedGamepad, PrintedKeyboard
-from spots.uses.type_keys import type_on
+from spots.wearable import wearable
 from test_frames import encoded, stream, touch
 
 
@@ -120,7 +121,7 @@ def test_frames_come_at_the_recorded_pace(monkeypatch, tmp_path, speed):
 def test_a_slow_reader_loses_nothing_of_a_recording(monkeypatch, tmp_path):
     time = Time()
     monkeypatch.setattr(replay, "time", time)
-    monkeypatch.setattr("spots.board._QUEUE_FRAMES", 1000)
+    monkeypatch.setattr("spots.link.board._QUEUE_FRAMES", 1000)
     frames, _ = record(tmp_path / "a.spots", stream(3000), step_s=1e-4)
     got = []
     with spots.open_recording(tmp_path / "a.spots") as board:

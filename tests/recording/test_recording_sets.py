@@ -7,8 +7,8 @@ import pytest
 
 import spots
 from reels import INFO, ScriptedLink, record, recorder, replayed
-from spots.recording.reader import Recording
 from spots.recording.recorder import Recorder
+from spots.recording.recording import Recording
 from test_frames import encoded, stream
 
 

@@ -6,10 +6,10 @@ import types
 
 import pytest
 
-from spots.sim.bus import Bus, SimulatedClock
-from spots.sim.busio import I2C, simulated_time
-from spots.sim.scenario import Held
-from spots.sim.world import chip
+from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.busio import I2C, simulated_time
+from spots_sim.scenario import Held
+from spots_sim.world import chip
 
 
 @pytest.fixture

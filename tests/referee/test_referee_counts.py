@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
+from bench.adafruit import driver_on
 
-from spots.bench.adafruit import driver_on
-from spots.sim import as7341
-from spots.sim.bus import Bus, SimulatedClock
-from spots.sim.scenario import Press
+from spots_sim import chip as as7341
+from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.scenario import Press
 from witnesses import (
     GAIN_1X_OF_64,
     HIGH,

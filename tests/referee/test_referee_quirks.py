@@ -6,11 +6,11 @@ import itertools
 
 import pytest
 
-from spots.board import Board
-from spots.frames import Spectrum
-from spots.sim.as7341 import Quirks
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held, Press
+from spots.link.board import Board
+from spots.link.frames import Spectrum
+from spots_sim.chip import Quirks
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press
 from witnesses import (
     GAIN_1X_OF_64,
     LED_OFF,

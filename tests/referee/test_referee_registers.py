@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import adafruit_as7341
 import pytest
+from bench.adafruit import driver_on
 
-from spots.bench.adafruit import driver_on
-from spots.board import Board
-from spots.sim.as7341 import DIODES, GAIN
-from spots.sim.bus import Bus, SimulatedClock
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held
-from spots.sim.world import chip
+from spots.link.board import Board
+from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.chip import DIODES, GAIN
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held
+from spots_sim.world import chip
 from tactile.smux import smux_map
 from witnesses import HIGH, LOW, silent_chip
 

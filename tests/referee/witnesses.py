@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from bench.adafruit import driver_on
 from msgspec import structs
 
-from spots.bench.adafruit import driver_on
-from spots.board import Board
-from spots.frames import Spectrum
-from spots.sim.as7341 import AS7341, DIODES, GAIN, Noise, Quirks
-from spots.sim.bus import Bus, SimulatedClock
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held
-from spots.sim.world import chip
+from spots.link.board import Board
+from spots.link.frames import Spectrum
+from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.chip import AS7341, DIODES, GAIN, Noise, Quirks
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held
+from spots_sim.world import chip
 from tactile import exposure
 
 LOW = ("F1", "F2", "F3", "F4", "CLEAR", "NIR")

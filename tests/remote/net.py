@@ -9,9 +9,9 @@ import threading
 import time
 
 import zenoh
+from bench.standin import StandIn
 
 from spots import Board
-from spots.bench.standin import StandIn
 from spots.remote.publish import Publisher
 
 DEADLINE_S = 60.0

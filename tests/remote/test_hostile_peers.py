@@ -17,8 +17,8 @@ from boards import running
 import spots
 from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Board, SpotsError
-from spots import board as board_module
-from spots.link import SerialLink
+from spots.link import board as board_module
+from spots.link.serial_link import SerialLink
 from spots.remote import mailbox, subscribe
 from spots.remote.publish import Publisher
 

@@ -14,20 +14,20 @@ from types import SimpleNamespace
 
 import aiohttp
 import pytest
+from bench import remote as bench
 
 import spots
 from net import publishing, session, stand_in, wait_until
 from spots import Board
-from spots.bench import remote as bench
-from spots.board import CONNECTED
+from spots.keyboard.layout import load
+from spots.link.board import CONNECTED
 from spots.recording import disk
 from spots.remote import mailbox, subscribe
-from spots.remote import session as session_module
-from spots.remote.link import ZenohLink
-from spots.uses.layout import load
+from spots.remote import zenoh_session as session_module
+from spots.remote.zenoh_link import ZenohLink
 from spots.web import app as app_module
 from spots.web import serve as serve_module
-from spots.web.reader import Reader
+from spots.web.board_feed import Reader
 from spots.web.recordings import START, Recordings
 from spots.web.serve import Server
 from spots.web.state import State

@@ -7,22 +7,22 @@ from itertools import islice
 from types import SimpleNamespace
 
 import pytest
+from bench.standin import StandIn
 from boards import refused
 
 import spots
 from net import Restarting, publishing, session, stand_in, wait_until
 from spots import Board, Key, Spectrum, SpotsError, Touch
-from spots import board as board_module
-from spots.bench.standin import StandIn
 from spots.cli import main
 from spots.errors import PortLostError
+from spots.link import board as board_module
+from spots.linkage.twin_source import give
 from spots.remote import mailbox
 from spots.remote import publish as publish_module
-from spots.remote import session as session_module
+from spots.remote import zenoh_session as session_module
 from spots.remote.answers import Answers
-from spots.remote.link import ZenohLink
 from spots.remote.publish import Publisher
-from spots.uses.twin_source import give
+from spots.remote.zenoh_link import ZenohLink
 from tactile import PROTOCOL
 from tactile.settings import checksum
 

@@ -10,12 +10,12 @@ import sys
 from itertools import islice
 
 import pytest
+from bench import remote as bench
 from boards import running
 
 import spots
 from net import DEADLINE_S, publishing, stand_in, wait_until
-from spots import board as board_module
-from spots.bench import remote as bench
+from spots.link import board as board_module
 
 
 def spawn(net_file, *arguments):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spots.sim.as7341 import AS7341, AUTO_ZERO_US, DIODES, Noise, Quirks
-from spots.sim.bus import Bus, SimulatedClock
+from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.chip import AS7341, AUTO_ZERO_US, DIODES, Noise, Quirks
 
 ADDRESS = 0x39
 SILENT = Noise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)

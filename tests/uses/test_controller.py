@@ -6,9 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots.frames import Touch
-from spots.uses.controller import Controller
-from spots.uses.controller_settings import (
+from spots.controller.controller_settings import (
     ForceAxis,
     PositionAxis,
     Pressed,
@@ -16,7 +14,9 @@ from spots.uses.controller_settings import (
     Smooth,
     Tapped,
 )
-from spots.uses.outputs import AXIS_MAX, REST, State
+from spots.controller.gamepad_engine import Controller
+from spots.link.frames import Touch
+from spots.outputs.devices import AXIS_MAX, REST, State
 from tactile.decode import (
     DROPPED,
     LED_OFF,

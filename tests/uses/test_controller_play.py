@@ -14,19 +14,22 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from spots import SpotsError, cli, connect, demo
-from spots.board import Board
-from spots.connect import prepare
-from spots.frames import Touch
-from spots.sim.files import ScenarioFile, load
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held, Press, Scenario
-from spots.uses import controller_setup, play
-from spots.uses.controller_score import ControllerScore
-from spots.uses.controller_settings import load as load_settings
-from spots.uses.outputs import AXIS_MAX, REST, PrintedGamepad, State
-from spots.uses.stick import picture
-from spots.uses.uinput import UInputGamepad
+from spots import SpotsError, cli
+from spots.controller import controller as play
+from spots.controller import controller_setup
+from spots.controller.controller_settings import load as load_settings
+from spots.controller.stick import picture
+from spots.link import connect
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Touch
+from spots.outputs.devices import AXIS_MAX, REST, PrintedGamepad, State
+from spots.outputs.uinput import UInputGamepad
+from spots_sim import demo
+from spots_sim.controller_score import ControllerScore
+from spots_sim.files import ScenarioFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press, Scenario
 from tactile.decode import TOO_DARK, TOUCHING
 
 LENGTH_UM = 85_000

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spots import SpotsError
-from spots.uses.controller_settings import (
+from spots.controller.controller_settings import (
     ForceAxis,
     PositionAxis,
     Pressed,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from spots import Encoder, SpotsError
-from spots.calibrate.file import Joint
+from spots.calibrate.calibration_file import Joint
 from spots.calibrate.joint import fit_joint
-from spots.frames import Touch
-from spots.uses.simulated import Turned
+from spots.link.frames import Touch
+from spots_sim.simulated_linkage import Turned
 from tactile import decode
 
 JOINT = Joint(

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.optimize import root
 
 from spots import Linkage, SpotsError
-from spots.sim.files import LinkageFile, PathFile, SensorFile, load
-from spots.sim.linkage import Mechanism, guided
-from spots.uses.fivebar import Limit, LimitError
+from spots.linkage.fivebar import Limit, LimitError
+from spots_sim.files import LinkageFile, PathFile, SensorFile, load
+from spots_sim.mechanism import Mechanism, guided
 
 NM = 1e-6  # in mm
 UM = 1e-3

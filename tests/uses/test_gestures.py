@@ -4,9 +4,9 @@ import sys
 
 import pytest
 
-from spots.frames import Touch
-from spots.uses import gestures as g
-from spots.uses.gestures import Gestures
+from spots.link.frames import Touch
+from spots.wearable import gestures as g
+from spots.wearable.gestures import Gestures
 
 STEP_S = 0.01
 

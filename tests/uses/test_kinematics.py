@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from spots import Linkage, SpotsError
-from spots.uses import kinematics
-from spots.uses.fivebar import Limit
+from spots.linkage import kinematics
+from spots.linkage.fivebar import Limit
 
 TRUE = Linkage((101.0, 99.3, 100.8, 99.0), 80.7)
 DRAWN = Linkage(100, 80)

@@ -5,9 +5,9 @@ import pytest
 
 from spots import cli
 from spots.errors import SpotsError
-from spots.uses.keys import say
-from spots.uses.layout import FOLDER, load
-from spots.uses.typist import Typist
+from spots.keyboard.keys import say
+from spots.keyboard.layout import FOLDER, load
+from spots_sim.typist import Typist
 from tactile.layout import KEY_SIZE, TAP, Layout, action
 
 BUILT_IN = sorted(file.stem for file in FOLDER.glob("*.toml"))

@@ -8,13 +8,13 @@ import re
 import msgspec
 import numpy as np
 import pytest
+from make import linkage_page as page
 
 from spots import Linkage, SpotsError
-from spots.calibrate import figures
-from spots.sim.files import LinkageFile, PathFile, SensorFile, load
-from spots.sim.linkage import Mechanism
-from spots.uses import maps, page
-from spots.uses.survey import follow, survey
+from spots_sim import figures, maps
+from spots_sim.files import LinkageFile, PathFile, SensorFile, load
+from spots_sim.mechanism import Mechanism
+from spots_sim.survey import follow, survey
 
 
 @pytest.fixture(scope="module")

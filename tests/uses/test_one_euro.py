@@ -6,7 +6,7 @@ import statistics
 
 import pytest
 
-from spots.uses.one_euro import OneEuro
+from spots.controller.one_euro import OneEuro
 
 DT_S = 0.01
 

@@ -7,11 +7,11 @@ import time
 import pytest
 
 from spots import SpotsError
-from spots.uses import outputs
-from spots.uses.desktop import DesktopKeyboard
-from spots.uses.outputs import PrintedGamepad, PrintedKeyboard
-from spots.uses.uinput import UInputGamepad, UInputKeyboard
-from spots.uses.usages import CONSUMER, KEYBOARD, USAGES, usage_of
+from spots.outputs import devices as outputs
+from spots.outputs.desktop import DesktopKeyboard
+from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
+from spots.outputs.uinput import UInputGamepad, UInputKeyboard
+from spots.outputs.usages import CONSUMER, KEYBOARD, USAGES, usage_of
 
 A, B, ENTER, F5, PLAY = map(usage_of, ("A", "B", "ENTER", "F5", "PLAY_PAUSE"))
 SHIFT, CONTROL = 1 << 1, 1 << 0

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots.uses.shaping import deadband, deflection, expo, shaped
+from spots.controller.shaping import deadband, deflection, expo, shaped
 
 U = st.floats(-1, 1)
 WIDTH = st.floats(0, 0.9)

@@ -12,8 +12,8 @@ import time
 
 import pytest
 
-from spots.uses.outputs import PrintedKeyboard
-from spots.uses.signals import on_console_event, released_by_signals
+from spots.outputs.devices import PrintedKeyboard
+from spots.signals import on_console_event, released_by_signals
 
 DEADLINE_S = 60
 if sys.platform == "win32":
@@ -22,8 +22,8 @@ if sys.platform == "win32":
 # Plays as fast as it can, so that signals come in the middle of everything.
 PLAYS = """
 import itertools
-from spots.uses.outputs import open_gamepad, open_keyboard
-from spots.uses.signals import released_by_signals, resumed
+from spots.outputs.devices import open_gamepad, open_keyboard
+from spots.signals import released_by_signals, resumed
 with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
     print("ready", flush=True)
     for i in itertools.count(1):
@@ -36,8 +36,8 @@ with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False
 # Holds a key and an axis, as while a finger lies there; nothing is pressed after a stop.
 HOLDS = """
 import time
-from spots.uses.outputs import open_gamepad, open_keyboard
-from spots.uses.signals import released_by_signals
+from spots.outputs.devices import open_gamepad, open_keyboard
+from spots.signals import released_by_signals
 with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
     keyboard.key(7, 4, 2, True)
     gamepad.update(1, 2, 3, 4)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from spots import Encoder, Linkage, SpotsError, Twin, cli
-from spots.sim.files import LinkageFile, PathFile, SensorFile, load
-from spots.sim.linkage import Mechanism, closed, guided
-from spots.uses import survey, twin_command
-from spots.uses.fivebar import Limit
-from spots.uses.simulated import START_S, Simulation
-from spots.uses.twin import merged, readings
+from spots.linkage import twin as twin_command
+from spots.linkage.digital_twin import merged, readings
+from spots.linkage.fivebar import Limit
+from spots_sim import survey
+from spots_sim.files import LinkageFile, PathFile, SensorFile, load
+from spots_sim.mechanism import Mechanism, closed, guided
+from spots_sim.simulated_linkage import START_S, Simulation
 from test_encoder import JOINT
 from test_encoder import touch as reading
 

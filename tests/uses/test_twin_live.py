@@ -18,18 +18,19 @@ from rich.console import Console
 
 import spots
 from spots import Encoder, Linkage, SpotsError, Twin, cli
-from spots.board import Board
-from spots.calibrate import file
-from spots.frames import LinkStats
-from spots.sim.faults import Faults
-from spots.sim.files import Faults as FaultsFile
-from spots.sim.files import LinkageFile, Moments, PathFile, PowerFaults, load
-from spots.sim.linkage import Mechanism, guided
-from spots.sim.lockstep import LockstepLink
-from spots.uses import mounted, twin_command, twin_source
-from spots.uses.mounted import Mounted, Mounting
-from spots.uses.simulated import START_S, calibrated
-from spots.uses.twin_view import View
+from spots.calibrate import calibration_file as file
+from spots.link.board import Board
+from spots.link.frames import LinkStats
+from spots.linkage import mounted, twin_source
+from spots.linkage import twin as twin_command
+from spots.linkage.mounted import Mounted, Mounting
+from spots.linkage.twin_view import View
+from spots_sim.faults import Faults
+from spots_sim.files import Faults as FaultsFile
+from spots_sim.files import LinkageFile, Moments, PathFile, PowerFaults, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.mechanism import Mechanism, guided
+from spots_sim.simulated_linkage import START_S, calibrated
 from test_encoder import JOINT
 from test_encoder import touch as reading
 
@@ -153,7 +154,7 @@ def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
     # As long as somebody looks on: the boards' clocks go on without end.
     source = twin_source.Source
     monkeypatch.setattr(source, "follow", lambda it: it.twin.follow(it.readings(3.0)))
-    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
     arguments = [machine.arm, *ports] if ports else []
     monkeypatch.setattr(sys, "argv", ["twin.py", *map(str, arguments)])
     runpy.run_path(str(EXAMPLES / "twin.py"), run_name="__main__")
@@ -172,7 +173,7 @@ def test_the_example_that_tracks_a_joint(virtual, machine, capsys, monkeypatch):
     touches = Board.touches
     monkeypatch.setattr(Board, "touches", lambda board: touches(board, 3.0))
     monkeypatch.setattr(spots, "open", machine.open)
-    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
     arguments = [] if virtual else [machine.arm.parent / "strip.toml", "1"]
     monkeypatch.setattr(sys, "argv", ["track_joint.py", *map(str, arguments)])
     runpy.run_path(str(EXAMPLES / "track_joint.py"), run_name="__main__")
@@ -388,7 +389,7 @@ def test_a_line_is_out_when_it_is_told(monkeypatch):
 
 
 def test_a_simulated_linkage_is_followed_in_real_time(machine, monkeypatch, capsys):
-    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
     figures = twin_command.demonstrate("default", 0, 1.0, fast=False, quiet=True)
     assert figures["terminals"] > 10
     assert figures["lost"] == 0

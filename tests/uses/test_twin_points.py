@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spots import Encoder, Linkage, SpotsError, Twin, cli
-from spots.uses import mounted, twin_points
+from spots.linkage import mounted, twin_points
 from test_encoder import JOINT
 from test_encoder import touch as reading
 from test_kinematics import FOUND, places

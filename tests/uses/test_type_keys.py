@@ -7,23 +7,23 @@ import numpy as np
 import pytest
 
 from spots import cli
-from spots.board import Board
-from spots.connect import prepare
 from spots.errors import SpotsError
-from spots.frames import Touch
-from spots.sim.files import ScenarioFile
-from spots.sim.files import Touch as Finger
-from spots.sim.files import load as load_scenario
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Scenario
-from spots.uses import gestures as g
-from spots.uses.keyboard import LOST_S, KeyEngine
-from spots.uses.keys import push
-from spots.uses.layout import load
-from spots.uses.outputs import Keyboard
-from spots.uses.type_keys import type_on
-from spots.uses.typist import TypedText, Typist, typing
-from spots.uses.wearable import DEFAULT, Mapping, play
+from spots.keyboard.key_engine import LOST_S, KeyEngine
+from spots.keyboard.keyboard import type_on
+from spots.keyboard.keys import push
+from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Touch
+from spots.outputs.devices import Keyboard
+from spots.wearable import gestures as g
+from spots.wearable.wearable import DEFAULT, Mapping, play
+from spots_sim.files import ScenarioFile
+from spots_sim.files import Touch as Finger
+from spots_sim.files import load as load_scenario
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
+from spots_sim.typist import TypedText, Typist, typing
 from tactile.decode import LED_OFF
 
 HELD_S = 2.0  # a finger comes down on the key 5 at this time, and stays

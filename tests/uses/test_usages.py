@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from spots import SpotsError
-from spots.uses.usages import CONSUMER, KEYBOARD, USAGES, name_of, usage_of
+from spots.outputs.usages import CONSUMER, KEYBOARD, USAGES, name_of, usage_of
 
 
 def test_every_key_is_found_by_its_name_in_any_case():

@@ -8,16 +8,16 @@ import time
 from concurrent.futures import Future
 from contextlib import contextmanager
 
-from spots.board import Board
-from spots.connect import prepare
 from spots.errors import PortLostError, SpotsError
-from spots.link import Through
-from spots.sim.lockstep import LockstepLink
-from spots.uses.layout import load
-from spots.web.reader import Reader
+from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.serial_link import Through
+from spots.web.board_feed import Reader
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import State
+from spots_sim.lockstep import LockstepLink
 
 
 class PacedLink(Through):

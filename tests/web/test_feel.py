@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from spots.frames import Touch
-from spots.uses.layout import load
+from spots.keyboard.layout import load
+from spots.link.frames import Touch
 from spots.web.feel import Feel
 from spots.web.state import State
 

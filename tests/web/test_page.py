@@ -9,17 +9,17 @@ import pytest
 from playwright.sync_api import expect
 
 from serving import Bench, eventually, until
-from spots.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
-from spots.demo import open_fast
-from spots.frames import Touch
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
+from spots.link.frames import Touch
 from spots.recording.replay import open_recording
-from spots.sim.files import ScenarioFile, load
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held, Press, Scenario
-from spots.uses.layout import load as load_layout
-from spots.web import reader
-from spots.web.reader import Reader
+from spots.web import board_feed as reader
+from spots.web.board_feed import Reader
 from spots.web.state import State
+from spots_sim.demo import open_fast
+from spots_sim.files import ScenarioFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press, Scenario
 
 LONG_MS = 60_000
 KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"

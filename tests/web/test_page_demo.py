@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-import spots.demo
+import spots_sim.demo
 from serving import apart
 from spots.cli import main
 from spots.errors import SpotsError
@@ -29,7 +29,7 @@ def shown(monkeypatch):
     """What was shown, by name."""
     shown = []
     monkeypatch.setattr(serve, "show_demo", lambda *_: shown.append("page"))
-    monkeypatch.setattr(spots.demo, "demo", lambda *_: shown.append("terminal") or {})
+    monkeypatch.setattr(spots_sim.demo, "demo", lambda *_: shown.append("terminal") or {})
     return shown
 
 

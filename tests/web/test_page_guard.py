@@ -18,9 +18,9 @@ from yarl import URL
 
 from serving import Serving, apart, run
 from spots.cli import main
-from spots.sim.scenario import Held
 from spots.web import app
 from spots.web.state import State
+from spots_sim.scenario import Held
 
 LONG_MS = 60_000
 STATIC = Path(app.__file__).parent / "static"

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from serving import eventually, until
-from spots.demo import open_fast
+from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
-from spots.sim.files import ScenarioFile
-from spots.sim.files import load as load_file
-from spots.sim.scenario import Scenario
-from spots.uses.layout import load
-from spots.web.reader import Reader
+from spots.web.board_feed import Reader
 from spots.web.state import Cursor, State
+from spots_sim.demo import open_fast
+from spots_sim.files import ScenarioFile
+from spots_sim.files import load as load_file
+from spots_sim.scenario import Scenario
 
 MEASURED = 150  # readings that the first page draws
 SETTLED = 60  # and before that

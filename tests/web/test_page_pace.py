@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from serving import Serving, run
 from spots.errors import RefusedError, SpotsError
-from spots.web import reader as reading
+from spots.web import board_feed as reading
 from spots.web.state import EVENTS_KEPT, State
 
 

@@ -9,15 +9,15 @@ import pytest
 from playwright.sync_api import expect
 
 from serving import apart, eventually, run
-from spots.board import Board
 from spots.cli import main
 from spots.errors import SpotsError
-from spots.frames import Touch
-from spots.recording.reader import Recording
-from spots.sim.lockstep import LockstepLink
-from spots.sim.scenario import Held, Press
+from spots.link.board import Board
+from spots.link.frames import Touch
+from spots.recording.recording import Recording
 from spots.web.recordings import Recordings
 from spots.web.state import State
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press
 
 LONG_MS = 60_000
 

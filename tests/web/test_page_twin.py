@@ -10,11 +10,11 @@ from playwright.sync_api import expect
 
 from serving import apart, until
 from spots import Encoder, Linkage, SpotsError, Twin, cli
-from spots.board import Board
-from spots.sim.paced import PacedLink
-from spots.uses.layout import load as load_layout
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import Board
 from spots.web import twin_feed
 from spots.web.state import State
+from spots_sim.paced import PacedLink
 from test_encoder import JOINT
 from test_encoder import touch as reading
 from test_twin_live import Machine
@@ -65,7 +65,7 @@ def part(state):
 
 
 def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, serve, open_page):
-    monkeypatch.setattr("spots.uses.simulated._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
     state = State()
     running(twin_feed.simulated_readers("default", "default", 0, load_layout("digits"), state))
     page = open_page(serve(state).url)

@@ -13,9 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import SpotsError, printable
-from ..view import live
-from .reader import Reading
+from ..terminal.view import live
 from .session import Wanted
+from .spectra import Reading
 
 _COLUMNS = 64
 _BAR_COLUMNS = 40

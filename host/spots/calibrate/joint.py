@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import SpotsError
-from .file import Joint
+from .calibration_file import Joint
 from .session import Point
 
 ANGLES_MIN = 4  # in each direction

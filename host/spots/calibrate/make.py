@@ -10,7 +10,7 @@ from tactile.calibration import Calibration, CalibrationError
 from tactile.decode import Decode
 
 from ..errors import SpotsError
-from . import file
+from . import calibration_file as file
 from .fit import PLACES_MIN, fit
 from .joint import fit_joint
 from .presses import Noise, Presses

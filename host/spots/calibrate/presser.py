@@ -9,10 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
+from spots_sim.stage import FIRM_MN, Stage
+
 from .guide import Guide
-from .reader import Reader
 from .session import Wanted
-from .stage import FIRM_MN, Stage
+from .spectra import Reader
 
 _JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
 _LEAST_MARGIN = 1.05

@@ -13,7 +13,7 @@ import numpy as np
 from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from .presses import Conditions, Presses
-from .reader import Reading
+from .spectra import Reading
 
 _SAME_UM, _SAME_SHARE = 1.0, 1e-3
 Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]

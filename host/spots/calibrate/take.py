@@ -6,8 +6,8 @@ import numpy as np
 
 from ..errors import SpotsError
 from .presses import Noise, Presses
-from .reader import Reader, Reading
 from .session import Wanted
+from .spectra import Reader, Reading
 
 _TRIES = 5
 _WINDOW_S = 0.24

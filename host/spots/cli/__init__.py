@@ -9,7 +9,8 @@ import sys
 
 from .. import __version__
 from ..errors import SpotsError
-from . import boards, calibrations, look, proofs, recordings, remote, uses
+from . import applications as uses
+from . import boards, calibrations, look, proofs, recordings, remote
 
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, uses, calibrations, recordings, remote, proofs

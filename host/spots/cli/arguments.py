@@ -41,7 +41,7 @@ def add_simulation(parser: argparse.ArgumentParser) -> None:
 
 def open_board(options: argparse.Namespace):
     """Open the board that was named."""
-    from ..connect import open_named
+    from ..link.connect import open_named
 
     return open_named(options)
 

@@ -46,7 +46,7 @@ def add(commands) -> None:
 
 
 def _ports(options: argparse.Namespace) -> None:
-    from ..connect import survey
+    from ..link.connect import survey
 
     rows = survey()
     if options.json:
@@ -58,7 +58,7 @@ def _ports(options: argparse.Namespace) -> None:
 
 
 def _boards(options: argparse.Namespace) -> None:
-    from ..stage import board_names, device_of
+    from ..deploy.staging import board_names, device_of
 
     rows = [
         {
@@ -81,25 +81,25 @@ def _boards(options: argparse.Namespace) -> None:
 
 
 def _build(options: argparse.Namespace) -> None:
-    from ..build import build
+    from ..deploy.build import build
 
     print(printable(str(build(options.board))))
 
 
 def _flash(options: argparse.Namespace) -> None:
-    from ..flash import flash
+    from ..deploy.flash import flash
 
     flash(options.board, options.port, options.dry_run)
 
 
 def _erase(options: argparse.Namespace) -> None:
-    from ..erase import erase
+    from ..deploy.erase import erase
 
     erase(options.board, options.port, options.yes)
 
 
 def _doctor(options: argparse.Namespace) -> None:
-    from ..doctor import doctor
+    from ..deploy.doctor import doctor
 
     doctor(options.port)
 

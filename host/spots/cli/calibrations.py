@@ -44,13 +44,13 @@ def add(commands) -> None:
 
 
 def _calibrate(options: argparse.Namespace) -> None:
-    from ..calibrate.command import run
+    from ..calibrate.calibrate import run
 
     run(options)
 
 
 def _characterize(options: argparse.Namespace) -> None:
-    from ..calibrate.measure import measure
+    from spots_sim.characterize import measure
 
     measure(
         options.sensor,
@@ -63,6 +63,6 @@ def _characterize(options: argparse.Namespace) -> None:
 
 
 def _design(options: argparse.Namespace) -> None:
-    from ..calibrate.design import run
+    from spots_sim.design import run
 
     run(options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out)

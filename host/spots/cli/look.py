@@ -42,7 +42,7 @@ def add(commands) -> None:
 
 
 def _monitor(options: argparse.Namespace) -> None:
-    from ..watch import watch
+    from ..terminal.monitor import watch
 
     with arguments.open_board(options) as board:
         watch(board, options.seconds, quiet=False)
@@ -58,7 +58,7 @@ def _demo(options: argparse.Namespace) -> None:
 
         show_demo(options.use, options.sensor, options.scenario or "demo", options.seed)
         return
-    from ..demo import demo
+    from spots_sim.demo import demo
 
     seconds = options.seconds
     if seconds is None and not sys.stdout.isatty():
@@ -78,7 +78,7 @@ def _demo(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise SpotsError for options of the demo that do not go together."""
-    from ..demo import FIVEBAR
+    from spots_sim.demo import FIVEBAR
 
     if options.page and (options.seconds or options.json or options.fast):
         raise SpotsError(

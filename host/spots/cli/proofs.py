@@ -26,13 +26,13 @@ def add(commands) -> None:
 
 
 def _bench(options: argparse.Namespace) -> None:
-    from ..bench import report, run
+    from bench import report, run
 
     results = run()
     print(json.dumps(results) if options.json else report(results))
 
 
 def _soak(options: argparse.Namespace) -> None:
-    from ..soak import run
+    from soak.soak import run
 
     run(options.hours, options.faults, options.seed, options.sensor, options.json)

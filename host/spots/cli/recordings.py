@@ -43,7 +43,7 @@ def add(commands) -> None:
 
 
 def _record(options: argparse.Namespace) -> None:
-    from ..recording.command import record
+    from ..recording.record import record
 
     rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
     with arguments.open_board(options) as board:
@@ -52,14 +52,14 @@ def _record(options: argparse.Namespace) -> None:
 
 def _replay(options: argparse.Namespace) -> None:
     from ..recording.replay import open_recording
-    from ..watch import watch
+    from ..terminal.monitor import watch
 
     with open_recording(options.file, options.speed) as board:
         watch(board, None, quiet=False)
 
 
 def _info(options: argparse.Namespace) -> None:
-    from ..recording.summary import report, summary
+    from ..recording.info import report, summary
 
     found = summary(options.file)
     print(json.dumps(found) if options.json else report(found))

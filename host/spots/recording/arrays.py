@@ -14,10 +14,10 @@ import numpy as np
 from tactile import frame
 from tactile.kernel import CRC_SIZE
 
-from ..frames import ENCODED_MAX, NOTE, PARSERS, Decoder, LinkStats, Note, Text, checked
+from ..link.frames import ENCODED_MAX, NOTE, PARSERS, Decoder, LinkStats, Note, Text, checked
 from .columns import SIZE_MAX, payloads
 from .header import Header
-from .reader import Recording
+from .recording import Recording
 
 _BLOCK_BYTES = 1 << 19
 # Of so few pieces each is decoded alone in less time than all of them together.

@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 from ..atomic import replacing, sync
 from ..errors import SpotsError
 from .header import Header
-from .reader import Recording
+from .recording import Recording
 from .table import Table, rows
 
 # Rows of a table in memory: few, so that an export takes the same for any length.

@@ -12,8 +12,8 @@ import msgspec
 from tactile import PROTOCOL
 
 from ..errors import SpotsError
-from ..frames import Decoder, Note
-from ..replies import made_sure
+from ..link.frames import Decoder, Note
+from ..link.replies import made_sure
 from .note import note
 
 VERSION = 1

@@ -10,7 +10,7 @@ from cobs import cobs
 
 from tactile.frame import HEADER
 
-from ..frames import NOTE
+from ..link.frames import NOTE
 
 _HEADER = struct.Struct(HEADER)
 _CRC = struct.Struct("<I")

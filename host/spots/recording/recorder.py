@@ -11,8 +11,8 @@ from pathlib import Path
 import msgspec
 
 from ..errors import SpotsError
-from ..frames import whole
-from ..link import Link, Through
+from ..link.frames import whole
+from ..link.serial_link import Link, Through
 from .disk import Disk
 from .header import VERSION, Header, encoded
 from .note import note

@@ -7,11 +7,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..board import Board
 from ..errors import SpotsError
-from ..frames import Frame, LinkStats
-from .reader import Recording
+from ..link.board import Board
+from ..link.frames import Frame, LinkStats
 from .recorder import Recorder
+from .recording import Recording
 
 # So many at once: a board's queue holds them, however far behind its reader is.
 _PUMPED_FRAMES = 1000

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..errors import printable
-from ..frames import Frame, Key, Spectrum, Text, Touch
-from .reader import Recording
+from ..link.frames import Frame, Key, Spectrum, Text, Touch
+from .recording import Recording
 
 _PROGRESS_EVERY = 4096
 

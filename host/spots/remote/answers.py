@@ -7,10 +7,10 @@ from functools import partial
 
 import zenoh
 
-from ..board import Board
 from ..errors import SpotsError
+from ..link.board import Board
 from .samples import encode
-from .session import READ_ONLY, direct, key
+from .zenoh_session import READ_ONLY, direct, key
 
 # The board is asked, and answers go out, no more often than this: readings come first.
 _EVERY_S = 0.05

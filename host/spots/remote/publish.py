@@ -12,14 +12,14 @@ from dataclasses import asdict
 
 import zenoh
 
-from ..board import Board
-from ..connect import open_named
 from ..errors import SpotsError
-from ..frames import Frame, whole
-from ..uses.signals import released_by_signals
+from ..link.board import Board
+from ..link.connect import open_named
+from ..link.frames import Frame, whole
+from ..signals import released_by_signals
 from .answers import Answers
 from .samples import encode, sample
-from .session import is_published, key, open_session
+from .zenoh_session import is_published, key, open_session
 
 FRAMES_ENCODING = "application/octet-stream;spots-frames"
 _JSON = zenoh.Encoding.APPLICATION_JSON

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from ..frames import Frame
+from ..link.frames import Frame
 from ..recording.table import TABLES
 
 encode = msgspec.json.Encoder().encode

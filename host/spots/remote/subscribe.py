@@ -11,13 +11,13 @@ from functools import lru_cache
 import zenoh
 
 from ..errors import SpotsError, printable
-from ..frames import Touch
-from ..replies import decoded
-from ..view import Pace, plain
-from ..watch import PLAIN_LINES_PER_S
+from ..link.frames import Touch
+from ..link.replies import decoded
+from ..terminal.monitor import PLAIN_LINES_PER_S
+from ..terminal.view import Pace, plain
 from .mailbox import Mailbox
 from .publish import FRAMES_ENCODING
-from .session import direct, open_session
+from .zenoh_session import direct, open_session
 
 _NAMES_MAX = 256
 

@@ -6,8 +6,8 @@ from tactile.calibration import CalibrationError
 from tactile.decode import DARK_SAMPLES
 from tactile.settings import checksum
 
-from ..board import Board
 from ..calibrate.expect import expected
+from ..link.board import Board
 
 
 def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:

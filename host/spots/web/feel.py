@@ -8,16 +8,16 @@ from collections.abc import Iterator
 from tactile import decode
 from tactile.layout import action
 
-from ..board import Board
+from ..controller.controller import controller_for
+from ..controller.controller_settings import load as load_controller
 from ..errors import SpotsError
-from ..frames import Key, Touch
-from ..uses.controller_settings import load as load_controller
-from ..uses.gestures import Gestures
-from ..uses.keyboard import KeyEngine
-from ..uses.layout import KeyLayout
-from ..uses.outputs import AXIS_MAX
-from ..uses.play import controller_for
-from ..uses.usages import USAGES, name_of
+from ..keyboard.key_engine import KeyEngine
+from ..keyboard.layout import KeyLayout
+from ..link.board import Board
+from ..link.frames import Key, Touch
+from ..outputs.devices import AXIS_MAX
+from ..outputs.usages import USAGES, name_of
+from ..wearable.gestures import Gestures
 from .state import State
 
 _FLAG_WORDS = {

@@ -10,9 +10,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from ..board import Board
 from ..errors import SpotsError
 from ..guarded import sentence_of
+from ..link.board import Board
 from ..recording.recorder import Recorder
 from .state import State
 

@@ -11,13 +11,14 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from ..connect import RECORDING, VIRTUAL
-from ..demo import FIVEBAR
+from spots_sim.demo import FIVEBAR
+
 from ..errors import SpotsError
 from ..guarded import Guarded
-from ..uses.layout import load
+from ..keyboard.layout import load
+from ..link.connect import RECORDING, VIRTUAL
+from .board_feed import Reader, finder
 from .browser import print_address, show
-from .reader import Reader, finder
 from .recordings import Recordings
 from .state import State
 from .twin_feed import linkage_readers, simulated_readers

@@ -9,15 +9,15 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from ..board import CONNECTED, Board
 from ..errors import SpotsError
-from ..frames import Touch
-from ..uses import mounted
-from ..uses.layout import KeyLayout
-from ..uses.twin import Terminal, Twin
-from ..uses.twin_source import check, endless, give
-from ..view import Pace
-from .reader import Reader, finder
+from ..keyboard.layout import KeyLayout
+from ..link.board import CONNECTED, Board
+from ..link.frames import Touch
+from ..linkage import mounted
+from ..linkage.digital_twin import Terminal, Twin
+from ..linkage.twin_source import check, endless, give
+from ..terminal.view import Pace
+from .board_feed import Reader, finder
 from .state import State
 
 _SHOWN_PER_S = 20

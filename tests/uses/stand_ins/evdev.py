@@ -8,7 +8,7 @@ import os
 from types import SimpleNamespace
 from typing import NamedTuple
 
-from spots.uses.usages import USAGES
+from spots.outputs.usages import USAGES
 
 
 class UInputError(Exception):

@@ -1,0 +1,206 @@
+"""Writes docs/paper.md: the published figures beside those of the simulated default sensor."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from spots import atomic
+from spots_sim import figures
+from spots_sim.family import LENGTHS_MM, departure_um, family
+from spots_sim.files import SensorFile, load
+from spots_sim.measurements import Run, characterize
+
+EXPOSURES_US = (10_000, 100_000)
+_SEED = 0
+_HEAD = """# The paper's figures, and ours
+
+Written by `make paper`; every number but the published ones is measured anew by it. The published
+ones are those of Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
+Sensor for Trajectory Tracking of Parallel Mechanisms*, with the section they stand in. Ours are of
+the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with seed {seed},
+and defined as in [calibration.md](calibration.md). The paper does not tell how long a reading took;
+the exposure of ours is on top of its column.
+
+"""
+_PICTURES = {
+    "position": "Response along the strip, and what a straight line leaves of it.",
+    "resolution": "Resolution, accuracy and scatter beside the least possible scatter.",
+    "dye_and_length": "Strips of other lengths and dyes.",
+    "force": "Response to force, and its error.",
+    "strain": "Responses and accuracy of the stretched strip.",
+    "bending": "Errors of the bent strip.",
+    "joint": "A joint's angle from the position of its indenter, in both directions.",
+}
+
+
+def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
+    """Return the rows of the table.
+
+    Parameters
+    ----------
+    runs : list of Run
+        By exposure.
+    departures_um : list of float
+        Of `family.departure_um`, by exposure.
+
+    Returns
+    -------
+    list of tuple
+        What, section, published, ours by exposure, what the simulation cannot show.
+    """
+    found = [run.summary for run in runs]
+
+    def each(form: str, get) -> list[str]:
+        return [form.format(get(summary)) for summary in found]
+
+    def bent(name: str):
+        def span(summary):
+            values = [row["accuracy_um"] for row in summary[name]]
+            return f"{values[0]:.1f} µm, then {min(values[1:]):.1f} to {max(values[1:]):.1f} µm"
+
+        return span
+
+    pair = found[0]["position"]["one_pair"]["channels"]
+    shortest, *_, longest = LENGTHS_MM
+    return [
+        (
+            "R² of the response",
+            "III.A",
+            "> 0.996",
+            each("{:.7f}", lambda s: s["position"]["r2"]),
+            "The dye's spectrum is a smooth edge; a real pigment's bumps bend the line more.",
+        ),
+        (
+            "Position resolution",
+            "III.A",
+            "7 µm",
+            each("{:.1f} µm", lambda s: s["position"]["resolution_um"]),
+            "How much light a real strip couples is not published, and resolution goes with it.",
+        ),
+        (
+            "Position accuracy",
+            "III.A",
+            "16 µm",
+            each("{:.1f} µm", lambda s: s["position"]["accuracy_um"]),
+            "The simulated stage has no error, and the strip no creep, dirt or temperature.",
+        ),
+        (
+            "Scatter over the least possible, six channels",
+            "",
+            "",
+            each("{:.2f}", lambda s: s["position"]["crb_ratio"]),
+            "The bound is that of the simulated noise, independent from channel to channel.",
+        ),
+        (
+            f"The same by one pair of channels (Eq. 2; here {pair[1]} over {pair[0]}, the best)",
+            "III.A",
+            "",
+            each("{:.2f}", lambda s: s["position"]["one_pair"]["crb_ratio"]),
+            "Which pair the paper used is not told; the best one of this sensor may be another.",
+        ),
+        (
+            "Signal to noise",
+            "III.A",
+            "> 20 dB",
+            each("{:.0f} dB", lambda s: s["snr_db"]),
+            "The paper does not define its ratio; ours is the light over its scatter at rest.",
+        ),
+        (
+            f"Strips of {shortest:g} to {longest:g} mm share one response",
+            "III.A",
+            "yes",
+            [f"within {departure:.0f} µm" for departure in departures_um],
+            "Every simulated strip is cast from the same dye; real batches differ.",
+        ),
+        (
+            "Force resolution",
+            "III.B",
+            "5 mN",
+            each("{:.1f} mN", lambda s: s["force"]["resolution_mN"]),
+            "The law of contact is assumed, and a flat finger of one width.",
+        ),
+        (
+            "Force accuracy",
+            "III.B",
+            "0.14 N",
+            each("{:.3f} N", lambda s: s["force"]["accuracy_N"]),
+            "The silicone has no hysteresis and no creep, which limit a real force.",
+        ),
+        (
+            "Accuracy at rest, then under strain up to 25 %",
+            "III.C",
+            "similar",
+            each("{}", bent("strain")),
+            "The strain is known exactly, the same everywhere, and calibrated at each value.",
+        ),
+        (
+            "Accuracy straight, then bent up to 180°",
+            "III.C",
+            "no significant loss",
+            each("{}", bent("bend")),
+            "Bending costs light and nothing else here; a real one may press the guides together.",
+        ),
+        (
+            "Joint: R²",
+            "IV",
+            "> 0.999",
+            each("{:.7f}", lambda s: s["joint"]["r2"]),
+            "The simulated indenter runs on a perfect circle.",
+        ),
+        (
+            "Joint: resolution",
+            "IV",
+            "0.02°",
+            each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
+            "It follows from the position's, over the radius; the paper's radius is not told.",
+        ),
+        (
+            "Joint: accuracy",
+            "IV",
+            "0.04°",
+            each("{:.4f}°", lambda s: s["joint"]["accuracy_deg"]),
+            "Of mechanical errors only a play is simulated.",
+        ),
+    ]
+
+
+def document(runs: list[Run], departures_um: list[float], length_mm: float) -> str:
+    """Return the text of docs/paper.md."""
+    lines = [_HEAD.format(length_mm=length_mm, seed=_SEED)]
+    columns = [f"ours, {run.summary['reading_ms']:.3g} ms a reading" for run in runs]
+    head = ["", "section", "published", *columns, "what the simulation cannot show"]
+    lines += [_row(head), _row(["---"] * len(head))]
+    for what, section, published, ours, limit in rows(runs, departures_um):
+        lines.append(_row([what, section, published, *ours, limit]))
+    shown = runs[-1].summary["reading_ms"]
+    lines.append(f"\n## Figures\n\nOf the simulated default sensor at {shown:.3g} ms a reading.\n")
+    for name, text in _PICTURES.items():
+        lines.append(f"![{text}](paper/{name}.png)\n\n{text}\n\n")
+    return "".join(lines).rstrip() + "\n"
+
+
+def _row(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |\n"
+
+
+def main(docs: Path) -> None:
+    """Measure, then write paper.md and its figures into the folder of the documents."""
+    figures.require()
+    sensor = load(SensorFile, "default")
+    runs, departures_um = [], []
+    for exposure_us in EXPOSURES_US:
+        print(f"{exposure_us} us ...", file=sys.stderr)
+        run = characterize(sensor, _SEED, exposure_us)
+        responses = family(sensor, run.series["position"]["channels"], _SEED, exposure_us)
+        departures_um.append(departure_um(responses["length"]))
+        runs.append(run)
+    for path in figures.draw(runs[-1], responses, figures.folder(docs / "paper")):
+        print(path)
+    page = docs / "paper.md"
+    atomic.write_text(document(runs, departures_um, sensor.length_mm), page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,242 @@
+"""The calibration file: what a board was given, how good it is, and what it was made with.
+
+TOML, to be read by people too. A CRC-32 of all text before the section ``[end]`` tells a file that
+was cut short or changed.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from datetime import datetime, timezone
+from pathlib import Path
+
+import msgspec
+
+from tactile.calibration import Calibration, CalibrationError
+from tactile.settings import checksum
+
+from .. import atomic, toml
+from ..bounded import read_text
+from ..errors import SpotsError
+from ..link.board import Board
+from ..link.connect import upload
+from .presses import Conditions
+
+VERSION = 1
+_END = "[end]\n"
+_AGAIN = "copy it again, or run 'spots calibrate' with its session to make it anew"
+
+
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    pass
+
+
+class Residual(_Struct, kw_only=True):
+    """How far the calibrated board is off at the presses that it was calibrated with.
+
+    Attributes
+    ----------
+    strain_ppm : int
+    position_rms_um : float
+    force_rms_mN : float or None
+        At rest only: forces are not varied under strain.
+    presses : int
+    """
+
+    strain_ppm: int
+    position_rms_um: float
+    force_rms_mN: float | None = None
+    presses: int
+
+
+class Joint(_Struct, kw_only=True):
+    """A joint that moves an indenter along the strip: angle = zero + deg_per_um * position.
+
+    Attributes
+    ----------
+    zero_deg, deg_per_um : float
+    r2 : float
+        Of the straight line.
+    resolution_deg : float
+        Standard deviation of a reading at rest.
+    accuracy_deg : float
+        Mean absolute error at angles that the line was not made with.
+    backlash_deg : float
+        Between the two directions.
+    low, high : tuple of (float, float) or None
+        The lowest and the highest position (um) that it was turned through, and the standard
+        deviation (degrees) of a reading there; between the two its logarithm is a straight line.
+    """
+
+    zero_deg: float
+    deg_per_um: float
+    r2: float
+    resolution_deg: float
+    accuracy_deg: float
+    backlash_deg: float
+    low: tuple[float, float] | None = None
+    high: tuple[float, float] | None = None
+
+
+class CalibrationFile(_Struct, kw_only=True):
+    """A calibration, as the file holds it.
+
+    Attributes
+    ----------
+    date : datetime
+        UTC.
+    board, plan, gain, exposure_us, led_mA
+        See `presses.Conditions`.
+    residuals : list of Residual
+        One for each strain.
+    joint : Joint or None
+    lines : tuple of str
+        The board's, see `tactile.calibration`.
+    """
+
+    date: datetime
+    board: str
+    plan: tuple[str, ...]
+    gain: int
+    exposure_us: int
+    led_mA: int
+    residuals: list[Residual] = []
+    joint: Joint | None = None
+    lines: tuple[str, ...]
+
+    @property
+    def conditions(self) -> Conditions:
+        """What it was made with."""
+        return Conditions(self.board, self.plan, self.gain, self.exposure_us, self.led_mA)
+
+    @classmethod
+    def now(cls, conditions: Conditions, lines, residuals, joint=None) -> CalibrationFile:
+        """Return a calibration that was made now."""
+        return cls(
+            date=datetime.now(timezone.utc).replace(microsecond=0),
+            **vars(conditions),
+            residuals=residuals,
+            joint=joint,
+            lines=tuple(lines),
+        )
+
+
+def save(calibration: CalibrationFile, path: Path) -> None:
+    """Write a file, or replace it: at every moment the old one or the new one is whole.
+
+    Raises
+    ------
+    SpotsError
+        If it cannot be written.
+    """
+    text = _text(calibration)
+    atomic.write_text(f'{text}{_END}crc32 = "{_crc32(text)}"\n', path)
+
+
+def load(path: Path) -> CalibrationFile:
+    """Read a file and check it.
+
+    Raises
+    ------
+    SpotsError
+        If there is none, or it is cut short, changed, of another version, or not a calibration.
+    """
+    try:
+        text = read_text(path)
+    except FileNotFoundError:
+        raise SpotsError(
+            f"there is no file {path}: make it with 'spots calibrate position' and "
+            "'spots calibrate force'"
+        ) from None
+    except OSError as error:
+        raise SpotsError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
+    version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
+    if version and version[1] != str(VERSION):
+        raise SpotsError(
+            f"{path} is of version {version[1]}, this program reads {VERSION}: update whichever "
+            "is older"
+        )
+    body, end, tail = text.partition(_END)
+    told = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
+    if not end or (told is None and len(tail) < len('crc32 = "00000000"')):
+        raise SpotsError(f"{path} is cut short: {_AGAIN}")
+    if told is None or told[1] != _crc32(body):
+        raise SpotsError(f"{path} was changed after it was written, the checksum differs: {_AGAIN}")
+    return _checked(path, body)
+
+
+def send(board: Board, calibration: CalibrationFile) -> str:
+    """Give a board a calibration and store it there.
+
+    Returns
+    -------
+    str
+        The calibration's name, as ``hello`` tells it.
+
+    Raises
+    ------
+    SpotsError
+        If it was made on another board or at other settings; then the board keeps what it has.
+    """
+    upload(board, calibration.lines)
+    board.command("save")
+    return checksum(list(calibration.lines))
+
+
+def _crc32(text: str) -> str:
+    return f"{zlib.crc32(text.encode()):08x}"
+
+
+def _checked(path: Path, body: str) -> CalibrationFile:
+    try:
+        content = toml.loads(body)
+        content.pop("version")
+        found = msgspec.convert(content, CalibrationFile)
+        made = Calibration(found.lines)
+    except (
+        msgspec.ValidationError,
+        CalibrationError,
+        KeyError,
+    ) as error:
+        raise SpotsError(f"{path} is no calibration ({error}): {_AGAIN}") from None
+    c = found.conditions
+    reason = made.mismatch(c.board, c.plan, c.gain, c.exposure_us, c.led_mA)
+    if reason is not None:
+        raise SpotsError(f"{path} contradicts itself ({reason}): {_AGAIN}")
+    return found
+
+
+def _text(c: CalibrationFile) -> str:
+    rows = [
+        "# The calibration of one SPOTS board, made by 'spots calibrate'.",
+        f"version = {VERSION}",
+        f"date = {c.date.strftime('%Y-%m-%dT%H:%M:%SZ')}",
+        f'board = "{c.board}"',
+        f"plan = [{_strings(c.plan)}]",
+        f"gain = {c.gain}",
+        f"exposure_us = {c.exposure_us}",
+        f"led_mA = {c.led_mA}",
+        "# What the board is given, see docs/protocol.md.",
+        "lines = [",
+        *(f'  "{line}",' for line in c.lines),
+        "]",
+    ]
+    for residual in c.residuals:
+        rows += ["", "[[residuals]]", *_numbers(residual)]
+    if c.joint is not None:
+        rows += ["", "# angle in degrees = zero_deg + deg_per_um * position in um"]
+        rows += ["[joint]", *_numbers(c.joint)]
+    return "\n".join([*rows, "", ""])
+
+
+def _strings(values) -> str:
+    return ", ".join(f'"{value}"' for value in values)
+
+
+def _numbers(struct: msgspec.Struct) -> list[str]:
+    fields = msgspec.structs.asdict(struct)
+    values = {name: list(v) if isinstance(v, tuple) else v for name, v in fields.items()}
+    return [f"{name} = {value!r}" for name, value in values.items() if value is not None]

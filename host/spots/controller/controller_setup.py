@@ -1,0 +1,128 @@
+"""``spots controller --calibrate``: asks for five touches and writes a settings file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+import msgspec
+
+from ..errors import SpotsError
+from ..link.board import Board
+from ..link.calibrated import length_of
+from ..link.frames import Touch
+from .controller_settings import DEFAULT, ForceAxis, PositionAxis, Settings, load, save
+
+_HELD_S = 1.0  # how long a touch is looked at
+_SETTLE_S = 0.3  # and from when on
+_WAIT_S = 60.0
+_LIFTED_S = 0.1
+_RATIO_LEAST = 1.5
+_APART_PERCENT = 5.0
+
+_STEPS = {
+    "rest": "put a finger where the stick's middle shall be, and hold it",
+    "near": "now where its end towards the sensor shall be, and hold it",
+    "far": "now where its other end shall be, and hold it",
+    "light": "touch as lightly as you do without meaning anything, and hold it",
+    "hard": "press as hard as you want to for all, and hold it",
+}
+
+
+def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -> None:
+    """Measure rest and ends of all axes of a settings file, and write it.
+
+    Parameters
+    ----------
+    board : Board
+        With a calibration.
+    path : str or Path
+        Kept but for its comments and what is measured, if it is there; else begun from the default.
+    say : callable
+        Told each line that the person is to read.
+
+    Raises
+    ------
+    SpotsError
+        If no touch comes in time, or the touches are no stick. Nothing is written then.
+    """
+    there = Path(path).exists()
+    settings = load(path if there else DEFAULT)
+    length_um = length_of(board)
+    board.command("stream touch")
+    if there:
+        say(f"{path} keeps what is not measured, but not its comments")
+    found = {}
+    for step, words in _STEPS.items():
+        say(words)
+        found[step] = _touch(board)
+        say("  good, lift it")
+        _lift(board)
+    percent = {step: round(touch.position_um / length_um * 100, 1) for step, touch in found.items()}
+    force_mN = {step: touch.force_mN for step, touch in found.items()}
+    save(_measured(settings, percent, force_mN), path)
+    say(f"wrote {path}; play with: spots controller --settings {path}")
+
+
+def _measured(settings: Settings, percent: dict, force_mN: dict) -> Settings:
+    low, high = sorted((percent["near"], percent["far"]))
+    rest = percent["rest"]
+    if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):
+        raise SpotsError(
+            f"the middle, at {rest:g} % of the strip, has to lie between the ends, at {low:g} % "
+            f"and {high:g} %, and {_APART_PERCENT:g} % from both: try again"
+        )
+    if force_mN["hard"] < _RATIO_LEAST * force_mN["light"]:
+        raise SpotsError(
+            f"the hard press of {force_mN['hard']} mN has to be {_RATIO_LEAST:g} times the light "
+            f"one of {force_mN['light']} mN: try again"
+        )
+    changes = {
+        PositionAxis: {"rest_percent": rest, "min_percent": low, "max_percent": high},
+        ForceAxis: {"rest_mN": force_mN["light"], "max_mN": force_mN["hard"]},
+    }
+    axes = {name: getattr(settings, name) for name in ("x", "y", "z")}
+    return msgspec.structs.replace(
+        settings,
+        **{
+            name: msgspec.structs.replace(axis, **changes[type(axis)])
+            for name, axis in axes.items()
+            if axis is not None
+        },
+    )
+
+
+def _touch(board: Board) -> Touch:
+    """Return the median of a touch that is held."""
+    readings: list[Touch] = []
+    for touch in _readings(board, "no touch was held"):
+        if not touch.trusted:
+            readings.clear()
+            continue
+        readings.append(touch)
+        if touch.time_s - readings[0].time_s >= _SETTLE_S + _HELD_S:
+            break
+    steady = [one for one in readings if one.time_s - readings[0].time_s >= _SETTLE_S]
+    return steady[0]._replace(
+        position_um=median(one.position_um for one in steady),
+        force_mN=round(median(one.force_mN for one in steady)),
+    )
+
+
+def _lift(board: Board) -> None:
+    away_s = None
+    for touch in _readings(board, "the finger was not lifted"):
+        if touch.touching:
+            away_s = None
+        elif away_s is None:
+            away_s = touch.time_s
+        elif touch.time_s - away_s >= _LIFTED_S:
+            return
+
+
+def _readings(board: Board, what: str):
+    for frame in board.frames(_WAIT_S):
+        if isinstance(frame, Touch) and frame.sensor == 0:
+            yield frame
+    raise SpotsError(f"{what} within {_WAIT_S:g} s: nothing was written, try again")

@@ -1,0 +1,1 @@
+"""Firmware onto a board and off it: build, flash, erase, doctor."""

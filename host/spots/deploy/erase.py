@@ -1,0 +1,72 @@
+"""The firmware, its settings and its calibration off a board."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import PurePosixPath
+
+from ..errors import SpotsError, printable
+from .flash import USER_FILES, Known
+from .manifest import MANIFEST
+from .place import place
+from .staging import ENTRIES, device_of
+
+
+def erase(board: str, port: str | None = None, yes: bool = False) -> None:
+    """Remove our files from a board, once the user said yes; other files stay.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such board, it runs another runtime, or nobody can be asked.
+    """
+    device = device_of(board)
+    entry = ENTRIES[device.runtime][-1]
+    with place(device, port) as there:
+        if not yes:
+            _ask(there.name)
+        with there.open() as target:
+            if target.facts["runtime"] != device.runtime:
+                raise SpotsError(
+                    f"the board on {there.name} runs {target.facts['runtime']}, and {board} "
+                    f"{device.runtime}: name the right board"
+                )
+            known = Known(target, device.runtime, USER_FILES)
+            ours = {path for path in known.sizes if path in USER_FILES or known.is_ours(path)}
+            changed = sorted(known.listed & set(known.sizes) - ours)
+            if changed:
+                ours.discard(MANIFEST)  # without it they would be taken for ours by their names
+            # The entry first: what is left of the rest must not start. What knows them all, last.
+            order = {entry: 0, MANIFEST: 2}
+            for path in sorted(ours, key=lambda path: (order.get(path, 1), path)):
+                target.remove(path)
+            for folder in sorted(_folders(ours), reverse=True):
+                target.remove_folder(folder)
+            target.reset()
+        print(
+            f"{len(ours)} files removed from {printable(there.name)}"
+            if ours
+            else "nothing to remove"
+        )
+        if changed:
+            names = printable(", ".join(changed))
+            print(f"these were changed since they were flashed, and stay: {names}")
+
+
+def _folders(paths: set[str]) -> set[str]:
+    return {parent.as_posix() for path in paths for parent in PurePosixPath(path).parents} - {"."}
+
+
+def _ask(port: str) -> None:
+    if not sys.stdin.isatty():
+        raise SpotsError("erasing asks first: add --yes where nobody can answer")
+    question = (
+        f"remove the firmware, its settings and its calibration from {printable(port)}? [y/N] "
+    )
+    try:
+        answer = input(question)
+    except EOFError:
+        print()  # the question's line is still open
+        answer = ""
+    if answer.strip().lower() not in ("y", "yes"):
+        raise SpotsError("nothing was removed")

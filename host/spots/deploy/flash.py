@@ -1,0 +1,269 @@
+"""The firmware onto a board, so that at no moment anything half-copied can start."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.progress import track
+
+from ..errors import SpotsError, printable
+from ..link.connect import open as open_board
+from . import manifest
+from .build import ARCHITECTURES, build, files_of, mpy_header
+from .drive import Drive
+from .manifest import MANIFEST
+from .place import Place, place
+from .prompt import Prompt
+from .released import FILES
+from .staging import ENTRIES, Device, device_of, names
+
+# USB devices, and a clock of the RP2040 that counts finer than milliseconds, came with these.
+_OLDEST = {"micropython": (1, 23), "circuitpython": (9, 1)}
+_NAMES = {"micropython": "MicroPython", "circuitpython": "CircuitPython"}
+_RETURN_S = 20.0
+_POLL_S = 0.2
+_PART = ".part"  # the end of a file's name while it is written
+# What a user made on the board: other files than ours are never touched by `flash`.
+USER_FILES = tuple(
+    name + end
+    for name in ("settings.txt", "calibration.txt", "layout.txt")
+    for end in ("", ".old", ".new")
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What has to be done to a board.
+
+    Attributes
+    ----------
+    remove : list of str
+        Files to remove, in this order; the entry first, if it is among them.
+    copy : list of str
+        Files to copy, in this order; the entry last.
+    need : int
+        Bytes that this takes of what is free.
+    claim : bytes
+        The manifest while files are copied: of those before and of those after. So what an
+        interrupted flash leaves is still known as its own.
+    """
+
+    remove: list[str]
+    copy: list[str]
+    need: int
+    claim: bytes
+
+
+def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
+    """Put the firmware on a board, start it, and see that it answers.
+
+    Raises
+    ------
+    SpotsError
+        If there is no board, or more than one, it is not the right one, it has no room, or it
+        was disconnected; flashing again completes what was begun.
+    """
+    device = device_of(board)
+    with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
+        files = files_of(build(board, Path(folder)))
+        with there.open() as target:
+            refuse(target.facts, device, files, there.name)
+            plan = make_plan(files, target, device.runtime)
+            if dry_run:
+                _show(plan, files, there.name)
+                return
+            carry_out(plan, files, target)
+            _tell_of_library(device, target)
+            target.reset()
+        _greet(there)
+
+
+def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
+    """Raise SpotsError if a board with these facts cannot run these files."""
+    runs = f"the board on {port} runs {facts['runtime']}"
+    if facts["runtime"] != device.runtime:
+        raise SpotsError(f"{runs}, but {device.name} needs {device.runtime}: install that on it")
+    oldest = _OLDEST[device.runtime]
+    if facts["version"] < oldest:
+        version, needed = ".".join(map(str, facts["version"])), ".".join(map(str, oldest))
+        name = _NAMES[device.runtime]
+        raise SpotsError(f"{runs} {version}: install {name} {needed} or newer on it")
+    if device.runtime == "circuitpython":
+        _refuse_drive(facts, device, port)
+    else:
+        _refuse_chip(facts, device, files, port)
+
+
+def _refuse_drive(facts: dict, device: Device, port: str) -> None:
+    if facts["board_id"] != device.board_id:
+        raise SpotsError(
+            f"the board on {port} is {facts['board_id']}, and {device.name} is {device.board_id}: "
+            "name the right board"
+        )
+
+
+def _refuse_chip(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
+    runs = f"the board on {port} runs {facts['runtime']}"
+    version, arch = facts["mpy"]
+    for path, data in files.items():
+        if not path.endswith(".mpy"):
+            continue
+        header = mpy_header(data)
+        if header.version != version:
+            raise SpotsError(
+                f"{runs} that takes .mpy version {version}, and mpy-cross makes {header.version}: "
+                "install the newest MicroPython on it"
+            )
+        if header.arch not in (0, arch):
+            raise SpotsError(
+                f"the board on {port} is {_arch(arch)}, and {device.name} is "
+                f"{_arch(header.arch)}: name the right board"
+            )
+    # Bytecode runs anywhere, but the pins would be another board's.
+    if device.march and arch and _arch(arch) != device.march:
+        raise SpotsError(
+            f"the board on {port} is {_arch(arch)}, and {device.name} is {device.march}: "
+            "name the right board"
+        )
+
+
+def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
+    """Compare what there is with what is wanted."""
+    entry = ENTRIES[runtime][-1]
+    known = Known(target, runtime, files)
+    there = known.sizes
+    copy = [
+        path
+        for path, data in files.items()
+        if there.get(path) != len(data) or target.sha256(path) != hashlib.sha256(data).hexdigest()
+    ]
+    remove = [path for path in sorted(there) if path not in files and known.is_ours(path)]
+    if not copy and not remove:
+        return Plan([], [], 0, b"")
+    claim = b""
+    if MANIFEST in copy:
+        claim = manifest.write(known.entries | manifest.read(files[MANIFEST]))
+    # Without an entry nothing starts, until all is there.
+    if entry in there:
+        remove.insert(0, entry)
+    # Libraries first: their folder sorts after the rest of what needs them only by its name.
+    copy = sorted(
+        {*copy, entry}, key=lambda path: (path == entry, path == MANIFEST, path[:4] != "lib/", path)
+    )
+    block = target.facts["block"] or 1
+    taken = sum(_on_disk(len(files[path]), block) for path in copy)
+    gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
+    # A new file lies beside the old one until its hash was compared.
+    most = max(_on_disk(len(files[path]), block) for path in copy)
+    most += _on_disk(len(claim), block)
+    return Plan(remove, copy, max(taken - gone + most, most), claim)
+
+
+class Known:
+    """Which files of a board are the firmware's: not a user's, and not of a user's making.
+
+    Ours is what the manifest on the board names, with the hash in it; of what it does not name,
+    the files of this version, and of the one that left no manifest.
+
+    Parameters
+    ----------
+    target : Prompt or Drive
+    runtime : str
+    more : iterable of str
+        Other paths to look for.
+
+    Attributes
+    ----------
+    sizes : dict
+        Bytes of the files that there are of all these, by path.
+    entries : set of (str, str)
+        Path and hash, as the manifest on the board has them.
+    listed : set of str
+        The paths of these.
+    """
+
+    def __init__(self, target: Prompt | Drive, runtime: str, more: Iterable[str] = ()):
+        self._target = target
+        self.entries = set()
+        if MANIFEST in target.files([MANIFEST]):
+            self.entries = manifest.read(target.read(MANIFEST, manifest.LARGEST_BYTES))
+        self.listed = {path for path, _ in self.entries}
+        self._names = {MANIFEST, *FILES[runtime], *names(runtime)}
+        every = self._names | self.listed | set(more)
+        self.sizes = target.files(sorted(every | {path + _PART for path in every}))
+
+    def is_ours(self, path: str) -> bool:
+        """Whether a file of `sizes` may be removed."""
+        if path in self.listed:
+            return (path, self._target.sha256(path)) in self.entries
+        whole = path.removesuffix(_PART)  # what an interrupted copy leaves
+        return whole in self._names or (whole != path and whole in self.listed)
+
+
+def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
+    """Do what a plan says; SpotsError if there is no room for it."""
+    free = target.facts["free"]
+    if free is not None and plan.need > free:
+        raise SpotsError(
+            f"the board on {target.port} has {free} bytes free and this takes {plan.need}: "
+            "remove files of yours from it"
+        )
+    for path in plan.remove:
+        target.remove(path)
+    if plan.claim:
+        target.write(MANIFEST, plan.claim)
+    hidden = not sys.stdout.isatty()
+    for path in track(plan.copy, "copying", disable=hidden, transient=True):
+        target.write(path, files[path])
+    print(f"{len(plan.copy)} files copied" if plan.copy else "nothing to copy")
+
+
+def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
+    for path in plan.remove:
+        print(f"remove {printable(path)}")
+    for path in plan.copy:
+        print(f"copy {path}  {len(files[path])} bytes")
+    print(
+        f"{len(plan.copy)} files to copy to {printable(port)}" if plan.copy else "nothing to copy"
+    )
+
+
+def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
+    built_in = device.runtime == "circuitpython"
+    if device.config["USB_HID"] and not built_in and not target.has("usb.device.hid"):
+        print(
+            "to be a USB keyboard or gamepad, this board also needs: "
+            f"mpremote connect {printable(target.port)} mip install usb-device-hid"
+        )
+
+
+def _greet(there: Place) -> None:
+    deadline_s = time.monotonic() + _RETURN_S
+    reason = "it is not on USB"
+    while time.monotonic() < deadline_s:
+        time.sleep(_POLL_S)
+        for port in there.ports():
+            try:
+                with open_board(port) as board:
+                    print(
+                        "{board}, firmware {firmware}, {runtime}".format(**board.info),
+                        printable(port),
+                    )
+                    return
+            except SpotsError as error:
+                reason = str(error)
+    raise SpotsError(f"the files are on the board, but it does not come back: replug it ({reason})")
+
+
+def _on_disk(size: int, block: int) -> int:
+    return -(-size // block) * block
+
+
+def _arch(number: int) -> str:
+    return ARCHITECTURES[number] if 0 < number < len(ARCHITECTURES) else f"architecture {number}"

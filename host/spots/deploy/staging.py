@@ -1,0 +1,167 @@
+"""The files of a board, laid out in a folder as they go onto its file system."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+import tactile
+
+from .. import toml
+from ..bounded import read_text
+from ..errors import SpotsError
+
+# An installed package carries both folders inside itself; a checkout has them at its top.
+_PACKAGED = Path(str(resources.files("spots"))) / "_device"
+_CHECKOUT = Path(tactile.__file__).resolve().parents[2]
+_ROOT = _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
+BOARDS = _ROOT / "boards"
+
+# What a runtime starts with; the last one is what makes a board run the application.
+ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
+CONFIG = "board_config.py"
+# Apart: on this Python's path, a code.py would hide the standard library's.
+_ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
+# What a runtime needs besides, taken from this Python's own packages into `lib`.
+LIBRARIES = {
+    "micropython": (),
+    "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
+}
+
+# The two forms of tactile's kernel: every board knows the one it has by the first one's name.
+KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
+
+
+class _BoardFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    title: str
+    runtime: Literal["micropython", "circuitpython"]
+    march: str | None = None
+    viper: bool = False
+    board_id: str | None = None
+    device: dict
+    wiring: dict = {}
+
+
+@dataclass(frozen=True)
+class Device:
+    """What board.toml says of a board.
+
+    Attributes
+    ----------
+    name, title : str
+        As the command line and as people call it.
+    runtime : str
+        ``micropython`` or ``circuitpython``.
+    march : str or None
+        Architecture of its native code, as ``mpy-cross -march`` names it; None for sources only.
+    viper : bool
+        Whether its sample path is machine code, by MicroPython's viper, which needs `march`.
+    board_id : str or None
+        As CircuitPython names the board.
+    config : dict
+        What becomes board_config.py.
+    wiring : dict
+        Pins by the names that are printed on the board, for people.
+    """
+
+    name: str
+    title: str
+    runtime: str
+    march: str | None
+    viper: bool
+    board_id: str | None
+    config: dict
+    wiring: dict
+
+
+def board_names() -> list[str]:
+    """Return the boards that there are files for."""
+    return sorted(path.parent.name for path in BOARDS.glob("*/board.toml"))
+
+
+def device_of(board: str) -> Device:
+    """Return what is known of a board.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such board, its file is damaged, or it asks for viper where that cannot be
+        compiled.
+    """
+    if board not in board_names():
+        raise SpotsError(f"no board is called {board}; there are {', '.join(board_names())}")
+    path = BOARDS / board / "board.toml"
+    try:
+        text = read_text(path)
+    except (OSError, UnicodeDecodeError):
+        raise SpotsError(f"{path} cannot be read: install the package again") from None
+    said = toml.checked(text, _BoardFile, str(path))
+    if said.viper and (said.runtime != "micropython" or said.march is None):
+        raise SpotsError(f"boards/{board}/board.toml: viper needs MicroPython and a march")
+    return Device(
+        name=board,
+        title=said.title,
+        runtime=said.runtime,
+        march=said.march,
+        viper=said.viper,
+        board_id=said.board_id,
+        config={"NAME": board} | said.device,
+        wiring=said.wiring,
+    )
+
+
+def names(runtime: str) -> set[str]:
+    """Return the paths of this version's own files on a board, in sources and compiled.
+
+    Boards that got them from ``mip`` or a copy of sources have no manifest that lists them.
+    """
+    firmware = Path(tactile.__file__).parent
+    modules = [path.relative_to(firmware.parent) for path in firmware.rglob("*.py")]
+    forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}
+    return {*ENTRIES[runtime], CONFIG, *forms}
+
+
+def stage(board: str, folder: Path) -> None:
+    """Lay out a board's files in a folder: firmware, libraries, board_config.py, in sources.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such board, or a library is missing here.
+    """
+    device = device_of(board)
+    for library in LIBRARIES[device.runtime]:
+        _copy_library(library, folder / "lib")
+    (others,) = set(ENTRIES) - {device.runtime}
+    firmware = Path(tactile.__file__).parent
+    shutil.copytree(
+        firmware,
+        folder / "tactile",
+        ignore=shutil.ignore_patterns("__pycache__", f"*{others}.py", KERNEL_VIPER),
+        dirs_exist_ok=True,
+    )
+    if device.viper:
+        shutil.copy(firmware / KERNEL_VIPER, folder / "tactile" / KERNEL)
+    for entry in ENTRIES[device.runtime]:
+        shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
+    config = "".join(f"{name} = {value!r}\n" for name, value in device.config.items())
+    (folder / CONFIG).write_text(config, encoding="utf-8")
+
+
+def _copy_library(name: str, folder: Path) -> None:
+    spec = importlib.util.find_spec(name)
+    if spec is None:
+        raise SpotsError(f"CircuitPython needs {name} on the board: pip install 'spots[flash]'")
+    origin = Path(spec.origin)
+    folder.mkdir(exist_ok=True)
+    if spec.submodule_search_locations:
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(origin.parent, folder / name, ignore=ignored, dirs_exist_ok=True)
+    else:
+        shutil.copy(origin, folder)

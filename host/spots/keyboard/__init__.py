@@ -1,0 +1,1 @@
+"""Zones of a strip as keys: layouts, the key engine, `spots keyboard` and `spots keys`."""

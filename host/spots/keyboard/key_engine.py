@@ -1,0 +1,83 @@
+"""The board's key engine on the host: the same code and layout, fed with readings."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from tactile.contact import TICK_US, TICKS
+from tactile.decode import DROPPED, LED_OFF
+from tactile.keypad import Keypad
+from tactile.layout import Layout
+
+from ..link.frames import Touch
+from .layout import KeyLayout
+
+LOST_S = 0.3  # without a reading for so long, nobody knows of a finger any more
+
+
+class KeySink(Protocol):
+    """What key events go to."""
+
+    def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
+        """Take an event: HID usage page and usage, bits of modifiers, down or up."""
+
+
+class KeyEngine:
+    """Turns readings into key events as a board does, see `tactile.keypad`.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+    length_um : int
+        Of the strip, as the board's ``hello`` tells it.
+    sink : KeySink
+
+    Attributes
+    ----------
+    length_um, firm_mN : int
+        Of the strip, and what a firm press is.
+    rests : int
+        How often something was found to rest on the strip that is no finger.
+    """
+
+    def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink):
+        self.key = sink.key
+        self.length_um = length_um
+        self.rests = 0
+        self._names = list(layout.layers)
+        self._pad = Keypad(self)
+        limits = Layout(layout.lines)
+        self.firm_mN = limits.firm_mN
+        self._pad.set_layout(limits, length_um)
+        self._heard_s: float | None = None
+
+    @property
+    def layer(self) -> str:
+        """Name of the layer whose keys the next touch finds."""
+        return self._names[self._pad.layer]
+
+    def take(self, touch: Touch, now_s: float) -> None:
+        """Take a reading; `now_s` by the clock of `tick`."""
+        self.tick(now_s)
+        t = touch.t_us // TICK_US % TICKS
+        flags = touch.flags & ~DROPPED  # the board's own engine has missed nothing
+        self._pad.take(flags, touch.position_um, touch.force_mN, t)
+        self._pad.tick(t)
+        if not flags & LED_OFF:  # a blind one knows of no finger
+            self._heard_s = now_s
+
+    def tick(self, now_s: float) -> None:
+        """Let go of all, and forget what is pending, if no reading has come for `LOST_S`."""
+        if self._heard_s is not None and now_s - self._heard_s > LOST_S:
+            self._heard_s = None
+            if self._pad.contact.touched:
+                self.release()
+            else:
+                self._pad.forget()  # a finger that comes meanwhile is a new one
+
+    def release(self) -> None:
+        """Let go of all; a finger that is still there presses nothing until it was lifted."""
+        self._pad.release()
+
+    def stuck(self) -> None:
+        self.rests += 1

@@ -1,0 +1,101 @@
+"""``spots keys``: layout files looked at, checked, and given to a board."""
+
+from __future__ import annotations
+
+from rich.console import Console, Group
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from tactile import layout as lines_of
+from tactile.settings import checksum
+
+from ..errors import printable
+from ..link.board import Board
+from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
+from .layout import SLOTS, KeyLayout, PlacedKey, load
+
+COLUMNS = 74
+_SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
+_VERBS = {lines_of.MOMENTARY: "layer", lines_of.TOGGLE: "toggle", lines_of.ONCE: "once"}
+
+
+def check(name: str) -> None:
+    """Read a layout and say what it holds; SpotsError says what is wrong with it."""
+    layout = load(name)
+    keys = sum(len(row) for row in layout.layers.values())
+    print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
+
+
+def show(name: str) -> None:
+    """Print a layout as a picture, and what each of its keys does."""
+    Console().print(picture(load(name)))
+
+
+def push(board: Board, layout: KeyLayout) -> str | None:
+    """Give a board a layout, switch its keys on and store both.
+
+    Returns
+    -------
+    str or None
+        What keeps the keys from working, or from reaching the computer as a keyboard.
+
+    Raises
+    ------
+    SpotsError
+        If the board refuses.
+    """
+    board.command("layout begin")
+    for line in layout.lines:
+        board.command("layout " + line)
+    board.command("layout end " + checksum(layout.lines))
+    note = board.command("set keys=1 baseline=1").get("note")
+    board.command("save")
+    return note
+
+
+def picture(layout: KeyLayout) -> Panel:
+    """Return all layers, each as it lies on the strip and as a table."""
+    parts = []
+    for name, keys in layout.layers.items():
+        parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
+    return Panel(
+        Group(*parts[:-1]), title=Text(printable(layout.name)), width=COLUMNS + 6, padding=(1, 2)
+    )
+
+
+def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
+    """Return a row of keys, the sensor's end left, one of them lit."""
+    line = Text()
+    for i, key in enumerate(keys):
+        begin, end = round(key.low * COLUMNS), round(key.high * COLUMNS)
+        line.append(" " * (begin - len(line)))
+        width = max(1, end - begin)
+        style = "black on bright_white" if i == lit else _SHADES[i % 2]
+        line.append(key.label[:width].center(width), style=style)
+    return line
+
+
+def say(layout: KeyLayout, action: int) -> str:
+    """Return an action as a layout file has it."""
+    if not action:
+        return ""
+    kind, number = action >> 20, action & 0xFFF
+    if kind in _VERBS:
+        return f"{_VERBS[kind]} {list(layout.layers)[number]}"
+    bits = action >> 12 & 0xFF
+    names = [name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(8) if bits >> i & 1]
+    return "+".join([*names, name_of(kind, number)])
+
+
+def _table(layout: KeyLayout, keys: list[PlacedKey]) -> Table:
+    used = [slot for slot in SLOTS if any(key.actions[slot] for key in keys)]
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("key")
+    for slot in used:
+        heading = slot.replace("_minus", " to sensor").replace("_plus", " away")
+        table.add_column(heading, overflow="fold")
+    for key in keys:
+        does = (say(layout, key.actions[slot]) for slot in used)
+        table.add_row(*map(Text, (key.label, *does)))
+    return table

@@ -1,0 +1,269 @@
+"""Layout files: TOML, every key checked, compiled to the lines that a board holds.
+
+A file has layers of keys; a key is the name of what a tap does, or a table of what it does for
+``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus`` (a slide to the sensor
+and away). An action is a key by its name, with modifiers before it (``LEFT_SHIFT+A``), or
+``layer NAME``, ``toggle NAME``, ``once NAME``. Names are those of `usages`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Optional, Union
+
+import msgspec
+
+from tactile import layout as lines_of
+from tactile.layout import FULL, LIMITS
+
+from .. import toml
+from ..errors import SpotsError
+from ..outputs.usages import USAGES, chord_of, usage_of
+
+FOLDER = Path(__file__).parent / "layouts"
+SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
+_FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
+_LAYER_VERBS = {
+    "layer": lines_of.MOMENTARY,
+    "toggle": lines_of.TOGGLE,
+    "once": lines_of.ONCE,
+}
+_Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
+
+
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class _Key(_Struct):
+    tap: str = ""
+    double: str = ""
+    hold: str = ""
+    firm: str = ""
+    slide_minus: str = ""
+    slide_plus: str = ""
+    width: _Positive = 1.0
+    label: Optional[str] = None
+
+
+class _Layer(_Struct):
+    name: str
+    keys: Annotated[list[Union[str, _Key]], msgspec.Meta(min_length=1)]
+    gap_percent: Annotated[float, msgspec.Meta(ge=0, le=80)] = 0.0
+    swipe_minus: str = ""
+    swipe_plus: str = ""
+
+
+_Tuning = msgspec.defstruct(
+    "_Tuning",
+    [
+        (name, Annotated[int, msgspec.Meta(ge=low, le=high)], default)
+        for name, (low, high, default) in LIMITS.items()
+        if name != "flavour"
+    ]
+    + [("flavour", Literal[_FLAVOURS], _FLAVOURS[LIMITS["flavour"][2]])],
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+)
+
+
+class _File(_Struct):
+    name: str
+    layer: Annotated[list[_Layer], msgspec.Meta(min_length=1, max_length=lines_of.LAYERS_MAX)]
+    tuning: _Tuning = _Tuning()
+
+
+@dataclass(frozen=True)
+class PlacedKey:
+    """A key where it lies.
+
+    Attributes
+    ----------
+    low, high : float
+        Shares of the strip, from the sensor's end on.
+    label : str
+        What stands on it.
+    actions : dict of str to int
+        By the names of `SLOTS`, as `tactile.layout.action` makes them.
+    """
+
+    low: float
+    high: float
+    label: str
+    actions: dict[str, int]
+
+
+@dataclass(frozen=True)
+class KeyLayout:
+    """A checked layout.
+
+    Attributes
+    ----------
+    name : str
+    layers : dict of str to list of PlacedKey
+        In the order of the file.
+    lines : list of str
+        As the board holds it, see `tactile.layout`.
+    """
+
+    name: str
+    layers: dict[str, list[PlacedKey]]
+    lines: list[str]
+
+
+def load(name: str | Path) -> KeyLayout:
+    """Read a layout file.
+
+    Parameters
+    ----------
+    name : str or Path
+        A path, or the name of a file that comes with the package, such as ``mini``.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file or something in it is wrong: which line, which key, what to do.
+    """
+    path, text = toml.find(name, FOLDER, "layout")
+    try:
+        file = msgspec.convert(toml.loads(text), _File)
+    except msgspec.ValidationError as error:
+        raise SpotsError(f"layout {path}{_line_of_path(text, str(error))}: {error}") from None
+    return _Compiler(path, text, file).layout()
+
+
+class _Compiler:
+    def __init__(self, path: Path, text: str, file: _File):
+        self._path = path
+        self._text = text
+        self._file = file
+        self._names = [layer.name for layer in file.layer]
+        self._toggled: set[int] = set()
+        self._reached = {0}
+
+    def layout(self) -> KeyLayout:
+        twice = {name for name in self._names if self._names.count(name) > 1}
+        if twice:
+            self._refuse(min(twice), f"two layers are called '{min(twice)}': rename one")
+        lines = [f"{name} {self._limit(name)}" for name in LIMITS]
+        layers = {}
+        for layer in self._file.layer:
+            swipes = [
+                self._action(text, layer, f"swipe_{way}")
+                for way, text in (("minus", layer.swipe_minus), ("plus", layer.swipe_plus))
+            ]
+            keys = layers[layer.name] = self._keys(layer)
+            lines.append("layer {} {}".format(*swipes))
+            for key in keys:
+                bounds = round(FULL * key.low), round(FULL * key.high)
+                lines.append("key " + " ".join(map(str, (*bounds, *key.actions.values()))))
+        self._check_ways(layers)
+        try:
+            lines_of.Layout(lines)
+        except lines_of.LayoutError as error:
+            raise SpotsError(f"layout {self._path}: {error}") from None
+        return KeyLayout(self._file.name, layers, lines)
+
+    def _limit(self, name: str) -> int:
+        value = getattr(self._file.tuning, name)
+        return _FLAVOURS.index(value) if name == "flavour" else value
+
+    def _keys(self, layer: _Layer) -> list[PlacedKey]:
+        keys = [_Key(tap=key) if isinstance(key, str) else key for key in layer.keys]
+        whole = sum(key.width for key in keys)
+        placed, begin = [], 0.0
+        for i, key in enumerate(keys):
+            end = begin + key.width
+            gap = layer.gap_percent / 200
+            actions = {
+                slot: self._action(getattr(key, slot), layer, f"key {i + 1}") for slot in SLOTS
+            }
+            placed.append(
+                PlacedKey(
+                    # The ends of the strip belong to the outermost keys.
+                    (begin + (gap if i else 0)) / whole,
+                    (end - (gap if i + 1 < len(keys) else 0)) / whole,
+                    key.label if key.label is not None else _label(key),
+                    actions,
+                )
+            )
+            begin = end
+        return placed
+
+    def _action(self, text: str, layer: _Layer, where: str) -> int:
+        if not text:
+            return 0
+        where = f"in layer '{layer.name}', {where}"
+        verb, _, name = text.partition(" ")
+        if verb in _LAYER_VERBS:
+            if name not in self._names:
+                self._refuse(text, f"{where}: no layer is called '{name}'", self._names)
+            number = self._names.index(name)
+            self._reached.add(number)
+            if verb == "toggle":
+                self._toggled.add(number)
+            return lines_of.action(_LAYER_VERBS[verb], number)
+        try:
+            page, usage, modifiers = chord_of(text)
+        except SpotsError as error:
+            self._refuse(text, f"{where}: {error}")
+        return lines_of.action(page, usage, modifiers)
+
+    def _check_ways(self, layers: dict[str, list[PlacedKey]]) -> None:
+        for number, name in enumerate(self._names):
+            if number not in self._reached:
+                self._refuse(name, f"nothing leads to layer '{name}': give a key 'toggle {name}'")
+        for number in self._toggled - {0}:
+            name = self._names[number]
+            there = {action for key in layers[name] for action in key.actions.values()}
+            ways = [lines_of.action(lines_of.TOGGLE, other) for other in self._toggled]
+            if not there & set(ways):
+                self._refuse(
+                    name, f"layer '{name}' cannot be left: give one of its keys 'toggle {name}'"
+                )
+
+    def _refuse(self, value: str, why: str, known: list[str] | None = None) -> None:
+        line = _line_of(self._text, value)
+        there = f"; there are {', '.join(known)}" if known else ""
+        raise SpotsError(f"layout {self._path}{line}: {why}{there}") from None
+
+
+def _label(key: _Key) -> str:
+    """Return what its tap, firm press and hold are, if these are characters; else its tap."""
+    written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
+    characters = [text for text in written if len(text) == 1]
+    return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
+
+
+def _written(action: str) -> str:
+    verb, _, name = action.partition(" ")
+    if verb in _LAYER_VERBS:
+        return name
+    name = action.rpartition("+")[2] or action
+    try:
+        known = USAGES.get(usage_of(name))
+    except SpotsError:
+        return name  # which is refused elsewhere
+    character = known.pynput if known else None
+    return character.upper() if character and len(character) == 1 else name.upper()
+
+
+def _line_of(text: str, value: str) -> str:
+    """Return where a string first stands as a value, as ``, line 7``; nothing if nowhere."""
+    for number, line in enumerate(text.splitlines(), 1):
+        if f'"{value}"' in line or f"'{value}'" in line:
+            return f", line {number}"
+    return ""
+
+
+def _line_of_path(text: str, error: str) -> str:
+    """Return the line of the key that a message of msgspec names, as far as can be told."""
+    names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
+    for name in (part for pair in reversed(names) for part in pair if part):
+        for number, line in enumerate(text.splitlines(), 1):
+            if re.search(rf"(?<!\w){name}\s*=", line):
+                return f", line {number}"
+    return ""

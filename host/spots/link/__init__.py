@@ -1,0 +1,1 @@
+"""Bytes, frames, a connected board: decoder, serial port, clock, reconnect."""

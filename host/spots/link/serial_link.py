@@ -1,0 +1,242 @@
+"""A serial port as a link: read, write, close, and the time by which its bytes arrive."""
+
+from __future__ import annotations
+
+import errno
+import sys
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import serial
+from serial.tools import list_ports
+
+from ..errors import PortLostError, RefusedError, SpotsError
+
+try:
+    import termios
+except ImportError:  # Windows has none
+    _FAILURES = (serial.SerialException, OSError)
+else:
+    _FAILURES = (serial.SerialException, OSError, termios.error)
+
+WRITE_TIMEOUT_S = 2.0
+
+
+def takes_nothing(port: str) -> str:
+    """Return what there is to say of a port that took no bytes for so long."""
+    return f"{port} takes no data: replug the board"
+
+
+class Link(Protocol):
+    """What a board is talked to over. Owns no protocol logic."""
+
+    name: str
+
+    def now_s(self) -> float:
+        """Return the host's time by this link's clock."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has arrived, waiting up to `timeout_s` for a first byte."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes."""
+
+    def reopen(self) -> None:
+        """Open again the port that raised PortLostError; only of links that do.
+
+        Raises
+        ------
+        RefusedError
+            If another device has its name, and it is nowhere else.
+        SpotsError
+            If it is not there, or cannot be opened.
+        """
+
+    def let_go(self) -> None:
+        """Close it until it is opened again; only of links that `reopen`."""
+
+    def close(self) -> None:
+        """Let the port go."""
+
+
+class Through:
+    """A link in front of another one, which it is in all that a subclass does not change.
+
+    Parameters
+    ----------
+    link : Link
+    """
+
+    def __init__(self, link: Link):
+        self._link = link
+
+    @property
+    def name(self) -> str:
+        return self._link.name
+
+    def now_s(self) -> float:
+        return self._link.now_s()
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._link.read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        self._link.write(data)
+
+    def reopen(self) -> None:
+        self._link.reopen()
+
+    def let_go(self) -> None:
+        self._link.let_go()
+
+    def close(self) -> None:
+        self._link.close()
+
+
+class Tap(Through):
+    """Shows what is read from another link.
+
+    Parameters
+    ----------
+    link : Link
+    look : callable
+        ``look(data, now_s)``: what a read returned, and when.
+    """
+
+    def __init__(self, link: Link, look: Callable[[bytes, float], None]):
+        super().__init__(link)
+        self._look = look
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        self._look(data, self.now_s())
+        return data
+
+
+class SerialLink:
+    """A port opened by pyserial, for one program at a time.
+
+    Parameters
+    ----------
+    port : str
+        Such as ``/dev/ttyACM0``.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such port, it is busy, or it may not be opened.
+    """
+
+    # Of a read on Windows, where another one sets up the whole port again, which takes
+    # milliseconds and may lose what was just written.
+    _STEP_S = 0.005
+
+    def __init__(self, port: str):
+        self.name = port
+        self._serial = None
+        self._turn = 0
+        # A port of the same number is that of the same device, whatever the port is called.
+        self._is_usb = port in (numbers := _usb_numbers())
+        self._number = numbers.get(port)
+        self._open()
+
+    def reopen(self) -> None:
+        """Open the port again, under whichever name its device has now."""
+        self.let_go()
+        names = self._names()
+        self._turn += 1  # of several ports of the device, the next one
+        self.name = names[self._turn % len(names)]
+        self._open()
+
+    def let_go(self) -> None:
+        self.close()
+
+    def _names(self) -> list[str]:
+        if not self._is_usb:
+            return [self.name]
+        numbers = _usb_numbers()
+        names = [name for name, number in numbers.items() if number == self._number]
+        if names:
+            return names
+        if self.name in numbers:
+            raise RefusedError(f"another device is on {self.name} now")
+        raise SpotsError(f"there is no port {self.name}; 'spots ports' lists those that there are")
+
+    def _open(self) -> None:
+        try:
+            # The speed means nothing to USB; a number keeps UART bridges happy.
+            self._serial = serial.Serial(
+                self.name,
+                115_200,
+                timeout=self._STEP_S,
+                exclusive=True,
+                write_timeout=WRITE_TIMEOUT_S,
+            )
+            self._serial.reset_input_buffer()
+        except (*_FAILURES, ValueError) as error:
+            self.close()
+            raise SpotsError(_why_not(self.name, error)) from None
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def read(self, timeout_s: float) -> bytes:
+        """Raises PortLostError if the port went away, SpotsError if it was closed."""
+        if not self._serial.is_open:
+            raise SpotsError(f"the port {self.name} was closed")
+        end_s = self.now_s() + timeout_s
+        try:
+            if sys.platform != "win32":
+                self._serial.timeout = timeout_s
+            while True:
+                data = self._serial.read(max(1, self._serial.in_waiting))
+                if data or self.now_s() >= end_s:
+                    return data
+        except _FAILURES:
+            raise PortLostError(f"the board on {self.name} was disconnected") from None
+
+    def write(self, data: bytes) -> None:
+        """Raises PortLostError if the port went away, SpotsError if it takes nothing."""
+        try:
+            self._serial.write(data)
+        except serial.SerialTimeoutException:
+            raise SpotsError(takes_nothing(self.name)) from None
+        except _FAILURES:
+            raise PortLostError(f"the board on {self.name} was disconnected") from None
+
+    def close(self) -> None:
+        if self._serial is not None:
+            self._serial.close()
+
+
+def usb_ports() -> list:
+    """Return pyserial's `ListPortInfo` of the serial ports that are USB devices."""
+    return sorted(port for port in list_ports.comports() if port.vid is not None)
+
+
+def _usb_numbers() -> dict[str, str | None]:
+    return {port.device: port.serial_number for port in usb_ports()}
+
+
+def usb_boards() -> list[list[str]]:
+    """Return the serial ports of each USB device; that with a prompt first, for frames last."""
+    boards: dict = {}
+    for port in usb_ports():
+        boards.setdefault(port.serial_number or port.device, []).append(port.device)
+    return list(boards.values())
+
+
+def _why_not(port: str, error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    text = str(error).lower()
+    if number == errno.ENOENT or "no such file" in text or "cannot find" in text:
+        return f"there is no port {port}; 'spots ports' lists those that there are"
+    # Windows denies access to a port that another program has open.
+    denied = number == errno.EACCES or "permission" in text or "access is denied" in text
+    busy = number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text
+    if busy or (denied and sys.platform == "win32"):
+        return f"{port} is busy: close the other program that uses it"
+    if denied:
+        return f"{port} may not be opened: add yourself to its group (ls -l {port}), log in again"
+    return f"{port} cannot be opened as a serial port: {error}"

@@ -1,0 +1,20 @@
+"""What lets a user open a board's port, and be a keyboard or a gamepad, on Linux."""
+
+from __future__ import annotations
+
+import sys
+
+from .serial_link import usb_ports
+
+UINPUT_RULE = 'KERNEL=="uinput", SUBSYSTEM=="misc", OPTIONS+="static_node=uinput", TAG+="uaccess"'
+
+
+def with_rule(sentence: str, port: str) -> str:
+    """Add a udev rule for a board to a sentence that says its port may not be opened."""
+    if "may not be opened" not in sentence or not sys.platform.startswith("linux"):
+        return sentence
+    vid = next((usb.vid for usb in usb_ports() if usb.device == port), None)
+    if vid is None:
+        return sentence
+    rule = f'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vid:04x}", TAG+="uaccess"'
+    return f"{sentence}; or put this into /etc/udev/rules.d/60-spots.rules and replug: {rule}"

@@ -1,0 +1,265 @@
+"""Where a twin's readings come from: boards, recordings of boards, or a simulated linkage."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from spots_sim.files import LinkageFile, PathFile, SensorFile
+from spots_sim.files import load as load_simulated
+from tactile.settings import checksum
+
+from ..calibrate.calibration_file import CalibrationFile
+from ..errors import SpotsError
+from ..link.board import Board
+from ..link.connect import RECORDING, find, open, prepare
+from ..link.frames import LinkStats, Touch
+from ..recording.recording import Recording
+from . import mounted
+from .digital_twin import Terminal, Twin, merged, readings
+
+_Readings = Iterator[tuple[int, Touch]]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A twin with what it follows.
+
+    Attributes
+    ----------
+    twin : Twin
+    names : list of str
+        Of the ports or files.
+    stats : callable
+        Returns the health of each link.
+    now_s : callable
+        Returns the time by the clock of the readings; of recordings, that when they began.
+    readings : callable
+        Given for how many seconds (None for no end), yields (joint, reading) for `Twin.follow`.
+    """
+
+    twin: Twin
+    names: list[str]
+    stats: Callable[[], list[LinkStats]]
+    now_s: Callable[[], float]
+    readings: Callable[[float | None], _Readings]
+
+    def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
+        """Yield the terminals, for so long if that is given."""
+        return self.twin.follow(self.readings(seconds))
+
+
+@contextmanager
+def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
+    """Open what a linkage file names; in a ``with`` block.
+
+    Parameters
+    ----------
+    linkage : str or Path
+        A linkage file; its strips' calibrations are given to the boards.
+    ports : list of str
+        Of joint 1 and joint 2, or of one board with two sensors; ``recording:FILE`` plays back.
+        Boards on USB are found by their ids, if not given.
+    record : list of str
+        Recordings to make, one for each board.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or a board is not there or not that of its calibration.
+    """
+    path = Path(linkage)
+    arm = mounted.load(path)
+    strips = arm.strips(path)
+    twin = Twin(arm.linkage, arm.encoders(strips))
+    if len(ports) > 2:
+        raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
+    played = [port.startswith(RECORDING) for port in ports]
+    if any(played):
+        if not all(played) or record:
+            raise SpotsError("recordings are played with recordings, and not recorded again")
+        yield _recorded(twin, strips, [port[len(RECORDING) :] for port in ports])
+        return
+    with ExitStack() as stack:
+        boards = _boards(stack, strips, ports)
+        _prepare(boards, strips)
+        _record(stack, boards, record)
+        yield _live(twin, boards, lambda board: _prepare(boards, strips, board))
+
+
+@contextmanager
+def simulated(
+    sensor: str = "default",
+    linkage: str = "default",
+    path: str = "sust",
+    seed: int = 0,
+    exposure_us: int = 30_000,
+    record: list[str] = (),
+) -> Iterator[Source]:
+    """Open the two virtual boards of a simulated linkage in real time; in a ``with`` block.
+
+    It goes along the path again and again.
+
+    Parameters
+    ----------
+    sensor, linkage, path : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    exposure_us : int
+        Of the strips.
+    record : list of str
+        Recordings to make, one for each board.
+    """
+    machine = endless(sensor, linkage, path, seed, exposure_us)
+    with ExitStack() as stack:
+        boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]
+        _record(stack, boards, record)
+        yield _live(Twin(machine.linkage, machine.encoders()), boards)
+
+
+def endless(
+    sensor: str = "default",
+    linkage: str = "default",
+    path: str = "sust",
+    seed: int = 0,
+    exposure_us: int = 30_000,
+):
+    """Return a `simulated.Endless` of files by path or name."""
+    from spots_sim.simulated_linkage import Endless  # the simulator only where it is used
+
+    if mounted.is_mounted(linkage):
+        raise SpotsError(
+            f"{linkage} is of boards: a simulated linkage goes with --port virtual, and its files "
+            "hold lowest_deg, as 'default' does"
+        )
+    files = (
+        load_simulated(SensorFile, sensor),
+        load_simulated(LinkageFile, linkage),
+        load_simulated(PathFile, path),
+    )
+    print("calibrating two simulated strips, some seconds ...", file=sys.stderr, flush=True)
+    return Endless(*files, seed, exposure_us)
+
+
+def paced(pairs: _Readings) -> _Readings:
+    """Yield readings at the pace at which they were taken."""
+    ahead_s = None
+    for joint, touch in pairs:
+        if ahead_s is None:
+            ahead_s = touch.time_s - time.monotonic()
+        time.sleep(max(touch.time_s - ahead_s - time.monotonic(), 0.0))
+        yield joint, touch
+
+
+def check(strip: CalibrationFile, info: dict, number: int, name: str) -> None:
+    """Raise SpotsError unless a board, by its ``hello``, is that of a joint's calibration."""
+    if info["id"] != strip.board:
+        raise SpotsError(
+            f"joint {number}, {name}: this is board {info['id']}, and the calibration of the joint "
+            f"was made on {strip.board}: name the ports in the order of the joints"
+        )
+
+
+def give(board: Board, strip: CalibrationFile) -> None:
+    """Give a board its joint's calibration.
+
+    Raises
+    ------
+    SpotsError
+        If it does not take it, or can only be read and has another.
+    """
+    if not board.read_only:
+        prepare(board, strip.lines)
+        return
+    used, needed = board.info.get("calibration"), checksum(list(strip.lines))
+    if used != needed:
+        raise SpotsError(
+            f"{board.port} can only be read and uses calibration {used}, its joint has {needed}: "
+            "upload that where the board is plugged in"
+        )
+
+
+def _live(twin: Twin, boards: list[Board], restarted=lambda board: None) -> Source:
+    return Source(
+        twin,
+        [board.port for board in boards],
+        lambda: [board.stats for board in boards],
+        boards[0].now_s,
+        lambda seconds: readings(boards, seconds, restarted),
+    )
+
+
+def _boards(stack: ExitStack, strips: list[CalibrationFile], ports: list[str]) -> list[Board]:
+    if ports:
+        return [stack.enter_context(open(port)) for port in ports]
+    wanted = list(dict.fromkeys(strip.board for strip in strips))
+    there = {board.info["id"]: stack.enter_context(board) for board in find()[0]}
+    missing = [name for name in wanted if name not in there]
+    if missing:
+        raise SpotsError(
+            f"no board {' and no board '.join(missing)}, with which the joints were calibrated: "
+            f"plug it in, or name ports with --port; there is {', '.join(there) or 'none'}"
+        )
+    for name in there.keys() - set(wanted):
+        there[name].close()
+    return [there[name] for name in wanted]
+
+
+def _prepare(boards: list[Board], strips: list[CalibrationFile], only: Board | None = None) -> None:
+    if len(boards) == 1:
+        return  # a board with two sensors holds both calibrations itself
+    for number, (board, strip) in enumerate(zip(boards, strips), 1):
+        if only in (None, board):
+            check(strip, board.command("hello"), number, board.port)
+            give(board, strip)
+
+
+def _record(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
+    if paths and len(paths) != len(boards):
+        raise SpotsError(f"there are {len(boards)} boards: name as many files with --record")
+    for board, path in zip(boards, paths):
+        stack.enter_context(board.record(path))
+
+
+def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> Source:
+    recordings = [Recording(path) for path in paths]
+    for recording in recordings:
+        if recording.header.clock is None:
+            raise SpotsError(f"{recording.path} does not tell when its readings were taken")
+    if len(recordings) == 2:
+        for number, (recording, strip) in enumerate(zip(recordings, strips), 1):
+            info = recording.header.info
+            check(strip, info, number, str(recording.path))
+            if info["calibration"] != checksum(list(strip.lines)):
+                raise SpotsError(
+                    f"joint {number}, {recording.path}: recorded with calibration "
+                    f"{info['calibration']}, and the linkage file names "
+                    f"{checksum(list(strip.lines))}: name the one that it was recorded with"
+                )
+
+    begun_s = max(recording.header.host_s for recording in recordings)
+
+    def both(seconds: float | None) -> _Readings:
+        touches = [_touches(recording) for recording in recordings]
+        pairs = merged(*touches) if len(touches) == 2 else ((t.sensor, t) for t in touches[0])
+        for joint, touch in pairs:
+            if seconds is not None and touch.time_s > begun_s + seconds:
+                return
+            yield joint, touch
+
+    return Source(
+        twin,
+        [str(recording.path) for recording in recordings],
+        lambda: [recording.stats for recording in recordings],
+        lambda: begun_s,
+        both,
+    )
+
+
+def _touches(recording: Recording) -> Iterator[Touch]:
+    return (frame for _, frame in recording if isinstance(frame, Touch))

@@ -1,0 +1,1 @@
+"""Keyboards and gamepads of this computer that an application plays."""

@@ -1,0 +1,49 @@
+"""A keyboard where Linux's uinput is not: macOS and Windows, by pynput.
+
+It presses what types a character, not a key at a place: where the American keyboard has a
+character, whatever key of the computer's own layout types it.
+"""
+
+from __future__ import annotations
+
+from ..errors import SpotsError
+from .devices import Keyboard
+from .usages import Usage
+
+
+class DesktopKeyboard(Keyboard):
+    """The computer's own keyboard, played by a program.
+
+    Raises
+    ------
+    SpotsError
+        If pynput is missing or finds no desktop.
+    """
+
+    def __init__(self):
+        super().__init__()
+        try:
+            from pynput import keyboard
+        except ImportError as error:
+            why = "" if "pynput" in str(error) else f" ({error})"
+            raise SpotsError(
+                f"this needs pynput and a desktop{why}: pip install pynput, or use --dry-run to "
+                "print instead"
+            ) from None
+        self._names = keyboard.Key
+        self._controller = keyboard.Controller()
+
+    def _check(self, one: Usage) -> None:
+        if self._key(one) is None:
+            raise SpotsError(f"this computer's keyboard has no {one.name}: choose another key")
+
+    def _set(self, one: Usage, pressed: bool) -> None:
+        try:
+            (self._controller.press if pressed else self._controller.release)(self._key(one))
+        except Exception as error:  # what it raises depends on the desktop
+            raise SpotsError(f"the desktop refuses the key {one.name}: {error!r}") from None
+
+    def _key(self, one: Usage):
+        if one.pynput is None or len(one.pynput) == 1:
+            return one.pynput
+        return getattr(self._names, one.pynput, None)

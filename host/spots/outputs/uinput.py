@@ -1,0 +1,121 @@
+"""A keyboard and a gamepad of Linux, by the kernel's uinput and python-evdev."""
+
+from __future__ import annotations
+
+import platform
+
+from ..errors import SpotsError
+from ..link.udev import UINPUT_RULE
+from .devices import AXIS_MAX, BUTTONS, Gamepad, Keyboard, State
+from .usages import USAGES, Usage
+
+_NODE = "/dev/uinput"
+# Where there is a wheel, no compiler is needed.
+_PACKAGE = "evdev-binary" if platform.machine() == "x86_64" else "evdev"
+
+
+class UInputKeyboard(Keyboard):
+    """A virtual keyboard with all keys of `usages`.
+
+    Raises
+    ------
+    SpotsError
+        If evdev is missing, or /dev/uinput is or may not be written.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self._evdev = evdev = _import_evdev()
+        codes = sorted({evdev.ecodes.ecodes[one.linux] for one in USAGES.values()})
+        # The kernel repeats keys of devices with EV_REP where no desktop does.
+        self._device = _open(evdev, {evdev.ecodes.EV_KEY: codes, evdev.ecodes.EV_REP: ()}, "keys")
+
+    def _set(self, one: Usage, pressed: bool) -> None:
+        ecodes = self._evdev.ecodes
+        _write(self._device, ecodes.EV_KEY, ecodes.ecodes[one.linux], int(pressed))
+
+    def _flush(self) -> None:
+        _flush(self._device)
+
+    def _close(self) -> None:
+        self._device.close()
+
+
+class UInputGamepad(Gamepad):
+    """A virtual gamepad with the axes and buttons of a board's own.
+
+    Raises
+    ------
+    SpotsError
+        If evdev is missing, or /dev/uinput is or may not be written.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self._evdev = evdev = _import_evdev()
+        ecodes = evdev.ecodes
+        both, one = _range(evdev, -AXIS_MAX), _range(evdev, 0)
+        axes = [(ecodes.ABS_X, both), (ecodes.ABS_Y, both), (ecodes.ABS_Z, one)]
+        # Buttons as the kernel's HID driver counts those of a gamepad.
+        self._buttons = [ecodes.BTN_GAMEPAD + i for i in range(BUTTONS)]
+        events = {ecodes.EV_ABS: axes, ecodes.EV_KEY: self._buttons}
+        self._device = _open(evdev, events, "gamepad")
+
+    def _send(self, state: State) -> None:
+        ecodes = self._evdev.ecodes
+        for code, value in ((ecodes.ABS_X, state.x), (ecodes.ABS_Y, state.y)):
+            _write(self._device, ecodes.EV_ABS, code, value)
+        _write(self._device, ecodes.EV_ABS, ecodes.ABS_Z, state.z)
+        for i, code in enumerate(self._buttons):
+            _write(self._device, ecodes.EV_KEY, code, state.buttons >> i & 1)
+        _flush(self._device)
+
+    def _close(self) -> None:
+        self._device.close()
+
+
+def _import_evdev():
+    try:
+        import evdev
+    except ImportError:
+        raise SpotsError(
+            f"this needs evdev: pip install {_PACKAGE}, or use --dry-run to print instead"
+        ) from None
+    return evdev
+
+
+def _open(evdev, events: dict, name: str):
+    try:
+        return evdev.UInput(events, name=f"SPOTS {name}", bustype=evdev.ecodes.BUS_VIRTUAL)
+    except (evdev.UInputError, OSError) as error:
+        raise SpotsError(_why_not(error)) from None
+
+
+def _why_not(error: Exception) -> str:
+    text = str(error)
+    if "does not exist" in text or isinstance(error, FileNotFoundError):
+        return f"there is no {_NODE}: 'sudo modprobe uinput', or use --dry-run to print instead"
+    if "for writing" in text or isinstance(error, PermissionError):
+        return (
+            f"{_NODE} may not be written: put this into /etc/udev/rules.d/60-spots.rules, then "
+            f"'sudo udevadm control --reload' and 'sudo udevadm trigger {_NODE}': {UINPUT_RULE}"
+        )
+    return f"{_NODE} makes no device: {text}"
+
+
+def _write(device, kind: int, code: int, value: int) -> None:
+    try:
+        device.write(kind, code, value)
+    except OSError as error:
+        raise SpotsError(f"{_NODE} takes no events any more: {error}") from None
+
+
+def _flush(device) -> None:
+    try:
+        device.syn()
+    except OSError as error:
+        raise SpotsError(f"{_NODE} takes no events any more: {error}") from None
+
+
+def _range(evdev, low: int):
+    return evdev.AbsInfo(value=0, min=low, max=AXIS_MAX, fuzz=0, flat=0, resolution=0)

@@ -1,0 +1,73 @@
+"""``spots info``: what is in a recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import datetime, timezone
+from pathlib import Path
+
+import msgspec
+
+from ..errors import printable
+from ..link.frames import Key, Spectrum, Text, Touch
+from .arrays import RecordingBlocks
+from .table import TABLES, shown
+
+
+def summary(path: str | Path) -> dict:
+    """Read a recording to its end and return what is in it.
+
+    Raises
+    ------
+    SpotsError
+        If it cannot be read.
+    """
+    recording = RecordingBlocks(path)
+    counts = Counter()
+    for block in shown(recording, every=1):
+        kinds = Touch, Spectrum, Key, Text
+        for kind, found in zip(kinds, (block.touches, block.spectra, block.keys, block.texts)):
+            counts[TABLES[kind].name] += len(found)
+    stats, header = recording.stats, recording.header
+    return {
+        "files": [str(path) for path in recording.paths],
+        "bytes": recording.size,
+        "begun": datetime.fromtimestamp(header.utc_s, timezone.utc).isoformat(),
+        "duration_s": round(recording.end_s - header.host_s, 6),
+        "frames": {table.name: counts[table.name] for table in TABLES.values()},
+        "lost": stats.lost,
+        "bad": stats.bad_crc,
+        "restarts": recording.restarts,
+        "cut_bytes": recording.cut_bytes,
+        "complete": recording.complete,
+        "notes": recording.notes,
+        "header": msgspec.to_builtins(header),
+    }
+
+
+def report(found: dict) -> str:
+    """Return a summary as lines of text."""
+    info = found["header"]["info"]
+    calibration = found["header"]["calibration"]
+    frames = ", ".join(f"{count} {name}" for name, count in found["frames"].items() if count)
+    cut = found["cut_bytes"]
+    end = "complete" if found["complete"] else "no end: cut off, or still being written"
+    rows = {
+        "files": ", ".join(found["files"]),
+        "size": f"{found['bytes']} bytes",
+        "board": "{board}, {runtime}, firmware {firmware}, id {id}".format_map(_Known(info)),
+        "calibration": f"{info.get('calibration')}"
+        + (f", {len(calibration)} lines" if calibration else ""),
+        "begun": found["begun"],
+        "duration": f"{found['duration_s']:.3f} s",
+        "frames": frames or "none",
+        "lost": f"{found['lost']} lost, {found['bad']} bad, {found['restarts']} restarts",
+        "end": end + (f", {cut} bytes of a frame" if cut else ""),
+    }
+    width = max(map(len, rows))
+    return "\n".join(f"{name.ljust(width)}  {printable(value)}" for name, value in rows.items())
+
+
+class _Known(dict):
+    def __missing__(self, key: str) -> str:
+        return "?"

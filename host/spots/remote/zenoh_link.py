@@ -1,0 +1,119 @@
+"""A published board as a link: its frames as they come, and questions to its publisher."""
+
+from __future__ import annotations
+
+import time
+
+import zenoh
+
+from ..errors import PortLostError, SpotsError
+from ..link.replies import decoded
+from .mailbox import Mailbox
+from .zenoh_session import READ_ONLY, direct, key
+
+_RUN_BYTES_MAX = 64
+_ERROR_BYTES_MAX = 600  # as long as any text of a board
+
+
+class ZenohLink:
+    """Frames of a board that someone publishes. Nothing is ever written to the board.
+
+    Frames come after `listen` only. A publisher that goes away, and a board that began anew
+    behind it, are lost ports: `read` raises PortLostError, and after `reopen` nobody listens.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        Taken over; closed with the link.
+    board_id : str
+    """
+
+    def __init__(self, session: zenoh.Session, board_id: str):
+        self.name = f"zenoh:{board_id}"
+        self._session, self._id = session, board_id
+        self._mail = Mailbox()
+        self._alive = True  # or it would not have been found
+        self._frames: zenoh.Subscriber | None = None
+        self._run: bytes | None = None
+        token = key(board_id, "alive")
+        self._watch = session.liveliness().declare_subscriber(
+            token, direct(self._note), history=True
+        )
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def listen(self, on: bool) -> None:
+        """Let frames come from now on, or no more."""
+        if self._frames is not None and not on:
+            self._frames.undeclare()
+            self._frames = None
+            self._mail.clear()
+        elif self._frames is None and on:
+            frames = key(self._id, "frames")
+            self._frames = self._session.declare_subscriber(frames, direct(self._receive))
+
+    def read(self, timeout_s: float) -> bytes:
+        """Raises PortLostError if it is published no more or the board began anew."""
+        mail = self._mail
+        with mail.changed:
+            mail.changed.wait_for(lambda: mail or not self._alive, timeout_s)
+            if mail:
+                return self._whole_run()
+        if self._session.is_closed():
+            raise SpotsError(f"{self.name} was closed")
+        if not self._alive:
+            raise PortLostError(f"the board {self.name} is published no more")
+        return b""
+
+    def reopen(self) -> None:
+        """Raises SpotsError while nobody publishes the board."""
+        self.listen(False)
+        self._run = None
+        if not self._alive:
+            raise SpotsError(f"the board {self.name} is published no more")
+
+    def write(self, data: bytes) -> None:
+        """Write nothing: see `ask`."""
+
+    def ask(self, command: str, timeout_s: float) -> dict | None:
+        """Return the publisher's reply to a command that changes nothing; None if none comes."""
+        selector = key(self._id, READ_ONLY[command])
+        for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
+            if reply.err is not None:
+                # Any peer can send an error, of any length and in no encoding at all.
+                if len(reply.err.payload) <= _ERROR_BYTES_MAX:
+                    text = bytes(reply.err.payload).decode(errors="replace")
+                    return {"re": command, "error": text}
+                continue
+            try:
+                return decoded(reply.ok.payload)
+            except ValueError:
+                continue  # not a SPOTS publisher
+        return None
+
+    def close(self) -> None:
+        """Let the session go."""
+        self._alive = False
+        self._session.close()
+
+    def _whole_run(self) -> bytes:
+        # All that waits at once: a decoder is cheaper with more bytes, and a view lags less.
+        pieces = []
+        while self._mail:
+            run, data = self._mail.take()
+            if self._run not in (None, run):
+                raise PortLostError(f"the board {self.name} has begun anew")
+            self._run = run
+            pieces.append(data)
+        return b"".join(pieces)
+
+    def _receive(self, sample: zenoh.Sample) -> None:
+        run = sample.attachment or b""
+        if len(run) <= _RUN_BYTES_MAX:
+            self._mail.put(bytes(run), sample.payload)
+
+    def _note(self, sample: zenoh.Sample) -> None:
+        with self._mail.changed:
+            self._alive = sample.kind == zenoh.SampleKind.PUT
+            self._mail.changed.notify_all()

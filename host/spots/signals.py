@@ -1,0 +1,195 @@
+"""Signals that end, stop or continue a process: open outputs release all before they take effect.
+
+An output counts as open while it is in its ``with`` block, and applies each change in a section
+``with SECTION``. A signal that comes in a section is deferred to its end, so that no change is cut
+in two. After a signal outputs press nothing until the loop that feeds them has called `resumed`.
+
+SIGKILL, SIGSTOP and a crash in C run none of this.
+"""
+
+from __future__ import annotations
+
+import _thread
+import contextlib
+import signal
+import sys
+import threading
+import weakref
+from collections.abc import Iterator
+
+from .errors import SpotsError
+
+# What there is of them on this system.
+_ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
+_STOPPING = ("SIGTSTP", "SIGTTIN", "SIGTTOU")
+# Nobody is asked before a SIGSTOP: what it held is released when it goes on.
+_CONTINUING = ("SIGCONT",)
+# Console events of Windows: the process ends as soon as their handler returns, or after 5 s.
+_CONSOLE_EVENTS = (2, 5, 6)  # close, logoff, shutdown
+_CONSOLE_S = 4.5
+
+
+def _numbers(names: tuple[str, ...]) -> list[int]:
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+def _ignore(numbers: list[int], handler) -> list[int]:
+    """Ignore those of the signals that have this handler, and return them."""
+    found = [one for one in numbers if signal.getsignal(one) == handler]
+    for one in found:
+        signal.signal(one, signal.SIG_IGN)
+    return found
+
+
+class _Section:
+    """Defers signals while it is entered; the main thread's. Reentrant.
+
+    Attributes
+    ----------
+    outputs : weakref.WeakSet of outputs.Output
+        Those that are open.
+    ended_by : int or None
+        The signal that ends the process.
+    """
+
+    def __init__(self):
+        self.outputs = weakref.WeakSet()
+        self.ended_by: int | None = None
+        self._depth = 0
+        self._pending: list[int] = []
+        self._stopped = False
+
+    def __enter__(self) -> None:
+        self._depth += 1
+
+    def __exit__(self, *exception) -> None:
+        self._depth -= 1
+        self._act()
+
+    def handle(self, number: int, frame=None) -> None:
+        """Handle a signal, now or at the end of the section; as `signal.signal` takes it."""
+        if number not in self._pending:
+            self._pending.append(number)
+        self._act()
+
+    def resumed(self) -> bool:
+        """Return whether the process was stopped since the last call; outputs press again."""
+        if not self._stopped:
+            return False
+        self._stopped = False
+        for output in list(self.outputs):
+            output.muted = False
+        return True
+
+    def _act(self) -> None:
+        # A handler that interrupts this between two lines finds nothing half done: it takes all
+        # that is pending, or, within the section, leaves it.
+        while self._pending and not self._depth:
+            self._depth += 1
+            try:
+                while self._pending and self.ended_by is None:
+                    self._take_effect(self._pending.pop(0))
+                if self.ended_by is not None:
+                    self._pending.clear()
+            finally:
+                self._depth -= 1
+            if self.ended_by is not None:
+                if self.ended_by == signal.SIGINT:
+                    raise KeyboardInterrupt
+                raise SystemExit(128 + self.ended_by)
+
+    def _take_effect(self, number: int) -> None:
+        stopping = _numbers(_STOPPING)
+        ending = _numbers(_ENDING)
+        # An output that prints may raise SIGTTOU, again and again.
+        ignored = _ignore(stopping, self.handle)
+        for output in list(self.outputs):
+            with contextlib.suppress(SpotsError, OSError):  # its device or terminal is gone
+                output.mute()
+        for one in ignored:
+            signal.signal(one, self.handle)
+        if number in ending:
+            self.ended_by = number
+            _ignore(ending, self.handle)  # no second one disturbs the end
+            return
+        self._stopped = True
+        if number in stopping:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)  # returns when the process is continued
+            signal.signal(number, self.handle)
+
+
+SECTION = _Section()
+resumed = SECTION.resumed
+
+
+@contextlib.contextmanager
+def released_by_signals() -> Iterator[None]:
+    """Release all open outputs on a signal, then do what the signal does.
+
+    One that ends the process unwinds the block first, by KeyboardInterrupt or SystemExit; then
+    the process ends by the signal itself, unless the block caught the exception. One that stops
+    it stops it at once. What was ignored stays so (nohup). Only for the main thread, as
+    signals are.
+    """
+    numbers = _numbers(_ENDING + _STOPPING + _CONTINUING)
+    # What C has set (None) cannot be set back.
+    numbers = [one for one in numbers if signal.getsignal(one) not in (signal.SIG_IGN, None)]
+    before = {number: signal.signal(number, SECTION.handle) for number in numbers}
+    ended_by = None
+    released = threading.Event()
+    try:
+        with _console_events(released):
+            yield
+    except (KeyboardInterrupt, SystemExit):
+        ended_by = SECTION.ended_by
+        if ended_by is None or sys.platform == "win32":
+            raise
+    finally:
+        released.set()
+        SECTION.ended_by = None
+        resumed()
+        if ended_by is not None:
+            _end_by(ended_by)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end_by(number: int) -> None:
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
+    signal.signal(number, signal.SIG_DFL)
+    signal.raise_signal(number)
+
+
+@contextlib.contextmanager
+def _console_events(released: threading.Event) -> Iterator[None]:
+    if sys.platform != "win32":
+        yield
+        return
+    import ctypes
+    from ctypes import wintypes
+
+    kernel32 = ctypes.WinDLL("kernel32", use_last_error=True)
+    handler_type = ctypes.WINFUNCTYPE(wintypes.BOOL, wintypes.DWORD)
+    handler = handler_type(lambda event: on_console_event(event, released))
+    kernel32.SetConsoleCtrlHandler(handler, True)
+    try:
+        yield
+    finally:
+        kernel32.SetConsoleCtrlHandler(handler, False)
+
+
+def on_console_event(event: int, released: threading.Event) -> bool:
+    """Let the main thread end as by Ctrl-C, and wait for it; Windows calls this in a thread.
+
+    Returns
+    -------
+    bool
+        Whether the event was one that ends the process.
+    """
+    if event not in _CONSOLE_EVENTS:
+        return False
+    _thread.interrupt_main()
+    released.wait(_CONSOLE_S)
+    return True

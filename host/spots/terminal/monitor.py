@@ -1,0 +1,52 @@
+"""Shows what a board feels, until one has seen enough."""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext
+
+from rich.console import Console
+
+from spots_sim.score import Score
+
+from ..link.board import Board
+from ..link.frames import Touch
+from .view import Pace, View, live, plain
+
+PLAIN_LINES_PER_S = 4
+
+
+def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None = None) -> None:
+    """Show a board's readings until the time is over or Ctrl-C.
+
+    A live picture on a terminal, plain lines elsewhere.
+    """
+    console = Console()
+    drawing = console.is_terminal and not quiet
+    board.command("stream touch spectrum" if drawing else "stream touch")
+    view = View(board.command("hello"), board.port)
+    started_s = board.now_s()
+    pace = Pace() if drawing else Pace(PLAIN_LINES_PER_S)
+    board.patience_s = math.inf
+    try:
+        with live(console) if drawing else nullcontext() as display:
+
+            def show_state(state: str) -> None:
+                view.state = state
+                if drawing:
+                    display.update(view.picture(board.stats, score), refresh=True)
+                elif not quiet:
+                    print(f"{board.now_s() - started_s:8.3f} s  link {state}", flush=True)
+
+            board.when_state_changes(show_state)
+            for frame in board.frames(seconds):
+                now_s = board.now_s()
+                view.take(frame)
+                if isinstance(frame, Touch) and score is not None:
+                    score.take(frame, now_s)
+                if drawing and pace.due(now_s):
+                    display.update(view.picture(board.stats, score), refresh=True)
+                elif not drawing and not quiet and isinstance(frame, Touch) and pace.due(now_s):
+                    print(plain(frame, started_s), flush=True)
+    except KeyboardInterrupt:
+        pass

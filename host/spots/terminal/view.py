@@ -1,0 +1,203 @@
+"""What a person sees: the strip, its spectrum and the link, as a picture in the terminal."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from spots_sim.score import Score
+from tactile import decode
+
+from ..errors import printable
+from ..link.board import CONNECTED
+from ..link.frames import Frame, LinkStats, Spectrum, Touch
+
+_FULL_FORCE_MN = 10_000
+_DEFAULT_LENGTH_UM = 85_000
+_BAR_COLUMNS = 40
+_TRACE_COLUMNS = 64
+_EIGHTHS = " ▏▎▍▌▋▊▉█"
+_LEVELS = " ▁▂▃▄▅▆▇█"
+_REDRAWS_PER_S = 15
+# What a channel's band looks like, DS000504.
+_CHANNEL_COLOURS = {
+    "F1": "#7600ed", "F2": "#0028ff", "F3": "#00d5ff", "F4": "#1fff00", "F5": "#b3ff00",
+    "F6": "#ffdf00", "F7": "#ff4f00", "F8": "#d00000", "CLEAR": "#f0f0f0", "NIR": "#8a5a5a",
+}  # fmt: skip
+_FLAG_WORDS = {
+    decode.SATURATED: "saturated",
+    decode.MISFIT: "not one press",
+    decode.NOT_CALIBRATED: "not calibrated",
+    decode.LED_OFF: "LED off",
+}
+
+
+class View:
+    """State of the picture, and the picture.
+
+    Parameters
+    ----------
+    info : dict
+        The board's ``hello``.
+    port : str
+        Its port.
+
+    Attributes
+    ----------
+    state : str
+        Of the link, see `board.Board.state`; shown where it is not connected.
+    """
+
+    def __init__(self, info: dict, port: str):
+        self.state = CONNECTED
+        self._info = info
+        self._port = port
+        self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
+        self._touch: Touch | None = None
+        self._spectrum: Spectrum | None = None
+        self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
+
+    def take(self, frame: Frame) -> None:
+        """Show this frame from now on."""
+        if isinstance(frame, Touch):
+            self._touch = frame
+            self._trace.append(frame)
+        elif isinstance(frame, Spectrum):
+            self._spectrum = frame
+
+    def picture(self, stats: LinkStats, score: Score | None = None) -> Panel:
+        """Return the picture, with how good the run is where that is known."""
+        info = self._info
+        parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
+        parts += [self._bars(), Text(), *_facts(stats, score)]
+        if self.state != CONNECTED:
+            parts.append(Text(f"link {self.state}", style="yellow"))
+        title = Text(f"SPOTS  {info['board']} · {info['runtime']} · {printable(self._port)}")
+        return Panel(Group(*parts), title=title, width=_TRACE_COLUMNS + 16, padding=(1, 2))
+
+    def _strip(self) -> Text:
+        # The dyed guide reddens away from the sensor; a press is where it is bright.
+        touch = self._touch
+        columns = _TRACE_COLUMNS
+        at = size = -1.0
+        if touch is not None and touch.touching:
+            at = touch.position_um / self._length_um * (columns - 1)
+            size = 0.6 + 2.5 * min(touch.force_mN / _FULL_FORCE_MN, 1)
+        line = Text("sensor ▐")
+        for column in range(columns):
+            share = column / (columns - 1)
+            red, rest = 120 + round(40 * (1 - share)), round(110 * (1 - share) ** 2 + 14)
+            if at >= 0 and abs(column - at) <= size:
+                red, rest = 255, 235 - round(60 * share)
+            line.append("█", style=f"rgb({red},{rest},{rest})")
+        return line
+
+    def _scale(self) -> Text:
+        half = _TRACE_COLUMNS // 2
+        middle, end = (f"{self._length_um / 1000 * share:g} mm" for share in (0.5, 1))
+        ticks = "0".ljust(half) + middle.ljust(half - len(end)) + end
+        return Text(" " * len("sensor ▐") + ticks, style="dim")
+
+    def _numbers(self) -> Table:
+        touch = self._touch
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(justify="right", width=9)
+        grid.add_column(justify="right", width=10)
+        grid.add_column()
+        held = touch is not None and touch.touching
+        place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
+        force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
+        words = _words(touch) if touch is not None else ""
+        grid.add_row("position", place, Text(words, style="yellow"))
+        share = touch.force_mN / _FULL_FORCE_MN if held else 0
+        grid.add_row("force", force, Text(_bar(share, _BAR_COLUMNS), style="cyan"))
+        return grid
+
+    def _history(self) -> Table:
+        # Oldest left; the height of each column is the mean position of its readings.
+        readings = list(self._trace)
+        line = Text()
+        for i in range(0, len(readings), 4):
+            held = [t.position_um for t in readings[i : i + 4] if t.touching]
+            share = sum(held) / len(held) / self._length_um if held else 0
+            level = 1 + max(0, min(int(share * 8), 7))
+            line.append(_LEVELS[level] if held else " ", style="red")
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(justify="right", width=9)
+        grid.add_column()
+        grid.add_row("history", line)
+        return grid
+
+    def _bars(self) -> Table:
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(justify="right", width=9)
+        grid.add_column(justify="right", width=10)
+        grid.add_column()
+        counts = self._spectrum.counts if self._spectrum else [0] * len(self._info["plan"])
+        top = max([*counts, 1000])
+        for name, count in zip(self._info["plan"], counts):
+            bar = Text(_bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
+            grid.add_row(Text(name), f"{count} ct", bar)
+        return grid
+
+
+def _bar(share: float, columns: int) -> str:
+    eighths = round(max(0.0, min(share, 1.0)) * columns * 8)
+    return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
+
+
+def _facts(stats: LinkStats, score: Score | None) -> list[Text]:
+    link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc}
+    rows = [link]
+    if score is not None and score.readings:
+        link["rate"] = f"{score.rate_hz:.1f} Hz"
+        link["latency"] = f"{score.latency_ms(50):.1f} ms"
+        if score.position_rmse_um is not None:
+            error = f"{score.position_rmse_um:.0f} µm, {score.force_rmse_mN:.0f} mN rms"
+            rows.append({"touches": score.touches, "error against the scenario": error})
+    return [_row(row) for row in rows]
+
+
+def _row(row: dict) -> Text:
+    return Text("   ").join(
+        Text.assemble((name + " ", "dim"), str(value)) for name, value in row.items()
+    )
+
+
+def _words(touch: Touch) -> str:
+    return " ".join(word for flag, word in _FLAG_WORDS.items() if touch.flags & flag)
+
+
+def plain(touch: Touch, started_s: float) -> str:
+    """Return a reading as a line of text, its time counted from `started_s`."""
+    time_s = touch.time_s - started_s
+    words = _words(touch)
+    if not touch.touching:
+        return f"{time_s:8.3f} s  no touch  {words}".rstrip()
+    place, force = touch.position_um / 1000, touch.force_mN / 1000
+    return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} N  {words}".rstrip()
+
+
+def live(console: Console) -> Live:
+    """Return a display that redraws in place; draw with ``update(picture, refresh=True)``."""
+    return Live(console=console, auto_refresh=False, transient=False)
+
+
+class Pace:
+    """Tells when to redraw, so that drawing never costs readings."""
+
+    def __init__(self, per_s: float = _REDRAWS_PER_S):
+        self._every_s = 1 / per_s
+        self._next_s = float("-inf")
+
+    def due(self, now_s: float) -> bool:
+        """Return whether it is time, at most so many times a second."""
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + self._every_s
+        return True

@@ -1,1 +1,0 @@
-"""What a program on the host makes of readings: controllers, keyboards, encoders, a twin."""

@@ -1,0 +1,1 @@
+"""Gestures on a worn strip: `spots wearable`."""

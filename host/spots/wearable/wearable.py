@@ -1,0 +1,149 @@
+"""``spots wearable``: gestures on a strip that is worn, to keys of this computer."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from rich.console import Console
+
+from .. import toml
+from ..errors import SpotsError
+from ..keyboard.key_engine import LOST_S, KeySink
+from ..link.board import Board
+from ..link.calibrated import hello_often, tell_rest, ticks
+from ..link.connect import open_named
+from ..outputs.devices import open_keyboard
+from ..outputs.usages import chord_of
+from ..signals import released_by_signals
+from ..terminal.view import Pace, live
+from .gestures import NAMES, Gesture, Gestures
+from .wearable_view import picture
+
+FOLDER = Path(__file__).parent / "wearables"
+DEFAULT = FOLDER / "media.toml"
+_TICK_S = 0.02
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    gestures: dict[str, str]
+    least_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.6
+
+
+class Mapping:
+    """What gestures do: a checked file.
+
+    Attributes
+    ----------
+    least_confidence : float
+        What is less sure does nothing.
+    names : dict of str to str
+        By gesture, the key as the file has it.
+    keys : dict of str to tuple of int
+        By gesture: page, usage, modifiers.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file, or something in it is wrong.
+    """
+
+    def __init__(self, path: str | Path = DEFAULT):
+        path, text = toml.find(path, FOLDER, "gestures")
+        file = toml.checked(text, _File, f"gestures file {path}")
+        unknown = sorted(set(file.gestures) - set(NAMES))
+        if unknown:
+            raise SpotsError(
+                f"gestures file {path}: there is no gesture '{unknown[0]}'; there are "
+                + ", ".join(NAMES)
+            )
+        self.least_confidence = file.least_confidence
+        self.names = file.gestures
+        self.keys = {}
+        for gesture, action in file.gestures.items():
+            try:
+                self.keys[gesture] = chord_of(action)
+            except SpotsError as error:
+                raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
+
+    def do(self, gesture: Gesture, keyboard: KeySink) -> None:
+        """Press and release what a gesture means, if it is sure enough."""
+        if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
+            for pressed in (True, False):
+                keyboard.key(*self.keys[gesture.name], pressed)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run ``spots wearable`` with the options that `cli` parsed."""
+    mapping = Mapping(options.gestures or DEFAULT)
+    with (
+        released_by_signals(),
+        open_named(options) as board,
+        open_keyboard(options.dry_run) as keyboard,
+    ):
+        drawing = Console().is_terminal and not options.dry_run
+        play(board, lambda one: mapping.do(one, keyboard), options.seconds, drawing, mapping)
+
+
+def play(
+    board: Board,
+    on_gesture: Callable[[Gesture], None],
+    seconds: float | None,
+    drawing: bool,
+    mapping: Mapping,
+) -> list[Gesture]:
+    """Tell of each gesture until the time is over; return all of them.
+
+    Parameters
+    ----------
+    board : Board
+        Told to follow the light of the untouched strip.
+    on_gesture : callable
+    seconds : float or None
+        Never end, if None.
+    drawing : bool
+        Whether to show a picture, with what `mapping` says.
+    mapping : Mapping
+    """
+    gestures, found = Gestures(), []
+    length_um = hello_often(board, LOST_S)["length_um"]
+    pace, touch = Pace(), None
+    with live(Console()) if drawing else nullcontext() as display:
+        for touches in ticks(board, seconds, _TICK_S, gestures.release):
+            for touch in touches:
+                for gesture in gestures.take(touch, board.now_s()):
+                    found.append(gesture)
+                    on_gesture(gesture)
+            gestures.tick(board.now_s())
+            if gestures.rests:
+                gestures.rests = 0
+                tell_rest(board)
+            if drawing and pace.due(board.now_s()):
+                view = picture(touch, length_um, found, mapping.names, board.stats)
+                display.update(view, refresh=True)
+    return found
+
+
+def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
+    """Show the gestures of a board and return the run in figures."""
+    drawing = Console().is_terminal and not quiet
+    mapping = Mapping()
+
+    found: list[Gesture] = []
+
+    def tell(gesture: Gesture) -> None:
+        found.append(gesture)
+        if not drawing and not quiet:
+            does = mapping.names.get(gesture.name, "-")
+            print(f"{gesture.name:12} {gesture.confidence:4.0%}  {does}", flush=True)
+
+    with suppress(KeyboardInterrupt):
+        play(board, tell, seconds, drawing, mapping)
+    return {
+        "gestures": [gesture.name for gesture in found],
+        "least_confidence": round(min((gesture.confidence for gesture in found), default=0), 3),
+    }

@@ -1,0 +1,75 @@
+"""A worn strip in the terminal: the finger, and the last gestures with what they do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.console import Group
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from ..errors import printable
+from ..link.frames import LinkStats, Touch
+from .gestures import (
+    DOUBLE_TAP,
+    HOLD,
+    SLIDE_MINUS,
+    SLIDE_PLUS,
+    SQUEEZE,
+    SWIPE_MINUS,
+    SWIPE_PLUS,
+    TAP,
+    Gesture,
+)
+
+_COLUMNS = 74
+_ROWS = 6
+_SIGNS = {
+    TAP: "·", DOUBLE_TAP: "··", HOLD: "━━", SQUEEZE: "▐█▌",
+    SWIPE_MINUS: "◀──", SWIPE_PLUS: "──▶", SLIDE_MINUS: "◁━●", SLIDE_PLUS: "●━▷",
+}  # fmt: skip
+
+
+def picture(
+    touch: Touch | None,
+    length_um: int,
+    found: Sequence[Gesture],
+    does: Mapping[str, str],
+    stats: LinkStats,
+) -> Panel:
+    """Return the picture as it is now."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for name in ("", "gesture", "sure", "where", "does"):
+        table.add_column(name, min_width=6)
+    recent = list(found[-_ROWS:])[::-1]
+    for i, gesture in enumerate(recent):
+        table.add_row(
+            _SIGNS[gesture.name],
+            spoken(gesture.name),
+            f"{gesture.confidence:.0%}",
+            f"{gesture.position_um / 1000:.0f} mm",
+            Text(printable(does.get(gesture.name, "-"))),
+            style="bold" if i == 0 else "dim",
+        )
+    for _ in range(_ROWS - len(recent)):
+        table.add_row()
+    facts = f"gestures {len(found)}   frames {stats.frames}   lost {stats.lost}"
+    parts = [_strip(touch, length_um), Text(), table, Text(facts, style="dim")]
+    return Panel(Group(*parts), title="SPOTS wearable", width=_COLUMNS + 6, padding=(1, 2))
+
+
+def spoken(name: str) -> str:
+    """Return a gesture's name as people say it."""
+    return name.replace("_minus", " to sensor").replace("_plus", " away").replace("_", " ")
+
+
+def _strip(touch: Touch | None, length_um: int) -> Text:
+    at = -1.0
+    if touch is not None and touch.touching:
+        at = touch.position_um / length_um * (_COLUMNS - 1)
+    line = Text()
+    for column in range(_COLUMNS):
+        lit = at >= 0 and abs(column - at) <= 0.6 + touch.force_mN / 5000
+        line.append("█", style="rgb(255,220,200)" if lit else "rgb(120,30,40)")
+    return line

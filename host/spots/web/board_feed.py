@@ -1,0 +1,273 @@
+"""The thread that reads a board, and finds it again when it was unplugged."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from statistics import median
+
+from spots_sim.files import ScenarioFile, SensorFile, load
+from tactile.smux import CHANNELS
+
+from ..errors import RefusedError, SpotsError
+from ..guarded import Guarded
+from ..keyboard.layout import KeyLayout
+from ..link.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
+from ..link.connect import VIRTUAL, find, open
+from ..link.frames import Key, Spectrum, Touch
+from ..recording.replay import Replay
+from .expected import expected_shown
+from .feel import Feel, layout_shown
+from .recordings import Recordings
+from .state import State
+
+_TICK_S = 0.02
+_SEARCH_EVERY_S = 1.0
+_HEALTH_EVERY_S = 0.5
+_RATE_OVER = 4  # times the link is looked at
+# Without readings for so long, and for so many of them, a board is asked anew who it is.
+_SILENCE_S = 2.0
+_SILENT_READINGS = 3
+_WHY = {
+    STALLED: "no readings come",
+    LOST: "the board was disconnected",
+    REFUSED: "another board is in its place",
+}
+
+
+class Reader:
+    """Reads a board into a state until it is stopped.
+
+    Parameters
+    ----------
+    open_board : callable
+        Given the id of the board to find again, or None for any, returns it or raises SpotsError.
+    layout : KeyLayout
+    state : State
+        ``board`` (what it is, and whether it is there), ``touch``, ``spectrum``, ``keys``,
+        ``stick`` and ``link`` are put there.
+    search_every_s : float
+        How long to wait before a board is looked for again.
+    on_touch : callable
+        Given each reading of each sensor, by the thread that reads.
+    recordings : Recordings, optional
+        Of the board, for who asks for them.
+    """
+
+    def __init__(
+        self,
+        open_board: Callable[[str | None], Board],
+        layout: KeyLayout,
+        state: State,
+        search_every_s: float = _SEARCH_EVERY_S,
+        on_touch: Callable[[Touch], None] = lambda touch: None,
+        recordings: Recordings | None = None,
+    ):
+        self._open_board, self._layout, self._state = open_board, layout, state
+        self._search_every_s = search_every_s
+        self._on_touch, self._recordings = on_touch, recordings
+        self._stopping = threading.Event()
+        self._id: str | None = None
+        self._known: dict = {}
+        self._said: tuple = ()
+        self._heard_s: float | None = None  # by the clock of the process
+        self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
+
+    def start(self) -> None:
+        """Begin in a thread."""
+        self._say(SEARCHING, "")
+        self._thread.start()
+
+    def stop(self, timeout_s: float = 5.0) -> None:
+        """End the thread and let the board go."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
+
+    def watch(self) -> None:
+        """Say so if a board is silent; called now and then by whoever does not read."""
+        heard_s = self._heard_s
+        if heard_s is not None and time.monotonic() - heard_s > self._patience_s():
+            self._say(LOST, "no readings come")
+
+    def _run(self) -> None:
+        attempt = Guarded(self._attempt, "the reader of a board", self._lost)
+        while not self._stopping.is_set():
+            if not attempt():
+                self._stopping.wait(self._search_every_s)
+
+    def _attempt(self) -> bool:
+        """Read a board until it restarts; return False if it cannot be read."""
+        try:
+            with self._open_board(self._id) as board:
+                self._read(board)
+        except SpotsError as error:
+            self._lost(str(error), refused=isinstance(error, RefusedError))
+            return False
+        return True
+
+    def _lost(self, why: str, refused: bool = False) -> None:
+        self._heard_s = None
+        self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
+
+    def _read(self, board: Board) -> None:
+        board.command("stream touch spectrum")
+        info = board.command("hello")
+        self._id = info["id"]
+        settings = _settings(board)
+        self._known = {
+            **{name: info.get(name) for name in _FACTS},
+            "port": board.port,
+            "full_scale": settings["full_scale"],
+            "expected": expected_shown(board, info, settings["dark"]),
+            "layout": layout_shown(self._layout) if info.get("length_um") else None,
+        }
+        self._heard_s = time.monotonic()
+        self._say(CONNECTED, "")
+        board.when_state_changes(self._take_state)
+        feel = Feel(board, info, self._layout, self._state)
+        health = _Health(board, self._state)
+        try:
+            while not self._stopping.is_set():
+                for frame in board.frames(_TICK_S):
+                    self._take(frame, feel, health, board)
+                    if self._stopping.is_set():
+                        return
+                if board.ended:
+                    self._stopping.wait(_TICK_S)  # its frames do not wait
+                feel.tick(board.now_s())
+                health.show()
+                if self._recordings:
+                    self._recordings.attend(board)
+                if time.monotonic() - self._heard_s > self._patience_s():
+                    if not isinstance(board, Replay) or board.ended:
+                        raise SpotsError("no readings come")
+                    self._say(LOST, "no readings come")  # as it was then; it goes on
+                if board.stats.restarts:
+                    return  # it has forgotten its settings, or is another one on the same port
+        finally:
+            feel.release()
+            if self._recordings:
+                self._recordings.leave()
+
+    def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
+        if isinstance(frame, Touch):
+            self._on_touch(frame)
+        if frame.sensor != 0:
+            return
+        if isinstance(frame, Touch):
+            self._heard_s = time.monotonic()
+            if self._said[0] != CONNECTED:
+                feel.release()
+                self._say(CONNECTED, "")
+            now_s = board.now_s()
+            feel.take(frame, now_s)
+            health.took(now_s - frame.time_s)
+        elif isinstance(frame, Spectrum):
+            self._state.put("spectrum", {"counts": frame.counts})
+        elif isinstance(frame, Key):
+            feel.take_key(frame)
+
+    def _take_state(self, state: str) -> None:
+        if state == CONNECTED:
+            self._heard_s = time.monotonic()  # said with the first reading
+        else:
+            self._say(state, _WHY[state])
+
+    def _patience_s(self) -> float:
+        known = self._known
+        every_s = (known.get("exposure_us") or 0) * (known.get("average") or 1) / 1e6
+        return max(_SILENCE_S, _SILENT_READINGS * every_s)
+
+    def _say(self, state: str, message: str) -> None:
+        said = state, message, self._known.get("port")
+        if said != self._said:
+            self._state.put("board", {"state": state, "message": message, **self._known})
+            self._said = said  # now: what could not be shown is shown with the next attempt
+
+
+def _settings(board: Board) -> dict:
+    unknown = {"full_scale": None, "dark": [0] * CHANNELS}
+    try:
+        return unknown | board.command("get")
+    except SpotsError:
+        return unknown  # a recording
+
+
+_FACTS = (
+    *("id", "board", "runtime", "firmware", "calibration", "length_um"),
+    *("plan", "gain", "exposure_us", "led_mA", "average", "strain_ppm"),
+)
+
+
+class _Health:
+    """Rate, losses and latency of a link, twice a second."""
+
+    def __init__(self, board: Board, state: State):
+        self._board, self._state = board, state
+        self._readings = 0
+        self._latencies_s: deque[float] = deque(maxlen=256)
+        self._marks: deque[tuple[float, int]] = deque(maxlen=_RATE_OVER + 1)
+        self._due_s = 0.0
+
+    def took(self, latency_s: float) -> None:
+        """Count a reading."""
+        self._readings += 1
+        self._latencies_s.append(latency_s)
+        self.show()
+
+    def show(self) -> None:
+        """Put the figures into the state if it is time."""
+        now_s = time.monotonic()
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + _HEALTH_EVERY_S
+        self._marks.append((self._board.now_s(), self._readings))
+        (then_s, before), (last_s, after) = self._marks[0], self._marks[-1]
+        stats = self._board.stats
+        link = {
+            "rate_hz": (after - before) / (last_s - then_s) if last_s > then_s else None,
+            "frames": stats.frames,
+            "lost": stats.lost,
+            "bad": stats.bad_crc,
+            "latency_ms": 1000 * median(self._latencies_s) if self._latencies_s else None,
+        }
+        self._state.put("link", link)
+
+
+def finder(
+    port: str | None, sensor: str, scenario: str, seed: int
+) -> Callable[[str | None], Board]:
+    """Return a function as `Reader` takes it; arguments as for `spots.open`.
+
+    Raises
+    ------
+    SpotsError
+        If a file of the virtual board is wrong, which waiting does not mend.
+    """
+    if port == VIRTUAL:
+        load(SensorFile, sensor)
+        load(ScenarioFile, scenario)
+
+    def open_board(board_id: str | None) -> Board:
+        found = []
+        if port is not None or board_id is None:
+            try:
+                found = [open(port, sensor=sensor, scenario=scenario, seed=seed)]
+            except SpotsError:
+                if board_id is None or port == VIRTUAL:
+                    raise
+        kind = RefusedError if found else SpotsError
+        if board_id not in (None, *(one.info["id"] for one in found)):
+            found += find()[0]  # its port may have another name now
+        wanted = [one for one in found if board_id in (None, one.info["id"])][:1]
+        for one in found:
+            if one not in wanted:
+                one.close()
+        if not wanted:
+            raise kind(f"waiting for board {board_id}: plug it in again")
+        return wanted[0]
+
+    return open_board

@@ -1,0 +1,67 @@
+"""The Cramer-Rao bound: the least standard deviation that any unbiased estimator can reach.
+
+From the sensor's own optics and noise, sharing nothing with the estimator or its calibration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .chip import GAIN
+from .files import SensorFile
+from .optics import Optics
+from .world import coupling
+
+_ROUNDING_VARIANCE = 1 / 12
+_STEP_MM = 1e-3
+
+
+class Bound:
+    """Least standard deviations of (position, ln of the light) from six counts.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    plan : sequence of str
+        Diodes of the six counts.
+    gain : int
+        Register code.
+    exposure_us, led_mA : float
+    average : int
+        Samples that are summed.
+    """
+
+    def __init__(self, sensor: SensorFile, plan, gain: int, exposure_us, led_mA, average=1):
+        optics = Optics(sensor)
+        self._sensor = sensor
+        self._optics = optics
+        self._columns = [optics.names.index(diode) for diode in plan]
+        self._average = average
+        converter = sensor.converter
+        scale = GAIN[gain] * exposure_us / 1000
+        self._scale = scale * optics.source_uW_cm2(led_mA)
+        self._electrons = converter.electrons_per_count_1x / GAIN[gain]
+        dark = converter.dark_counts_512x * GAIN[gain] / GAIN[10] * exposure_us / 98_000
+        outside = scale * optics.ambient(sensor.surroundings.irradiance_uW_cm2)
+        self._pedestal = dark + outside[self._columns]
+
+    def counts(self, position_um, force_mN, width_mm=4.0, strain=0.0, bend_deg=0.0):
+        """Return the six expected counts of one sample, without dark and light from outside."""
+        rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg)
+        return rates[self._columns] * self._scale * coupling(self._sensor.contact, force_mN)
+
+    def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
+        """Return the bounds on position in um and on the logarithm of the light."""
+        counts = self.counts(position_um, force_mN, **press)
+        step_um = 1000 * _STEP_MM
+        ahead = self.counts(position_um + step_um, force_mN, **press)
+        back = self.counts(position_um - step_um, force_mN, **press)
+        variance = (
+            self._sensor.converter.read_noise_counts**2
+            + _ROUNDING_VARIANCE
+            + (counts + self._pedestal) / self._electrons
+        ) / self._average
+        # Fisher information of two parameters; the LED's common noise is part of the second.
+        jacobian = np.stack([(ahead - back) / (2 * step_um), counts], axis=1)
+        covariance = np.linalg.inv(jacobian.T @ (jacobian / variance[:, None]))
+        return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))

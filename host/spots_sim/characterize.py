@@ -1,0 +1,62 @@
+"""``spots characterize``: checks first, then the measurement, its tables and its figures."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from spots.errors import SpotsError, printable
+from tactile.decode import AVERAGE_MAX
+from tactile.exposure import MAX_US, MIN_US
+
+from . import figures, report
+from .family import family
+from .files import SensorFile, load
+from .measurements import characterize
+
+
+def measure(
+    sensor_name: str, seed: int, exposure_us: int, average: int, as_json: bool, out: str | None
+) -> None:
+    """Characterise a sensor file and print what was found.
+
+    Parameters
+    ----------
+    sensor_name : str
+        A path, or the name of a file that comes with the package.
+    seed : int
+    exposure_us : int
+    average : int
+    as_json : bool
+        Print one JSON object, not tables.
+    out : str or None
+        A folder for figures.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor file, an option or the sensor itself does not allow it.
+    """
+    if not MIN_US <= exposure_us <= MAX_US:
+        raise SpotsError(f"--exposure-us takes {MIN_US} to {MAX_US}, not {exposure_us}")
+    if not 1 <= average <= AVERAGE_MAX:
+        raise SpotsError(f"--average takes 1 to {AVERAGE_MAX}, not {average}")
+    sensor = load(SensorFile, sensor_name)
+    folder: Path | None = None
+    if out is not None:
+        figures.require()
+        folder = figures.folder(out)
+    with report.progress() as step:
+        run = characterize(sensor, seed, exposure_us, average, step)
+        drawn = []
+        if folder is not None:
+            step("other lengths and dyes")
+            responses = family(sensor, run.series["position"]["channels"], seed, exposure_us)
+            drawn = figures.draw(run, responses, folder)
+    if as_json:
+        print(json.dumps(run.summary))
+    else:
+        report.show(run.summary)
+    for path in drawn:
+        print(printable(str(path)), file=sys.stderr)

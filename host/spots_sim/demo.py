@@ -1,0 +1,148 @@
+"""The main job on the virtual board."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+
+from spots.errors import SpotsError
+from spots.link.board import Board
+from spots.link.connect import open_virtual, prepare
+from spots.link.serial_link import Tap
+from spots.terminal.monitor import watch
+
+from .faults import Faults, FaultyLink, of_scenario
+from .files import ScenarioFile, SensorFile, load
+from .lockstep import LockstepLink
+from .scenario import Scenario
+from .score import Score
+from .stage import calibrate
+
+FIVEBAR = "fivebar"
+
+
+def demo(
+    sensor: str,
+    scenario: str | None,
+    seed: int,
+    seconds: float | None,
+    fast: bool,
+    quiet: bool,
+    use: str = "strip",
+) -> dict:
+    """Run the virtual board, show what it feels, and return the run in figures.
+
+    Parameters
+    ----------
+    sensor, scenario : str
+        Files, by path or name; no scenario for that of the use.
+    seed : int
+        Of the noise.
+    seconds : float or None
+        Length of the run; None for no end.
+    fast : bool
+        In simulated time: as fast as the machine can, the same bytes every time.
+    quiet : bool
+        Show nothing.
+    use : str
+        A key of `USES`, or `FIVEBAR`: two boards on a linkage with a path of its own.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such use or file, or the virtual board does not run.
+    """
+    if use == FIVEBAR:
+        from spots.linkage.twin import demonstrate
+
+        return demonstrate(sensor, seed, seconds, fast, quiet)
+    if use not in USES:
+        known = ", ".join([*USES, FIVEBAR])
+        raise SpotsError(f"there is no demo of '{use}': --use takes one of {known}")
+    show, usual = USES[use]
+    scenario = scenario or usual
+    file = load(ScenarioFile, scenario)
+    truth = Scenario(file)
+    if fast:
+        board, digest = open_fast(sensor, truth, seed, of_scenario(file, seed))
+        started_s = 0.0
+    else:
+        (board, started_s), digest = open_virtual(sensor, scenario, seed), None
+    with board:
+        if file.faults:
+            board.command("save")  # or a restart would cost the calibration
+        summary = show(board, truth, started_s, seconds, quiet)
+    if digest is not None:
+        summary["stream_sha256"] = digest.hexdigest()
+    return summary
+
+
+def _strip(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    score = Score(truth, started_s)
+    watch(board, seconds, quiet, score)
+    return score.summary(board.info, board.stats)
+
+
+def _controller(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from spots.controller.controller import demonstrate
+
+    return _with_link(board, demonstrate(board, truth, started_s, seconds, quiet))
+
+
+def _keyboard(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from spots.keyboard.keyboard import demonstrate
+
+    return _with_link(board, demonstrate(board, seconds, quiet))
+
+
+def _wearable(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    from spots.wearable.wearable import demonstrate
+
+    return _with_link(board, demonstrate(board, seconds, quiet))
+
+
+def _with_link(board: Board, figures: dict) -> dict:
+    return {
+        "runtime": board.info["runtime"],
+        "board": board.info["board"],
+        "frames": board.stats.frames,
+        "lost": board.stats.lost,
+        "bad_crc": board.stats.bad_crc,
+        **figures,
+    }
+
+
+# What is shown of a board, the truth and the host time of its time 0, for so long, or quietly;
+# each returns the run in figures. With it the scenario that is played if no other is named.
+USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
+    "strip": (_strip, "demo"),
+    "keyboard": (_keyboard, "typing"),
+    "controller": (_controller, "demo"),
+    "wearable": (_wearable, "worn"),
+}
+
+
+def open_fast(
+    sensor: str, truth: Scenario, seed: int, faults: Faults | None = None
+) -> tuple[Board, hashlib._Hash]:
+    """Return a calibrated virtual board in simulated time, and the SHA-256 of all it sends."""
+    file = load(SensorFile, sensor)
+    calibration = calibrate(file)
+    bare = LockstepLink(file, truth, seed, faults=faults)
+    digest = hashlib.sha256()
+    link = FaultyLink(bare, faults) if faults else bare
+    board = Board(Tap(link, lambda data, now_s: digest.update(data)))
+    try:
+        prepare(board, calibration)
+    except BaseException:
+        board.close()
+        raise
+    return board, digest

@@ -1,0 +1,292 @@
+"""``spots design``: the dye that resolves a length best, and the exposure that a rate leaves.
+
+What is predicted is the bound of `bound.Bound`, at the settings that the board's own search would
+find, under the press of `characterize`. Everything but length and dye is the default sensor's.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from spots import atomic
+from spots.errors import SpotsError, printable
+from tactile.decode import AVERAGE_MAX
+from tactile.exposure import (
+    AGAIN,
+    DEFAULT_GAIN,
+    DEFAULT_LED_MA,
+    DONE,
+    MAX_US,
+    MIN_US,
+    Search,
+    actual_us,
+    full_scale,
+    registers,
+)
+from tactile.settings import DEFAULT_PLAN
+
+from . import figures
+from .bound import Bound
+from .files import SensorFile, load
+from .measurements import FORCE_MN, PLACES
+from .stage import FULL_MN, NEAR_UM
+
+LED_MAX_MA = 100  # of the virtual board, as boards/virtual/board.toml has it
+# Longer exposures add counts but no full scale: more of them are added up instead.
+_LONGEST_US = 182_000
+_DYES_PER_MM = (1e-4, 1.0)
+_COARSE, _FINE = 25, 7
+_FINE_SHARE = 5e-3
+# A channel with fewer counts than this at the far end is mostly rounding, and what its logarithm
+# does is not what the bound takes it to do.
+_COUNTS_MIN = 10.0
+_SLOWEST_HZ = 1e6 / (AVERAGE_MAX * MAX_US)
+_FASTEST_HZ = 1e6 / MIN_US
+
+
+@dataclass(frozen=True)
+class Design:
+    """A strip and how to read it.
+
+    Attributes
+    ----------
+    sensor : SensorFile
+    exposure_us, average : int
+    gain, led_mA : int
+        What the board's search will find.
+    x_um, sigma_um : numpy.ndarray
+        Expected resolution at places along the strip.
+    """
+
+    sensor: SensorFile
+    exposure_us: int
+    average: int
+    gain: int
+    led_mA: int
+    x_um: np.ndarray
+    sigma_um: np.ndarray
+
+    @property
+    def resolution_um(self) -> float:
+        """The mean along the strip, as `characterize` defines resolution."""
+        return float(self.sigma_um.mean())
+
+    @property
+    def dye_per_mm(self) -> float:
+        """Strength of the dye."""
+        return self.sensor.dye.strength_per_mm
+
+    def summary(self) -> dict:
+        """Return what ``spots design --json`` prints."""
+        return {
+            "length_mm": self.sensor.length_mm,
+            "dye_per_mm": round(self.dye_per_mm, 5),
+            "exposure_us": self.exposure_us,
+            "average": self.average,
+            "rate_hz": round(1e6 / (self.exposure_us * self.average), 3),
+            "gain": self.gain,
+            "led_mA": self.led_mA,
+            "resolution_um": round(self.resolution_um, 3),
+            "worst_um": round(float(self.sigma_um.max()), 3),
+            "along": [
+                {"position_mm": round(x / 1000, 3), "resolution_um": round(sigma, 3)}
+                for x, sigma in zip(self.x_um.tolist(), self.sigma_um.tolist())
+            ],
+        }
+
+
+def timing(rate_hz: float) -> tuple[int, int]:
+    """Return exposure in us and average that fill the time of a reading."""
+    reading_us = 1e6 / rate_hz
+    average = min(AVERAGE_MAX, max(1, math.ceil(reading_us / _LONGEST_US)))
+    exposure_us = min(MAX_US, max(MIN_US, int(reading_us / average)))
+    return actual_us(*registers(exposure_us)), average
+
+
+def best(length_mm: float, rate_hz: float) -> Design:
+    """Return the design whose mean resolution along the strip is best.
+
+    Raises
+    ------
+    SpotsError
+        If no dye leaves light to read by.
+    """
+    base = load(SensorFile, "default")
+    exposure_us, average = timing(rate_hz)
+
+    def at(dye_per_mm: float) -> Design | None:
+        dye = msgspec.structs.replace(base.dye, strength_per_mm=float(dye_per_mm))
+        sensor = msgspec.structs.replace(base, length_mm=length_mm, dye=dye)
+        return _predicted(sensor, exposure_us, average)
+
+    dyes = np.geomspace(*_DYES_PER_MM, _COARSE)
+    while True:
+        found = [(design.resolution_um, i, design) for i, d in enumerate(dyes) if (design := at(d))]
+        if not found:
+            raise SpotsError(
+                f"no dye leaves light to read by at the end of {length_mm:g} mm at {rate_hz:g} Hz: "
+                "make the strip shorter, or read it more slowly"
+            )
+        _, i, design = min(found)
+        if dyes[1] < dyes[0] * (1 + _FINE_SHARE):
+            return design
+        dyes = np.geomspace(dyes[max(i - 1, 0)], dyes[min(i + 1, len(dyes) - 1)], _FINE)
+
+
+def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | None:
+    setting = _searched(sensor, exposure_us)
+    if setting is None:
+        return None
+    bound = Bound(sensor, DEFAULT_PLAN, *setting, average)
+    gain, _, led_mA = setting
+    if bound.counts(1000 * sensor.length_mm, FORCE_MN).min() < _COUNTS_MIN:
+        return None
+    x_um = PLACES * 1000 * sensor.length_mm
+    sigma_um = np.array([bound.sigma(x, FORCE_MN)[0] for x in x_um])
+    return Design(sensor, exposure_us, average, gain, led_mA, x_um, sigma_um)
+
+
+def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
+    """Return gain, exposure and LED current that the board finds under the fullest press."""
+    full = full_scale(*registers(exposure_us))
+    search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
+    outcome = AGAIN
+    while outcome == AGAIN and search.exposure_us == exposure_us:
+        setting = search.gain, exposure_us, search.led_mA
+        peak = round(Bound(sensor, DEFAULT_PLAN, *setting).counts(NEAR_UM, FULL_MN).max())
+        outcome = search.step(min(peak, full), full, peak >= full)
+    # Where it would lengthen the exposure, gain and current are spent.
+    return setting if outcome in (DONE, AGAIN) else None
+
+
+def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
+    """Find a strip that resolves so much, so often.
+
+    Parameters
+    ----------
+    length_mm, resolution_um, rate_hz : float
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    SpotsError
+        If it cannot be done; the text says what can.
+    """
+    for name, value in (("length-mm", length_mm), ("resolution-um", resolution_um)):
+        if not 0 < value < math.inf:
+            raise SpotsError(f"--{name} takes a number greater than 0, not {value:g}")
+    if not _SLOWEST_HZ <= rate_hz <= _FASTEST_HZ:
+        raise SpotsError(
+            f"--rate-hz takes {_SLOWEST_HZ:.3g} to {_FASTEST_HZ:g}, the rates that the sensor and "
+            f"its averaging can do, not {rate_hz:g}"
+        )
+    found = best(length_mm, rate_hz)
+    if found.resolution_um <= resolution_um:
+        return found
+    raise SpotsError(
+        f"{resolution_um:g} um over {length_mm:g} mm cannot be reached at {rate_hz:g} Hz: the best "
+        f"there is {found.resolution_um:.3g} um, with dye of {found.dye_per_mm:.3g} per mm, "
+        f"{_slower(length_mm, resolution_um, rate_hz)}"
+    )
+
+
+def _slower(length_mm: float, resolution_um: float, rate_hz: float) -> str:
+    if best(length_mm, _SLOWEST_HZ).resolution_um > resolution_um:
+        return f"and no rate down to {_SLOWEST_HZ:.3g} Hz would do"
+    low_hz, high_hz = _SLOWEST_HZ, rate_hz
+    while high_hz > 1.01 * low_hz:
+        middle_hz = math.sqrt(low_hz * high_hz)
+        if best(length_mm, middle_hz).resolution_um <= resolution_um:
+            low_hz = middle_hz
+        else:
+            high_hz = middle_hz
+    # Rounded down, so that the rate that is named will do.
+    digits = 10.0 ** (math.floor(math.log10(low_hz)) - 2)
+    return f"and it could be at {math.floor(low_hz / digits) * digits:.3g} Hz"
+
+
+def sensor_toml(found: Design) -> str:
+    """Return the sensor file of a design."""
+    lines = [
+        f"# Designed for {found.sensor.length_mm:g} mm: {found.resolution_um:.3g} um expected with",
+        f"# exposure_us={found.exposure_us} average={found.average}.",
+        "# All but length and dye is as in default.toml, which has the sources.",
+        "",
+    ]
+    sections = []
+    for name, value in msgspec.to_builtins(found.sensor).items():
+        if isinstance(value, dict):
+            sections += ["", f"[{name}]", *(_assignment(*item) for item in value.items())]
+        else:
+            lines.append(_assignment(name, value))
+    return "\n".join(lines + sections) + "\n"
+
+
+def _assignment(name: str, value: float | bool) -> str:
+    # What Python writes of a number is TOML too; of a truth value it is not.
+    return f"{name} = {str(value).lower()}"
+
+
+def run(
+    length_mm: float, resolution_um: float, rate_hz: float, as_json: bool, out: str | None
+) -> None:
+    """Find a design, print it and write its files.
+
+    Parameters
+    ----------
+    length_mm, resolution_um, rate_hz : float
+    as_json : bool
+    out : str or None
+        A folder for ``sensor.toml`` and ``resolution.png``.
+    """
+    if out is not None:
+        figures.require()
+    found = design(length_mm, resolution_um, rate_hz)
+    print(json.dumps(found.summary()) if as_json else _text(found))
+    if out is not None:
+        folder = figures.folder(out)
+        sensor_file = folder / "sensor.toml"
+        atomic.write_text(sensor_toml(found), sensor_file)
+        for path in (sensor_file, _plot(found, resolution_um, folder / "resolution.png")):
+            print(printable(str(path)), file=sys.stderr)
+
+
+def _text(found: Design) -> str:
+    summary = found.summary()
+    ends = summary["along"][0], summary["along"][-1]
+    rows = {
+        "length": f"{summary['length_mm']:g} mm",
+        "dye": f"{summary['dye_per_mm']:g} per mm",
+        "reading": f"{found.average} x {found.exposure_us / 1000:g} ms, {summary['rate_hz']:g} Hz",
+        "setting": f"gain {found.gain}, {found.led_mA} mA, as 'auto' will find it",
+        "resolution": f"{found.resolution_um:.3g} um, the mean from 5 to 95 % of the length",
+        "": ", ".join(
+            f"{end['resolution_um']:.3g} um at {end['position_mm']:g} mm" for end in ends
+        ),
+    }
+    return "\n".join(f"{name:<12}{value}" for name, value in rows.items())
+
+
+def _plot(found: Design, wanted_um: float, path: Path) -> Path:
+    figure, axis = figures.panels()
+    x_mm = found.x_um / 1000
+    figures.line(axis, 0, x_mm, found.sigma_um, "expected")
+    axis.axhline(found.resolution_um, color="black", label=f"mean, {found.resolution_um:.3g} µm")
+    axis.axhline(wanted_um, color="#D55E00", linestyle="--", label=f"wanted, {wanted_um:g} µm")
+    title = (
+        f"{found.sensor.length_mm:g} mm with dye of {found.dye_per_mm:.3g} per mm, "
+        f"{found.exposure_us * found.average / 1000:.4g} ms a reading"
+    )
+    figures.label(axis, title, "position (mm)", "resolution (µm)", ylim=(0, None))
+    figures.legend(axis)
+    return figures.save(figure, path)

@@ -1,0 +1,82 @@
+"""The same strip cut to other lengths and cast with other dye: whether they share a response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from .files import SensorFile
+from .stage import Stage
+
+LENGTHS_MM = (30.0, 85.0, 200.0)
+DYES = (0.5, 1.0, 2.0)  # times the sensor's own
+_PLACES = 18
+_SAMPLES = 12
+_LIT = 4.0  # counts, below which a logarithm is mostly rounding
+_CURVE_DEGREE = 7
+
+
+@dataclass(frozen=True)
+class Response:
+    """ln of the ratio of two channels along a strip."""
+
+    x_um: np.ndarray
+    log_ratio: np.ndarray
+
+
+def family(
+    sensor: SensorFile, channels: tuple[str, str], seed: int, exposure_us: int
+) -> dict[str, dict[float, Response]]:
+    """Measure the responses of strips of other lengths and dyes through the firmware.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    channels : tuple of str
+        Diodes of the ratio: the second over the first.
+    seed, exposure_us : int
+
+    Returns
+    -------
+    dict
+        ``length``: by length in mm, at the sensor's own dye; ``dye``: by dye relative to the
+        sensor's own, at its own length.
+    """
+
+    def measured(**changes):
+        return _response(msgspec.structs.replace(sensor, **changes), channels, seed, exposure_us)
+
+    def dyed(times: float):
+        strength = times * sensor.dye.strength_per_mm
+        return msgspec.structs.replace(sensor.dye, strength_per_mm=strength)
+
+    return {
+        "length": {mm: measured(length_mm=mm) for mm in LENGTHS_MM},
+        "dye": {times: measured(dye=dyed(times)) for times in DYES},
+    }
+
+
+def departure_um(lengths: dict[float, Response]) -> float:
+    """Return how far apart, at most, responses of different lengths put the same place."""
+    longest = lengths[max(lengths)]
+    degree = min(_CURVE_DEGREE, len(longest.x_um) // 2)
+    curve = np.polynomial.Chebyshev.fit(longest.x_um, longest.log_ratio, degree)
+    slope = curve.deriv()
+    return float(
+        max(
+            np.abs((other.log_ratio - curve(other.x_um)) / slope(other.x_um)).max()
+            for length_mm, other in lengths.items()
+            if length_mm != max(lengths)
+        )
+    )
+
+
+def _response(sensor: SensorFile, channels, seed: int, exposure_us: int) -> Response:
+    with Stage(sensor, seed, f"exposure_us={exposure_us}") as stage:
+        stage.expose(exposure_us)
+        along = stage.along(_PLACES, _SAMPLES)
+        i, j = (stage.reader.conditions.plan.index(name) for name in channels)
+    along = along.keep((along.counts > _LIT).all(axis=1))
+    return Response(along.position_um, np.log(along.counts[:, j] / along.counts[:, i]))

@@ -1,0 +1,369 @@
+"""What goes wrong in a scenario, done to a link, a bus and a board, and a ledger of it.
+
+Everything is drawn from generators of its own, one a fault, that depend on the seed alone: the
+sensor's noise is the same with and without faults, and one fault does not move another. Times are
+those of the simulation. Each wrapper works alone, so that a test takes the one that it needs:
+`FaultyLink` damages bytes, `FaultyBus` transfers, `BoardFaults` is asked before each of the
+board's requests.
+"""
+
+from __future__ import annotations
+
+import errno
+import heapq
+import itertools
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spots.link.serial_link import Link, Through
+
+from .bus import Bus
+from .files import Faults as FaultsFile
+from .files import Moments, ScenarioFile, SerialFaults
+
+# Keeps these generators apart from those that others seed with the same number.
+_OWN = 0xFA017
+_CTRL_C = 3
+WAYS = ("flip", "drop", "double", "insert")
+_CLOCKS_THAT_FREE_SDA = 9
+# What a controller waits for wires that do not come free.
+_BUS_TIMEOUT_US = 50_000.0
+
+
+@dataclass
+class Ledger:
+    """What was done.
+
+    Attributes
+    ----------
+    counts : collections.Counter
+        By kind, such as ``to_host.flip`` (bytes), ``i2c.nack`` (transfers), ``power.brown_outs``.
+    spells : list of (str, float, float)
+        Kind, begin and end in us, of what lasts: bursts, outages, restarts.
+    """
+
+    counts: Counter = field(default_factory=Counter)
+    spells: list[tuple[str, float, float]] = field(default_factory=list)
+
+
+class Spells:
+    """When a fault acts. Ask with times that do not run backwards.
+
+    Parameters
+    ----------
+    moments : files.Moments
+    seconds : float
+        After which the scenario, and `moments.at_s` with it, repeats.
+    from_s : float
+        Nothing begins earlier.
+    rng : numpy.random.Generator
+        Of the random ones; no one else's.
+    kind : str
+    ledger : Ledger
+        Gets each that has begun.
+    """
+
+    def __init__(self, moments: Moments, seconds: float, from_s: float, rng, kind, ledger: Ledger):
+        self._last_us = 1000 * moments.last_ms
+        fixed = _repeated(sorted(moments.at_s), seconds, from_s)
+        at_random = _poisson(moments.per_min / 60, from_s, rng)
+        self._starts = heapq.merge(fixed if moments.at_s else (), at_random)
+        self._next_us = self._draw()
+        self._until_us = 0.0
+        self._kind = kind
+        self._ledger = ledger
+
+    def begun(self, now_us: float) -> tuple[float, float] | None:
+        """Return begin and end of the next one that has begun, each once."""
+        if now_us < self._next_us:
+            return None
+        spell = self._next_us, self._next_us + self._last_us
+        self._next_us = self._draw()
+        self._until_us = max(self._until_us, spell[1])
+        self._ledger.counts[self._kind] += 1
+        self._ledger.spells.append((self._kind, *spell))
+        return spell
+
+    def active(self, now_us: float) -> bool:
+        """Return whether it acts now."""
+        while self.begun(now_us):
+            pass
+        return now_us < self._until_us
+
+    def _draw(self) -> float:
+        return 1e6 * next(self._starts, float("inf"))
+
+
+def _repeated(at_s: list[float], seconds: float, from_s: float) -> Iterator[float]:
+    turns = itertools.count(int(from_s // seconds))  # a long way, one by one
+    return (at for turn in turns for at in (turn * seconds + one for one in at_s) if at >= from_s)
+
+
+def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
+    at_s = from_s
+    while per_s > 0:
+        at_s += rng.exponential(1 / per_s)
+        yield at_s
+
+
+class Damage:
+    """Damages the bytes of one direction. How a stream is cut into pieces changes nothing.
+
+    Attributes
+    ----------
+    passed : int
+        Bytes taken so far.
+    touched : collections.deque of int
+        Which of them were damaged, by their number, the latest ones.
+    """
+
+    _KEPT = 1 << 20
+
+    def __init__(self, file: SerialFaults, bursts: Spells, from_s: float, rng, kind, ledger):
+        shares = file.flip_percent, file.drop_percent, file.double_percent, file.insert_percent
+        self._edges = np.cumsum(shares) / 100
+        self._in_burst = np.arange(1, 5) * file.bursts.damage_percent / 400
+        self._bursts = bursts
+        self._from_us = 1e6 * from_s
+        self._rng = rng
+        self._kind = kind
+        self._ledger = ledger
+        self.passed = 0
+        self.touched: deque[int] = deque(maxlen=self._KEPT)
+
+    def __call__(self, data: bytes, now_us: float) -> bytes:
+        """Return what arrives of bytes that are sent at `now_us`."""
+        first, self.passed = self.passed, self.passed + len(data)
+        if now_us < self._from_us or not data:
+            return data
+        edges = self._in_burst if self._bursts.active(now_us) else self._edges
+        draws = self._rng.random((len(data), 2))
+        ways = np.searchsorted(edges, draws[:, 0], side="right")
+        hit = np.flatnonzero(ways < 4)
+        if not len(hit):
+            return data
+        out, at = bytearray(), 0
+        for i in hit.tolist():
+            out += data[at:i]
+            out += self._hurt(data[i], int(ways[i]), draws[i, 1])
+            at = i + 1
+        self.touched.extend((first + hit).tolist())
+        return bytes(out + data[at:])
+
+    def _hurt(self, byte: int, way: int, draw: float) -> bytes:
+        name = WAYS[way]
+        self._ledger.counts[f"{self._kind}.{name}"] += 1
+        if name == "drop":
+            return b""
+        if name == "double":
+            return bytes((byte, byte))
+        if name == "insert":
+            return bytes((self._allowed(int(256 * draw)), byte))
+        return bytes((self._allowed(byte ^ 1 << int(8 * draw)),))
+
+    def _allowed(self, byte: int) -> int:
+        # Ctrl-C stops the application for good, as it should: no test of anything else.
+        return byte ^ 0x80 if byte == _CTRL_C else byte
+
+
+class FaultyLink(Through):
+    """A `link.Link` whose bytes are damaged in both directions.
+
+    Parameters
+    ----------
+    link : link.Link
+    faults : Faults
+    """
+
+    def __init__(self, link: Link, faults: Faults):
+        super().__init__(link)
+        self._faults = faults
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._faults.to_host(self._link.read(timeout_s), 1e6 * self.now_s())
+
+    def write(self, data: bytes) -> None:
+        self._link.write(self._faults.to_board(data, 1e6 * self.now_s()))
+
+
+class FaultyBus:
+    """A `bus.Bus` between whose controller and chip things go wrong.
+
+    Parameters
+    ----------
+    bus : bus.Bus
+    faults : Faults
+    """
+
+    def __init__(self, bus: Bus, faults: Faults):
+        self.bus = bus
+        self.chip, self.clock, self.ledger = bus.chip, bus.clock, bus.ledger
+        self._file = faults.file.i2c
+        self._from_us = 1e6 * faults.file.from_s
+        self._counts = faults.ledger.counts
+        self._rng = faults.rng("i2c")
+        self._nack_bursts = faults.spells("i2c.nack_bursts")
+        self._sda_low = faults.spells("i2c.sda_low")
+        self._unplugged = faults.spells("power.sensor_unplugged")
+        self._plugged_in_us: float | None = None
+        self._sda_free_us = 0.0
+        self._clocks = 0
+        self._scl = 1
+
+    @property
+    def frequency_hz(self) -> int:
+        """Of the bus; the board sets it."""
+        return self.bus.frequency_hz
+
+    @frequency_hz.setter
+    def frequency_hz(self, hz: int) -> None:
+        self.bus.frequency_hz = hz
+
+    def write(self, address: int, data: bytes) -> None:
+        wrong = self._meet()
+        self.bus.write(address, self._with_a_wrong_bit(data, 1, wrong))
+
+    def write_read(self, address: int, data: bytes, size: int) -> bytes:
+        wrong = self._meet()
+        return self._with_a_wrong_bit(self.bus.write_read(address, data, size), 0, wrong)
+
+    def read(self, address: int, size: int) -> bytes:
+        wrong = self._meet()
+        return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
+
+    def lines(self, scl: int, sda: int) -> int:
+        """Let go of (1) or pull (0) each wire, and return the level of SDA; see `bus.Bus.lines`."""
+        level = self.bus.lines(scl, sda)
+        if not self._sda_is_held():
+            return level
+        self._clocks += scl and not self._scl
+        self._scl = scl
+        if self._clocks >= _CLOCKS_THAT_FREE_SDA:
+            self._sda_free_us = 0.0
+        return 0
+
+    def _meet(self) -> float | None:
+        # Fail, or return where in the transfer a bit is to be wrong, or None.
+        now_us = self.clock.now_us()
+        self._plug(now_us)
+        if self._sda_is_held():
+            self._counts["i2c.timeout"] += 1
+            self.clock.spend_us(_BUS_TIMEOUT_US)
+            raise OSError(errno.ETIMEDOUT, "SDA is held low")
+        if now_us < self._from_us:
+            return None
+        nack, wrong, where = self._rng.random(3)
+        burst = self._nack_bursts.active(now_us)
+        if self._plugged_in_us is not None or burst or nack < self._file.nack_percent / 100:
+            if self._plugged_in_us is None:
+                self._counts["i2c.nack"] += 1
+            self.bus.refuse()
+        if wrong < self._file.wrong_percent / 100:
+            return where
+        return None
+
+    def _plug(self, now_us: float) -> None:
+        while spell := self._unplugged.begun(now_us):
+            self.chip.power_on(spell[0])
+            self._plugged_in_us = spell[1]
+        if self._plugged_in_us is not None and now_us >= self._plugged_in_us:
+            self.chip.power_on(self._plugged_in_us)
+            self._plugged_in_us = None
+
+    def _sda_is_held(self) -> bool:
+        now_us = self.clock.now_us()
+        while spell := self._sda_low.begun(now_us):
+            self._sda_free_us, self._clocks = spell[1], 0
+        return now_us < self._sda_free_us
+
+    def _with_a_wrong_bit(self, data: bytes, first: int, where: float | None) -> bytes:
+        bits = 8 * (len(data) - first)
+        if where is None or bits <= 0:
+            return data
+        self._counts["i2c.wrong"] += 1
+        i = int(where * bits)
+        changed = bytearray(data)
+        changed[first + i // 8] ^= 1 << i % 8
+        return bytes(changed)
+
+
+class BoardFaults:
+    """Power and clock of a board; asked before each of its requests is answered.
+
+    Attributes
+    ----------
+    rate : float
+        Seconds that the board counts in one.
+    """
+
+    def __init__(self, faults: Faults):
+        self.rate = 1 + faults.file.clock.oscillator_ppm * 1e-6
+        self._stalls = faults.spells("clock.stalls")
+        self._resets = faults.spells("power.sensor_resets")
+        self._brown_outs = faults.spells("power.brown_outs")
+
+    def step(self, bus) -> float | None:
+        """Let happen what is due.
+
+        Returns
+        -------
+        float or None
+            None, or for how many us a brown-out keeps the board off: its user ends the machine,
+            lets that time pass, calls `bus.chip.power_on` and boots it.
+        """
+        now_us = bus.clock.now_us()
+        while spell := self._stalls.begun(now_us):
+            bus.clock.pause_us(max(0.0, spell[1] - now_us))
+        while spell := self._resets.begun(now_us):
+            bus.chip.power_on(now_us)
+        off_us = None
+        while spell := self._brown_outs.begun(now_us):
+            off_us = spell[1] - spell[0]
+        return off_us
+
+
+class Faults:
+    """Everything that goes wrong in one run.
+
+    Parameters
+    ----------
+    file : files.Faults
+    seconds : float
+        Length of the scenario.
+    seed : int
+
+    Attributes
+    ----------
+    ledger : Ledger
+    to_host, to_board : Damage
+    """
+
+    def __init__(self, file: FaultsFile, seconds: float, seed: int = 0):
+        self.file = file
+        self.ledger = Ledger()
+        self._seconds = seconds
+        self._seed = seed
+        self.to_host = self._damage("to_host", file.to_host)
+        self.to_board = self._damage("to_board", file.to_board)
+
+    def rng(self, kind: str) -> np.random.Generator:
+        """Return the generator of one kind of fault."""
+        return np.random.default_rng([_OWN, self._seed, *kind.encode()])
+
+    def spells(self, kind: str) -> Spells:
+        """Return when one kind of fault acts; `kind` is its place in the file."""
+        moments = self.file.moments()[kind]
+        rng = self.rng(kind)
+        return Spells(moments, self._seconds, self.file.from_s, rng, kind, self.ledger)
+
+    def _damage(self, kind: str, file: SerialFaults) -> Damage:
+        bursts = self.spells(f"{kind}.bursts")
+        return Damage(file, bursts, self.file.from_s, self.rng(kind), kind, self.ledger)
+
+
+def of_scenario(file: ScenarioFile, seed: int) -> Faults | None:
+    """Return the faults of a scenario file, or None if it has none."""
+    return Faults(file.faults, file.seconds, seed) if file.faults else None

@@ -1,0 +1,261 @@
+"""The figures of a characterisation as PNG files. Needs matplotlib, the extra ``plots``."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from spots import atomic
+from spots.errors import SpotsError
+
+# Okabe and Ito's colours, which are told apart with any colour vision; markers differ as well.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_MARKERS = ("o", "s", "^", "D", "v", "P")
+_GREY = "#555555"
+_DPI = 110
+
+
+def require() -> None:
+    """Raise SpotsError if figures cannot be drawn here."""
+    if find_spec("matplotlib") is None:
+        raise SpotsError("drawing figures needs matplotlib: pip install 'spots[plots]'")
+
+
+def folder(path: str | Path) -> Path:
+    """Make a folder for files to be written to, and return it.
+
+    Raises
+    ------
+    SpotsError
+        If that cannot be.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SpotsError(f"cannot make the folder {path}: {error.strerror}") from None
+    return path
+
+
+def draw(run, responses: dict, out: Path) -> list[Path]:
+    """Draw every figure of a run.
+
+    Parameters
+    ----------
+    run : characterize.Run
+    responses : dict
+        Of `family.family`.
+    out : Path
+        A folder.
+
+    Returns
+    -------
+    list of Path
+    """
+    reading = f"{run.summary['reading_ms']:.3g} ms a reading"
+    made = {
+        "position": _position(run),
+        "resolution": _resolution(run, reading),
+        "dye_and_length": _family(run, responses),
+        "force": _force(run, reading),
+        "strain": _strain(run, reading),
+        "bending": _bending(run, reading),
+        "joint": _joint(run, reading),
+    }
+    return [save(figure, out / f"{name}.png") for name, figure in made.items()]
+
+
+def save(figure, path: Path) -> Path:
+    """Write a figure and forget it.
+
+    Raises
+    ------
+    SpotsError
+        If it cannot be written.
+    """
+    with atomic.replacing(path) as file:
+        # Without the versions and dates that would change the file though the picture stays.
+        figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
+    return path
+
+
+def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 4.0, **options):
+    """Return a figure and its axes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, **options)
+    for axis in np.ravel(axes):
+        axis.set_axisbelow(True)
+        axis.grid(alpha=0.3)
+        axis.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def label(axis, title: str, x: str, y: str, **limits) -> None:
+    """Give axes their title and what they are of."""
+    axis.set_title(title, loc="left", fontsize=11)
+    axis.set(xlabel=x, ylabel=y, **limits)
+
+
+def line(axis, i: int, x, y, name=None, **options) -> None:
+    """Draw points joined by a line in the i-th colour and marker."""
+    style = {"color": _COLOURS[i], "marker": _MARKERS[i], "markersize": 4, "linewidth": 1.3}
+    axis.plot(x, y, label=name, **(style | options))
+
+
+def legend(axis, **options) -> None:
+    """Draw the legend, without a frame over the data."""
+    axis.legend(**({"frameon": False, "fontsize": 9} | options))
+
+
+def _ratio_name(run) -> str:
+    near, far = run.series["position"]["channels"]
+    return f"ln of the counts, {far} over {near}"
+
+
+def _position(run):
+    series, found = run.series["position"], run.summary["position"]
+    x_mm, response = series["along_um"] / 1000, series["log_ratio"]
+    slope, zero = np.polyfit(x_mm, response, 1)
+    figure, (top, bottom) = panels(rows=2, height=5.5, sharex=True, height_ratios=(2, 1))
+    line(top, 0, x_mm, response, "measured", linestyle="none")
+    top.plot(x_mm, zero + slope * x_mm, color=_COLOURS[1], label="straight line", zorder=1)
+    title = f"The colour is close to a straight line of the position: R² = {found['r2']:.7f}"
+    label(top, title, "", _ratio_name(run))
+    legend(top)
+    residual_um = 1000 * (response - zero - slope * x_mm) / slope
+    line(bottom, 0, x_mm, residual_um)
+    bottom.axhline(0, color=_GREY, linewidth=1)
+    title = "What the line leaves, and the calibration's tables take up"
+    label(bottom, title, "position (mm)", "residual (µm)")
+    return figure
+
+
+def _resolution(run, reading: str):
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    series, found = run.series["position"], run.summary["position"]
+    x_mm = series["x_um"] / 1000
+    near, far = series["channels"]
+    figure, axis = panels(height=4.8)
+    line(axis, 1, x_mm, series["pair"] * series["bound"], f"scatter by one pair, {far} over {near}")
+    line(axis, 0, x_mm, series["scatter"], "scatter by six channels")
+    axis.plot(x_mm, series["bound"], color="black", linewidth=2, label="least possible scatter")
+    line(axis, 2, x_mm, series["resolution"], "resolution: scatter at rest", linestyle="none")
+    line(axis, 4, x_mm, series["accuracy"], "accuracy: mean absolute error", linestyle=":")
+    title = (
+        f"Scatter is {found['crb_ratio']:.2f} times the bound, "
+        f"{found['one_pair']['crb_ratio']:.2f} times by the best pair ({reading})"
+    )
+    label(axis, title, "position (mm)", "µm", yscale="log")
+    axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.yaxis.set_major_formatter("{x:g}")
+    axis.yaxis.set_minor_formatter(NullFormatter())
+    legend(axis, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+    return figure
+
+
+def _family(run, responses: dict):
+    figure, (left, right) = panels(columns=2, width=10, sharey=True)
+    for i, (length_mm, response) in enumerate(sorted(responses["length"].items(), reverse=True)):
+        # The longest lies below, wide, so that the others are seen to lie on it.
+        wide = {"linewidth": 6 - 2.2 * i, "alpha": 0.45 + 0.25 * i, "markersize": 5}
+        line(left, i, response.x_um / 1000, response.log_ratio, f"{length_mm:g} mm", **wide)
+    title = "Same dye: strips of other lengths share one response"
+    label(left, title, "position (mm)", _ratio_name(run))
+    legend(left, title="length")
+    for i, (times, response) in enumerate(responses["dye"].items()):
+        line(right, 3 + i, response.x_um / 1000, response.log_ratio, f"{times:g}")
+    label(right, "More dye: a steeper response", "position (mm)", "")
+    legend(right, title="times the dye")
+    return figure
+
+
+def _force(run, reading: str):
+    series, found = run.series["force"], run.summary["force"]
+    figure, (left, right) = panels(columns=2, width=10)
+    shares = np.unique(series["share"])
+    middle = shares[len(shares) // 2]
+    for i, share in enumerate(shares):
+        rows = series["share"] == share
+        force_N = series["force_mN"][rows] / 1000
+        if share == middle:
+            light = 2.0 ** series["brightness"][rows]
+            line(left, 0, force_N, light / light.max(), "in the middle of the strip")
+        line(right, i, force_N, series["error_mN"][rows] / 1000, f"{share:.1%}")
+    left.axvspan(0, found["threshold_mN"] / 1000, color=_GREY, alpha=0.35, label="dead zone")
+    title = "More force, more light, ever more slowly"
+    label(left, title, "force (N)", "light, of its largest", xlim=(0, None), ylim=(0, 1.05))
+    legend(left)
+    right.axhline(0, color=_GREY, linewidth=1)
+    title = f"Accuracy {found['accuracy_N']:.3f} N, {reading}"
+    label(right, title, "force (N)", "mean error of held presses (N)")
+    legend(right, title="at, of the length")
+    return figure
+
+
+def _strain(run, reading: str):
+    figure, (left, right) = panels(columns=2, width=10)
+    series = run.series["strain"]
+    slope, zero = np.polyfit(series[0]["along_um"], series[0]["log_ratio"], 1)
+    for i, (percent, found) in enumerate(series.items()):
+        beyond = found["log_ratio"] - zero - slope * found["along_um"]
+        line(left, i, found["along_um"] / 1000, beyond, f"{percent} %", markersize=3)
+    left.axhline(0, color=_GREY, linewidth=1)
+    title = "Each strain has a response of its own"
+    label(left, title, "position on the stretched strip (mm)", "ln ratio less the line at rest")
+    legend(left, title="strain", ncols=2)
+    _bars(right, {percent: found["accuracy"][2] for percent, found in series.items()})
+    title = f"Accuracy when the strain is known, {reading}"
+    label(right, title, "strain (%)", "mean absolute error (µm)")
+    return figure
+
+
+def _bars(axis, errors_um: dict) -> None:
+    at = np.arange(len(errors_um))
+    means = [errors.mean() for errors in errors_um.values()]
+    axis.bar(at, means, 0.6, color=_COLOURS[5], label="mean along the strip")
+    dots = {"linestyle": "none", "marker": "o", "markersize": 3, "color": _GREY, "alpha": 0.6}
+    for i, errors in enumerate(errors_um.values()):
+        axis.plot(np.full(len(errors), i), errors, label=None if i else "at a place", **dots)
+    axis.set_xticks(at, [f"{condition:g}" for condition in errors_um])
+    axis.set_ylim(0, 1.3 * max(errors.max() for errors in errors_um.values()))
+    legend(axis, ncols=2)
+
+
+def _bending(run, reading: str):
+    series = run.series["bend"]
+    figure, (left, right) = panels(columns=2, width=10)
+    for i, (degrees, (x_um, error_um, _)) in enumerate(series.items()):
+        line(left, i, x_um / 1000, error_um, f"{degrees}°", linewidth=1)
+    left.axhline(0, color=_GREY, linewidth=1)
+    label(left, "Errors at each place, bent", "position (mm)", "mean error (µm)")
+    legend(left, title="bend", ncols=3)
+    _bars(right, {degrees: found[2] for degrees, found in series.items()})
+    title = f"Accuracy bent, calibrated straight, {reading}"
+    label(right, title, "bend (°)", "mean absolute error (µm)")
+    return figure
+
+
+def _joint(run, reading: str):
+    series, found = run.series["joint"], run.summary["joint"]
+    figure, (left, right) = panels(columns=2, width=10)
+    for i, (direction, name) in enumerate({1: "opening", -1: "closing"}.items()):
+        rows = series["direction"] == direction
+        angle, position_mm = series["angle_deg"][rows], series["position_um"][rows] / 1000
+        apart = {"markersize": 5 + 3 * i} | ({"markerfacecolor": "none"} if i else {})
+        line(left, i, angle, position_mm, name, linestyle="none", **apart)
+        line(right, i, angle, series["error_deg"][rows], name)
+    title = f"A soft encoder: R² = {found['r2']:.7f}"
+    label(left, title, "angle of the joint (°)", "position (mm)")
+    legend(left)
+    right.axhline(0, color=_GREY, linewidth=1)
+    title = f"Backlash {found['backlash_deg']:.3f}°, {reading}"
+    label(right, title, "angle of the joint (°)", "mean error of held angles (°)")
+    legend(right)
+    return figure

@@ -1,0 +1,319 @@
+"""Sensor and scenario files: TOML, every key checked, units in the names.
+
+The comments in ``data/*.toml`` say where each default comes from.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import msgspec
+
+from spots import toml
+
+DATA = Path(__file__).parent / "data"
+
+_MOST = 1e12  # keeps out inf
+Positive = Annotated[float, msgspec.Meta(gt=0, le=_MOST)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0, le=_MOST)]
+Time = NotNegative
+Cycle = Annotated[float, msgspec.Meta(ge=0.01, le=_MOST)]
+Place = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
+Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
+Strain = Annotated[float, msgspec.Meta(ge=0, le=50)]
+Bend = Annotated[float, msgspec.Meta(ge=0, le=360)]
+PercentOff = Annotated[float, msgspec.Meta(ge=-10, le=10)]
+Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
+Coordinate = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
+Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
+
+
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class Led(_Struct):
+    """A phosphor-converted white LED."""
+
+    blue_nm: Wavelength
+    blue_fwhm_nm: Positive
+    blue_share: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    phosphor_nm: Wavelength
+    phosphor_fwhm_nm: Positive
+    irradiance_uW_cm2_per_mA: Positive
+    bend_mA: Positive
+    noise_ppm_10ms: NotNegative
+    warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
+    warm_up_s: Positive
+
+
+class Dye(_Struct):
+    """Decay in the dyed guide: an absorbance that ends at an edge, over a clear base."""
+
+    strength_per_mm: NotNegative
+    edge_nm: Wavelength
+    edge_width_nm: Positive
+    clear_per_mm: NotNegative
+
+
+class Contact(_Struct):
+    """How force becomes contact area, see `world.coupling`."""
+
+    threshold_mN: NotNegative
+    half_mN: Positive
+    early_share: Annotated[float, msgspec.Meta(ge=0, lt=0.1)] = 0.0
+    early_mN: Positive = 50.0
+
+
+class Converter(_Struct):
+    """Noise of the chip, see `as7341.Noise`, and what its documents leave open, see `Quirks`."""
+
+    read_noise_counts: NotNegative
+    electrons_per_count_1x: Positive
+    dark_counts_512x: NotNegative
+    auto_zero_at_every_start: bool = True
+    avalid_clears_on_read: bool = False
+    aint_needs_sp_ien: bool = True
+    smux_us: NotNegative = 200.0
+    clock_error_percent: Annotated[float, msgspec.Meta(ge=-6, le=6)] = 0.0
+
+
+class Stretch(_Struct):
+    """What stretching and bending do to the guides, see `optics.Optics.press`."""
+
+    poisson_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.45
+    bend_loss_percent: Annotated[float, msgspec.Meta(ge=0, lt=100)] = 5.0
+
+
+class Surroundings(_Struct):
+    """Steady light from outside, on top of a scenario's."""
+
+    irradiance_uW_cm2: NotNegative = 0.0
+    flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    flicker_hz: Positive = 100.0
+
+
+class Joint(_Struct):
+    """A sliding indenter that a joint moves along the strip."""
+
+    radius_mm: Positive = 25.0
+    force_mN: Positive = 4000.0
+    play_deg: NotNegative = 0.02
+
+
+class SensorFile(_Struct):
+    """A strip and the chip at its end."""
+
+    length_mm: Positive
+    led: Led
+    dye: Dye
+    contact: Contact
+    converter: Converter
+    stretch: Stretch = Stretch()
+    surroundings: Surroundings = Surroundings()
+    joint: Joint = Joint()
+
+
+class Touch(_Struct):
+    """One finger: points of (time s, position mm, force mN), joined by straight lines."""
+
+    points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
+    width_mm: NotNegative = 4.0
+
+    def __post_init__(self):
+        times = [point[0] for point in self.points]
+        if any(b <= a for a, b in zip(times, times[1:])):
+            raise ValueError("the times of a touch must ascend")
+
+
+class Ambient(_Struct):
+    """Light that gets in from outside, as (time s, irradiance uW/cm2) steps."""
+
+    steps: Annotated[list[tuple[Time, NotNegative]], msgspec.Meta(min_length=1)]
+    flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    flicker_hz: Positive = 100.0
+
+    def __post_init__(self):
+        times = [step[0] for step in self.steps]
+        if any(b <= a for a, b in zip(times, times[1:])):
+            raise ValueError("the times of the steps must ascend")
+
+
+class Moments(_Struct):
+    """When a fault begins and how long it lasts: at moments of the scenario, at random, or both.
+
+    A scenario repeats, and the moments in `at_s` with it.
+    """
+
+    at_s: list[Time] = []
+    per_min: Annotated[float, msgspec.Meta(ge=0, le=6000)] = 0.0
+    last_ms: Annotated[float, msgspec.Meta(gt=0, le=3_600_000)] = 100.0
+
+
+class Bursts(Moments):
+    """Times of dense damage: so many of the bytes, each in one of four ways."""
+
+    damage_percent: Percent = 100.0
+
+
+class SerialFaults(_Struct):
+    """Damage to the bytes in one direction: the share of them that it befalls, and bursts."""
+
+    flip_percent: Percent = 0.0
+    drop_percent: Percent = 0.0
+    double_percent: Percent = 0.0
+    insert_percent: Percent = 0.0
+    bursts: Bursts = Bursts()
+
+    def __post_init__(self):
+        shares = self.flip_percent, self.drop_percent, self.double_percent, self.insert_percent
+        if sum(shares) > 100:
+            raise ValueError("more than 100 % of the bytes would be damaged")
+
+
+class BusFaults(_Struct):
+    """Damage to transfers on the I2C bus.
+
+    `nack_percent` of them nobody acknowledges, and during `nack_bursts` none; `wrong_percent`
+    carry a wrong bit; `sda_low`: SDA is held low until nine clocks, at most for that time.
+    """
+
+    nack_percent: Percent = 0.0
+    nack_bursts: Moments = Moments()
+    wrong_percent: Percent = 0.0
+    sda_low: Moments = Moments()
+
+
+class PowerFaults(_Struct):
+    """Brown-outs take board and sensor down together; the other two only the sensor."""
+
+    brown_outs: Moments = Moments()
+    sensor_resets: Moments = Moments()
+    sensor_unplugged: Moments = Moments()
+
+
+class ClockFaults(_Struct):
+    """The board's oscillator, fast if positive, and times in which its processor stands still."""
+
+    oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
+    stalls: Moments = Moments()
+
+
+class Faults(_Struct):
+    """What goes wrong in a scenario, from `from_s` of the run on; see `faults`."""
+
+    from_s: Time = 0.0
+    to_host: SerialFaults = SerialFaults()
+    to_board: SerialFaults = SerialFaults()
+    i2c: BusFaults = BusFaults()
+    power: PowerFaults = PowerFaults()
+    clock: ClockFaults = ClockFaults()
+
+    def moments(self) -> dict[str, Moments]:
+        """Return every set of moments by its place in the file."""
+        parts = (getattr(self, name) for name in self.__struct_fields__[1:])
+        return {
+            f"{part}.{name}": value
+            for part, table in zip(self.__struct_fields__[1:], parts)
+            for name, value in msgspec.structs.asdict(table).items()
+            if isinstance(value, Moments)
+        }
+
+
+class ScenarioFile(_Struct):
+    """What happens to the strip; it repeats after `seconds`.
+
+    Positions are those on the strip as it is, stretched or not. `strain` and `bend` are points of
+    (time s, percent) and (time s, degrees), `leak` of (time s, share of full contact, position
+    mm): light that couples without a finger. All are joined by straight lines and keep their
+    first and last value outside. `strain_percent` and `bend_deg` are the short form.
+    """
+
+    seconds: Cycle
+    strain_percent: Strain = 0.0
+    bend_deg: Bend = 0.0
+    strain: list[tuple[Time, Strain]] = []
+    bend: list[tuple[Time, Bend]] = []
+    leak: list[tuple[Time, Annotated[float, msgspec.Meta(ge=0, le=1)], Place]] = []
+    touch: list[Touch] = []
+    ambient: Ambient | None = None
+    faults: Faults | None = None
+
+    def __post_init__(self):
+        if any(touch.points[-1][0] > self.seconds for touch in self.touch):
+            raise ValueError(f"a touch ends after the scenario's {self.seconds:g} seconds")
+        for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
+            if getattr(self, name) and constant:
+                raise ValueError(f"{name} is given twice: as points and as a constant")
+        for name in ("strain", "bend", "leak"):
+            times = [point[0] for point in getattr(self, name)]
+            if any(b <= a for a, b in zip(times, times[1:])):
+                raise ValueError(f"the times of {name} must ascend")
+            if times and times[-1] > self.seconds:
+                raise ValueError(f"{name} ends after the scenario's {self.seconds:g} seconds")
+        for place, moments in self.faults.moments().items() if self.faults else ():
+            if any(at_s >= self.seconds for at_s in moments.at_s):
+                raise ValueError(
+                    f"faults.{place} has a moment after the scenario's {self.seconds:g} seconds"
+                )
+
+
+class LinkageFile(_Struct):
+    """A five-bar linkage with a strip in either base joint: as drawn, and what came out wrong.
+
+    Bars are inner 1, outer 1, outer 2, inner 2. `lowest_deg` is the angle of each joint, counted
+    as in Eqs. 3 and 4, with its indenter at the low end of its travel.
+    """
+
+    bar_mm: tuple[Positive, Positive, Positive, Positive]
+    base_mm: Positive
+    lowest_deg: tuple[Degrees, Degrees]
+    bar_error_percent: tuple[PercentOff, PercentOff, PercentOff, PercentOff] = (0.0, 0.0, 0.0, 0.0)
+    base_error_percent: PercentOff = 0.0
+    mount_error_deg: tuple[Degrees, Degrees] = (0.0, 0.0)
+
+
+class Stroke(_Struct):
+    """A line of the terminal through points (x mm, y mm); curved, if smooth."""
+
+    points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
+    smooth: bool = False
+
+
+class PathFile(_Struct):
+    """Where a hand guides the terminal of a linkage: strokes, and straight lines between them."""
+
+    speed_mm_s: Positive
+    stroke: Annotated[list[Stroke], msgspec.Meta(min_length=1)]
+    tremor_mm: NotNegative = 0.0
+    tremor_hz: Positive = 8.0
+
+
+_File = TypeVar("_File", SensorFile, ScenarioFile, LinkageFile, PathFile)
+_KINDS = {
+    SensorFile: "sensor",
+    ScenarioFile: "scenario",
+    LinkageFile: "linkage",
+    PathFile: "path",
+}
+
+
+def load(kind: type[_File], name: str | Path) -> _File:
+    """Read a file of the simulation.
+
+    Parameters
+    ----------
+    kind : type
+        `SensorFile`, `ScenarioFile`, `LinkageFile` or `PathFile`.
+    name : str or Path
+        A path, or the name of a file that comes with the package, such as ``default``.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file, or a key in it is unknown, missing or out of range.
+    """
+    what = _KINDS[kind]
+    path, text = toml.find(name, DATA / f"{what}s", what)
+    return toml.checked(text, kind, f"{what} file {path}")

@@ -1,0 +1,364 @@
+"""The measurements of the paper's section III, on any simulated sensor, through the firmware.
+
+Definitions are those of docs/calibration.md. Everything is measured on readings that the board
+made with its integers; the stage knows the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tactile.decode import TOO_DARK
+
+from .bound import Bound
+from .files import SensorFile
+from .pair import OnePair
+from .rig import Rig
+
+PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length, none of them used to calibrate
+FORCE_MN = 3000.0
+STRAINS_PERCENT = (0, 5, 10, 15, 20, 25)
+BENDS_DEG = (0, 45, 90, 135, 180)
+_FORCES_MN = (600.0, 9500.0)
+_FORCE_STEPS = 16
+_FORCE_PLACES = np.linspace(0.05, 0.95, 5)
+_JITTER_UM, _JITTER_FORCE = 50.0, 0.05
+_JOINT_ANGLES = 31
+_JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
+_JOINT_MOST_DEG = 180.0
+_THRESHOLD_STEP_MN = 2.0
+# Readings or presses of each kind; fewer where a reading takes long.
+_AT_REST = 40
+_JITTERED = 80
+_ACCURACY = 14
+_HELD = 6
+_LEAST = 5
+# A sample costs the simulator as much as 30 ms of exposure do.
+_ALL_UP_TO_MS, _SAMPLE_MS = 140, 30
+
+
+@dataclass
+class Run:
+    """Everything that was measured, for figures and for the summary.
+
+    Attributes
+    ----------
+    summary : dict
+        The figures, as ``spots characterize --json`` prints them.
+    series : dict of dict of arrays
+        By figure, what is drawn in it.
+    """
+
+    summary: dict = field(default_factory=dict)
+    series: dict = field(default_factory=dict)
+
+
+def characterize(
+    sensor: SensorFile,
+    seed: int = 0,
+    exposure_us: int = 100_000,
+    average: int = 1,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Run:
+    """Measure a sensor.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    seed : int
+        Of the noise.
+    exposure_us, average : int
+        Integration time, and how many of them make a reading.
+    progress : callable
+        Told each step's name as it begins.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor cannot be calibrated at this exposure.
+    """
+    run = Run()
+    rng = np.random.default_rng(seed + 1)
+    progress("exposure and calibration")
+    with Rig(sensor, seed, exposure_us, average) as rig:
+        progress("position")
+        _position(rig, rng, run)
+        progress("force")
+        _force(rig, run)
+        progress("bending")
+        _bending(rig, rng, run)
+        progress("joint")
+        _joint(rig, run)
+        progress("strain")
+        _strain(rig, rng, run)
+        conditions = rig.conditions
+        run.summary |= {
+            "exposure_us": conditions.exposure_us,
+            "average": average,
+            "reading_ms": rig.reading_us / 1000,
+            "gain": conditions.gain,
+            "led_mA": conditions.led_mA,
+            "plan": list(conditions.plan),
+        }
+    return run
+
+
+def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
+    """Return scatter over bound alone, see `characterize`."""
+    rng = np.random.default_rng(seed)
+    bound, pair = _bound(rig), OnePair(rig.along[0], rig.noise)
+    ratios = [
+        scatter / least
+        for _, scatter, _, least in (
+            _scatter(rig, rng, share * rig.stage.length_um, jittered, bound, pair)
+            for share in PLACES
+        )
+    ]
+    return _mean(ratios)
+
+
+def _bound(rig: Rig) -> Bound:
+    c = rig.conditions
+    return Bound(rig.stage.sensor, c.plan, c.gain, c.exposure_us, c.led_mA, rig.average)
+
+
+def _fewer(rig: Rig, count: int) -> int:
+    cost_ms = rig.reading_us / 1000 + _SAMPLE_MS * rig.average
+    return min(count, max(_LEAST, round(count * _ALL_UP_TO_MS / cost_ms)))
+
+
+def _jittered(rig: Rig, rng, place_um: float, count: int):
+    """Yield (truth_um, truth_mN, reading, counts) of presses scattered about a place."""
+    for _ in range(count):
+        at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
+        force_mN = FORCE_MN * (1 + rng.uniform(-_JITTER_FORCE, _JITTER_FORCE))
+        (reading,), counts = rig.readings(at_um, force_mN, 1)
+        yield at_um, force_mN, reading, counts[0]
+
+
+def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
+    """Return errors, their standard deviation, that of one pair, and the bound on both."""
+    true_um, _, readings, counts = zip(*_jittered(rig, rng, place_um, count))
+    errors = np.array([r.position_um for r in readings]) - true_um
+    pair_errors = pair.position_um(np.array(counts)) - true_um
+    # Over so little jitter the bound is as good as straight: that of the middle is the mean.
+    least, _ = bound.sigma(place_um, FORCE_MN)
+    return errors, errors.std(ddof=1), pair_errors.std(ddof=1), least
+
+
+def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
+    pair, bound = OnePair(rig.along[0], rig.noise), _bound(rig)
+    x_um = places * rig.stage.length_um
+    names = ("resolution", "accuracy", "bias", "scatter", "bound", "pair")
+    columns = {name: [] for name in names}
+    snr = []
+    for place_um in x_um:
+        rest, samples = rig.readings(place_um, FORCE_MN, _fewer(rig, _AT_REST))
+        columns["resolution"].append(np.std([r.position_um for r in rest], ddof=1))
+        if rig.average == 1:
+            snr.append(_light_over_noise(samples))
+        count = _fewer(rig, _JITTERED)
+        errors, scatter, by_pair, least = _scatter(rig, rng, place_um, count, bound, pair)
+        columns["accuracy"].append(np.mean(np.abs(errors)))
+        columns["bias"].append(np.mean(errors))
+        columns["scatter"].append(scatter)
+        columns["bound"].append(least)
+        columns["pair"].append(by_pair / least)
+    series = {name: np.array(values) for name, values in columns.items()}
+    if rig.average > 1:
+        series["pair"], snr = _of_one_sample(rig, rng, pair, x_um)
+    response = pair.log_ratio(rig.along[0].counts)
+    channels = [rig.conditions.plan[i] for i in pair.channels]
+    run.series["position"] = series | {
+        "x_um": x_um,
+        "along_um": rig.along[0].position_um,
+        "log_ratio": response,
+        "channels": channels,
+    }
+    run.summary["position"] = {
+        "r2": _r2(rig.along[0].position_um, response),
+        "resolution_um": _mean(series["resolution"]),
+        "accuracy_um": _mean(series["accuracy"]),
+        "bound_um": _mean(series["bound"]),
+        "crb_ratio": _mean(series["scatter"] / series["bound"]),
+        "one_pair": {
+            "channels": channels,
+            "scatter_um": _mean(series["pair"] * series["bound"]),
+            "crb_ratio": _mean(series["pair"]),
+        },
+    }
+    run.summary["snr_db"] = round(20 * np.log10(np.mean(snr)), 1)
+
+
+def _light_over_noise(counts: np.ndarray) -> float:
+    light = counts.sum(axis=1)
+    return light.mean() / light.std(ddof=1)
+
+
+def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
+    """Return the pair's scatter over the bound, and light over noise, of single samples.
+
+    The board rounds the mean counts of longer readings, which would hide the noise of the one and
+    be held against the other.
+    """
+    average = rig.average
+    rig.set_average(1)
+    bound = _bound(rig)
+    ratios, snr = [], []
+    for place_um in x_um:
+        _, counts = rig.readings(place_um, FORCE_MN, _AT_REST)
+        snr.append(_light_over_noise(counts))
+        _, _, scatter, least = _scatter(rig, rng, place_um, _JITTERED // 4, bound, pair)
+        ratios.append(scatter / least)
+    rig.set_average(average)
+    return np.array(ratios), snr
+
+
+def _force(rig: Rig, run: Run) -> None:
+    threshold_mN = _threshold_mN(rig)
+    least_mN = max(_FORCES_MN[0], 2 * threshold_mN)
+    rows = []
+    for share in _FORCE_PLACES:
+        for force_mN in np.linspace(least_mN, _FORCES_MN[1], _FORCE_STEPS):
+            held, _ = rig.readings(share * rig.stage.length_um, force_mN, _fewer(rig, _HELD))
+            forces = np.array([r.force_mN for r in held], dtype=float)
+            errors = forces - force_mN
+            brightness = np.mean([r.brightness for r in held])
+            rows.append(
+                (
+                    share,
+                    force_mN,
+                    errors.mean(),
+                    np.abs(errors).mean(),
+                    forces.std(ddof=1),
+                    brightness,
+                )
+            )
+    share, truth, error, accuracy, sigma, brightness = np.array(rows).T
+    run.series["force"] = {
+        "share": share,
+        "force_mN": truth,
+        "error_mN": error,
+        "sigma_mN": sigma,
+        "brightness": brightness,
+        "threshold_mN": threshold_mN,
+    }
+    run.summary["force"] = {
+        "resolution_mN": _mean(sigma),
+        "accuracy_N": round(float(np.mean(accuracy)) / 1000, 5),
+        "threshold_mN": threshold_mN,
+    }
+
+
+def _threshold_mN(rig: Rig) -> float:
+    """Return the dead zone: the least force, in the middle of the strip, that gives a reading."""
+    low, high = 0.0, FORCE_MN
+    while high - low > _THRESHOLD_STEP_MN:
+        middle = (low + high) / 2
+        readings, _ = rig.readings(rig.stage.length_um / 2, middle, 3)
+        if any(r.flags & TOO_DARK for r in readings):
+            low = middle
+        else:
+            high = middle
+    return round(high, 1)
+
+
+def _accuracy_um(rig: Rig, rng) -> np.ndarray:
+    """Return the places, the mean error and the mean absolute error at each."""
+    x_um = PLACES * rig.stage.length_um
+    count = _fewer(rig, _ACCURACY)
+    errors = np.array(
+        [
+            [r.position_um - at for at, _, r, _ in _jittered(rig, rng, place_um, count)]
+            for place_um in x_um
+        ]
+    )
+    return np.array([x_um, errors.mean(axis=1), np.abs(errors).mean(axis=1)])
+
+
+def _flat(run: Run) -> np.ndarray:
+    """Return the same of the strip as it was at first, neither bent nor stretched."""
+    position = run.series["position"]
+    return np.array([position["x_um"], position["bias"], position["accuracy"]])
+
+
+def _bending(rig: Rig, rng, run: Run) -> None:
+    run.summary["bend"], run.series["bend"] = [], {}
+    for degrees in BENDS_DEG:
+        rig.stage.held.bend_deg = float(degrees)
+        found = _accuracy_um(rig, rng) if degrees else _flat(run)
+        run.series["bend"][degrees] = found
+        run.summary["bend"].append({"degrees": degrees, "accuracy_um": _mean(found[2])})
+    rig.stage.held.bend_deg = 0.0
+
+
+def _strain(rig: Rig, rng, run: Run) -> None:
+    rig.learn_strains(STRAINS_PERCENT[1:])
+    pair = OnePair(rig.along[0], rig.noise)
+    bound = _bound(rig)
+    run.summary["strain"], run.series["strain"] = [], {}
+    for percent in STRAINS_PERCENT:
+        rig.stage.held.strain = percent / 100
+        rig.board.command(f"set strain_ppm={10_000 * percent}")
+        found = _accuracy_um(rig, rng) if percent else _flat(run)
+        along = rig.along[10_000 * percent]
+        run.series["strain"][percent] = {
+            "accuracy": found,
+            "along_um": along.position_um,
+            "log_ratio": pair.log_ratio(along.counts),
+        }
+        least = [bound.sigma(x_um, FORCE_MN, strain=percent / 100)[0] for x_um in found[0]]
+        run.summary["strain"].append(
+            {"percent": percent, "accuracy_um": _mean(found[2]), "bound_um": _mean(least)}
+        )
+    rig.board.command("set strain_ppm=0")
+    rig.stage.held.strain = 0.0
+
+
+def _joint(rig: Rig, run: Run) -> None:
+    joint = rig.stage.sensor.joint
+    um_per_deg = 1000 * joint.radius_mm * np.pi / 180
+    start_um, end_um = np.array(_JOINT_SHARE) * rig.stage.length_um
+    up = np.linspace(0, min((end_um - start_um) / um_per_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
+    held = _fewer(rig, _HELD)
+    rows, angles = [], []
+    # The indenter lags behind the joint by half its play in either direction.
+    for direction, sweep in {1: up, -1: up[::-1]}.items():
+        for angle in sweep:
+            rig.stage.held.bend_deg = angle
+            at_um = start_um + (angle - direction * joint.play_deg / 2) * um_per_deg
+            readings, _ = rig.readings(at_um, joint.force_mN, held)
+            rows.append([r.position_um for r in readings])
+            angles.append((direction, angle))
+    rig.stage.held.bend_deg = 0.0
+    (direction, angle), position = np.array(angles).T, np.array(rows, dtype=float)
+    # Every second angle calibrates, the others test; a reading each, not the mean of those held.
+    learn = np.arange(len(angle)) % 2 == 0
+    slope, zero = np.polyfit(position[learn].ravel(), np.repeat(angle[learn], held), 1)
+    error = slope * position + zero - angle[:, None]
+    backlash = abs(error[direction > 0].mean() - error[direction < 0].mean())
+    run.series["joint"] = {
+        "direction": direction,
+        "angle_deg": angle,
+        "position_um": position.mean(axis=1),
+        "error_deg": error.mean(axis=1),
+        "tested": ~learn,
+    }
+    run.summary["joint"] = {
+        "r2": _r2(position.ravel(), np.repeat(angle, held)),
+        "resolution_deg": round(abs(slope) * float(position.std(axis=1, ddof=1).mean()), 5),
+        "accuracy_deg": round(float(np.abs(error[~learn]).mean()), 5),
+        "backlash_deg": round(float(backlash), 5),
+    }
+
+
+def _r2(x: np.ndarray, y: np.ndarray) -> float:
+    residual = y - np.polyval(np.polyfit(x, y, 1), x)
+    return round(1 - float((residual**2).sum() / ((y - y.mean()) ** 2).sum()), 8)
+
+
+def _mean(values) -> float:
+    return round(float(np.mean(values)), 3)

@@ -1,0 +1,31 @@
+"""A virtual board in simulated time that keeps to the clock on the wall."""
+
+from __future__ import annotations
+
+import time
+
+from spots.link.serial_link import Through
+
+from .lockstep import LockstepLink
+
+
+class PacedLink(Through):
+    """A `lockstep.LockstepLink` that never runs ahead of real time.
+
+    Links with the same epoch have one clock: two boards can be parts of one machine.
+
+    Parameters
+    ----------
+    link : LockstepLink
+    epoch_s : float
+        Of ``time.monotonic()``, when the link's clock was or would have been at 0.
+    """
+
+    def __init__(self, link: LockstepLink, epoch_s: float):
+        super().__init__(link)
+        self._epoch_s = epoch_s
+
+    def read(self, timeout_s: float) -> bytes:
+        """Wait until the board's time has come, then let it run as the link it is does."""
+        time.sleep(max(self.now_s() - (time.monotonic() - self._epoch_s), 0.0))
+        return self._link.read(timeout_s)

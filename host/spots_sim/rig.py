@@ -1,0 +1,114 @@
+"""A simulated strip, exposed and calibrated, that gives readings of known presses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spots.calibrate.fit import fit
+from spots.calibrate.presses import Noise
+from spots.link.connect import upload
+from spots.link.frames import Spectrum, Touch
+from tactile.decode import DARK_SAMPLES, LED_OFF
+
+from .files import SensorFile
+from .stage import Stage
+
+_DARK_TIMEOUT_S = 60.0
+
+
+class Rig:
+    """An exposed and calibrated strip on the stage.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    seed : int
+        Of the noise.
+    exposure_us, average : int
+        Integration time, and how many of them make a reading.
+
+    Attributes
+    ----------
+    along : dict of int to Presses
+        What was calibrated with, by strain in ppm.
+    noise : Noise
+    lines : tuple of str
+        The calibration that the board has.
+    """
+
+    def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
+        self.stage = Stage(sensor, seed, f"exposure_us={exposure_us}")
+        self.board = self.stage.board
+        self.average = average
+        try:
+            # How good the strip is at this exposure is the question.
+            self.stage.expose(exposure_us)
+            self.along = {0: self.stage.along()}
+            self._pressed = self.stage.pressed()
+            self.noise = Noise.of(self.along[0], self._pressed)
+            self._use()
+        except BaseException:
+            self.board.close()
+            raise
+
+    def __enter__(self) -> Rig:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.board.close()
+
+    @property
+    def conditions(self):
+        """What the calibration belongs to."""
+        return self.stage.reader.conditions
+
+    @property
+    def reading_us(self) -> int:
+        """How long one reading takes."""
+        return self.conditions.exposure_us * self.average
+
+    def learn_strains(self, percents) -> None:
+        """Calibrate at strains too."""
+        self.board.command("set average=1")
+        for percent in percents:
+            self.stage.held.strain = percent / 100
+            self.stage.reader.set_up()
+            self.along[10_000 * percent] = self.stage.along()
+        self.stage.held.strain = 0.0
+        self._use()
+
+    def set_average(self, average: int) -> None:
+        """Make readings of so many samples from now on."""
+        self.board.command(f"set average={average}")
+        self.average = average
+
+    def _use(self) -> None:
+        self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
+        upload(self.board, self.lines)
+        self.board.command(f"set average={self.average}")
+        dark = self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
+        self._dark = np.array(dark) / DARK_SAMPLES
+        self.board.command("stream touch spectrum")
+
+    def readings(self, position_um: float, force_mN: float, count: int):
+        """Press and return readings that began under the press.
+
+        Returns
+        -------
+        touches : list of Touch
+        counts : numpy.ndarray, shape (count, 6)
+            Dark-subtracted; means over the samples of a reading, which the board rounds.
+        """
+        self.stage.press(position_um, force_mN)
+        begun_s = self.board.now_s() + 0.5e-6 * self.reading_us
+        touches, spectra = [], []
+        for frame in self.board.frames():
+            if frame.time_s < begun_s or frame.flags & LED_OFF:
+                continue
+            if isinstance(frame, Touch):
+                touches.append(frame)
+            elif isinstance(frame, Spectrum):
+                spectra.append(frame.counts)
+                if len(spectra) == count:
+                    break
+        return touches[:count], np.array(spectra, dtype=float) - self._dark

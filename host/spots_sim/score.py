@@ -1,0 +1,96 @@
+"""How good a run was: readings against the scenario's truth, rate, latency."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from spots.link.frames import LinkStats, Touch
+
+from .scenario import Scenario
+
+# Percentiles are those of so many last readings, and memory is bounded.
+_LATENCIES = 10_000
+
+
+class Score:
+    """Takes readings as they come, for as long as one likes.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The truth.
+    started_s : float
+        Host time of the scenario's time 0.
+    """
+
+    def __init__(self, scenario: Scenario, started_s: float):
+        self._scenario = scenario
+        self._started_s = started_s
+        self._position_um2 = self._force_mN2 = 0.0  # sums of squared errors
+        self._compared = 0
+        self._latencies_ms: deque[float] = deque(maxlen=_LATENCIES)
+        self._touching = False
+        self._first_s = self._last_s = math.nan
+        self.readings = 0
+        self.touches = 0
+
+    def take(self, touch: Touch, arrived_s: float) -> None:
+        """Compare a reading with the one finger that touched at its time, if it was one."""
+        if not self.readings:
+            self._first_s = touch.time_s
+        self._last_s = touch.time_s
+        self.readings += 1
+        self._latencies_ms.append(1000 * (arrived_s - touch.time_s))
+        self.touches += touch.touching and not self._touching
+        self._touching = touch.touching
+        presses = self._scenario.presses(touch.time_s - self._started_s)
+        if touch.trusted and len(presses) == 1:
+            self._position_um2 += (touch.position_um - 1000 * presses[0].position_mm) ** 2
+            self._force_mN2 += (touch.force_mN - presses[0].force_mN) ** 2
+            self._compared += 1
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings per second of board time."""
+        span_s = self._last_s - self._first_s
+        return (self.readings - 1) / span_s if span_s > 0 else 0.0
+
+    @property
+    def position_rmse_um(self) -> float | None:
+        """Root mean square error of the position while touching."""
+        return self._rms(self._position_um2)
+
+    @property
+    def force_rmse_mN(self) -> float | None:
+        """Root mean square error of the force while touching."""
+        return self._rms(self._force_mN2)
+
+    def latency_ms(self, percentile: float) -> float | None:
+        """From the middle of the integration until the reading was in the program's hands."""
+        return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
+
+    def _rms(self, squares: float) -> float | None:
+        return _rounded(math.sqrt(squares / self._compared)) if self._compared else None
+
+    def summary(self, info: dict, stats: LinkStats) -> dict:
+        """Return the run in figures."""
+        return {
+            "runtime": info["runtime"],
+            "board": info["board"],
+            "frames": stats.frames,
+            "lost": stats.lost,
+            "bad_crc": stats.bad_crc,
+            "restarts": stats.restarts,
+            "rate_hz": _rounded(self.rate_hz),
+            "touches": self.touches,
+            "position_rmse_um": self.position_rmse_um,
+            "force_rmse_mN": self.force_rmse_mN,
+            "latency_ms": {"p50": self.latency_ms(50), "p99": self.latency_ms(99)},
+        }
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 3)

@@ -1,0 +1,135 @@
+"""A stage that presses the simulated strip: real firmware, simulated time, known presses."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from spots.calibrate.fit import fit
+from spots.calibrate.presses import Noise, Presses
+from spots.calibrate.spectra import Reader
+from spots.link.board import Board
+
+from .files import SensorFile
+from .lockstep import LockstepLink
+from .scenario import Held, Press
+
+FIRM_MN = 6000.0
+PLACES = 33
+FORCES = 30
+FULL_MN = 10_000.0
+FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
+NEAR_UM = 2000.0  # where the light is brightest, with the whole finger on the strip
+_WIDTH_MM = 4.0
+_WARM_S = 120.0  # a person would let the LED warm up, too
+_SEARCH_TIMEOUT_S = 600.0
+
+
+class Stage:
+    """A simulated strip under an indenter, read through the firmware.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    seed : int
+        Of the noise.
+    settings : str
+        What to `set` first, such as ``exposure_us=100000``.
+    """
+
+    def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
+        self.sensor = sensor
+        self.held = Held()
+        self.board = Board(LockstepLink(sensor, self.held, seed, started_s=_WARM_S))
+        if settings:
+            self.board.command("set " + settings)
+        self.reader = Reader(self.board)
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.board.close()
+
+    @property
+    def length_um(self) -> float:
+        """Length of the strip as it is stretched now."""
+        return 1000 * self.sensor.length_mm * (1 + self.held.strain)
+
+    def expose(self, exposure_us: int | None = None) -> None:
+        """Let the board find gain and LED current under a full press near the sensor.
+
+        Parameters
+        ----------
+        exposure_us : int, optional
+            What the exposure is to be, even if the search lengthened it for a dim strip.
+
+        Raises
+        ------
+        SpotsError
+            If no setting fits this strip.
+        """
+        self.press(NEAR_UM, FULL_MN)
+        self.board.command("auto", timeout_s=_SEARCH_TIMEOUT_S)
+        self.release()
+        if exposure_us is not None:
+            self.board.command(f"set exposure_us={exposure_us}")
+        self.reader.set_up()
+
+    def press(self, position_um: float, force_mN: float) -> None:
+        """Hold a press there from now on."""
+        self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
+
+    def release(self) -> None:
+        """Touch nothing from now on."""
+        self.held.press = None
+
+    def read(self, places_um, forces_mN, samples: int) -> Presses:
+        """Press at each place with each force and return the readings."""
+        rows = []
+        for force_mN in forces_mN:
+            for place_um in places_um:
+                self.press(place_um, force_mN)
+                r = self.reader.read(samples)
+                rows.append((place_um, force_mN, r.counts, r.variance, r.saturated))
+        self.release()
+        return Presses(*(np.array(column) for column in zip(*rows)))
+
+    def along(self, places: int = PLACES, samples: int = 24) -> Presses:
+        """Press firmly at places along the whole strip."""
+        return self.read(np.linspace(0, self.length_um, places), [FIRM_MN], samples)
+
+    def pressed(self, samples: int = 8) -> Presses:
+        """Press at a few places with forces from the least that gives light there up to full."""
+        places_um = [share * self.length_um for share in FORCE_PLACES]
+        forces_mN = np.geomspace(self._least_mN(max(places_um)), FULL_MN, FORCES)
+        return self.read(places_um, forces_mN, samples)
+
+    def _least_mN(self, place_um: float) -> float:
+        # By halving: the least force under which every channel counts.
+        low_mN, high_mN = 1.0, FULL_MN
+        while high_mN > 1.02 * low_mN:
+            middle_mN = (low_mN * high_mN) ** 0.5
+            self.press(place_um, middle_mN)
+            if self.reader.read(4).dark:
+                low_mN = middle_mN
+            else:
+                high_mN = middle_mN
+        return high_mN
+
+
+@lru_cache(maxsize=8)
+def calibrate(sensor: SensorFile) -> tuple[str, ...]:
+    """Return the lines of a calibration of a simulated sensor, exposed as suits it.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor's readings do not allow a calibration.
+    """
+    with Stage(sensor) as stage:
+        stage.expose()
+        along, pressed = stage.along(), stage.pressed()
+        noise = Noise.of(along, pressed)
+        return tuple(fit({0: along}, pressed, noise, stage.reader.conditions))

@@ -1,0 +1,250 @@
+"""How near a simulated linkage's twin comes to the truth: over its workspace, and on a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spots.errors import SpotsError
+from spots.linkage import kinematics
+from spots.linkage.digital_twin import Terminal, Twin
+from spots.linkage.fivebar import Linkage
+
+from .files import LinkageFile, PathFile, SensorFile
+from .mechanism import Mechanism, Motion, guided
+from .simulated_linkage import START_S, Simulation, visited
+
+# The outer bars stay this far from in line, as is the rule for transmission angles.
+LEAST_OUTER_RAD = np.radians(30)
+CALIBRATION_PLACES = 40
+PLACE_SIGMA_MM = 0.02  # of the machine or grid that tells where the terminal is
+# How whoever measures has laid that grid: x and y of joint 1, and its turn.
+_GRID = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
+_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Distances between terminals as told and as they were, in mm.
+
+    Attributes
+    ----------
+    mean_mm, max_mm : float
+    """
+
+    error_mm: np.ndarray
+
+    @property
+    def mean_mm(self) -> float:
+        return float(np.mean(self.error_mm))
+
+    @property
+    def max_mm(self) -> float:
+        return float(np.max(self.error_mm))
+
+
+@dataclass(frozen=True)
+class Survey:
+    """The workspace of a linkage, visited place by place with single readings.
+
+    Attributes
+    ----------
+    x_mm, y_mm : numpy.ndarray, shape (n,)
+        The places.
+    drawn, given, calibrated : Deviation
+        With lengths and mounting as drawn; with the true ones; and with those of a kinematic
+        calibration that started from the drawn ones.
+    expected_mean_mm, expected_max_mm : float
+        Of what the encoders' own standard errors make, with the true lengths.
+    kinematics : kinematics.Kinematics
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    drawn: Deviation
+    given: Deviation
+    calibrated: Deviation
+    expected_mean_mm: float
+    expected_max_mm: float
+    kinematics: kinematics.Kinematics
+
+
+def survey(
+    sensor: SensorFile,
+    linkage: LinkageFile,
+    seed: int = 0,
+    exposure_us: int = 100_000,
+    pitch_mm: float = 10.0,
+) -> Survey:
+    """Calibrate a linkage at some places and visit a grid over its workspace.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    linkage : LinkageFile
+    seed : int
+    exposure_us : int
+        One exposure is a reading.
+    pitch_mm : float
+        Of the grid.
+
+    Raises
+    ------
+    SpotsError
+        If scipy is missing, or the sensor cannot be calibrated.
+    """
+    mechanism = Mechanism(linkage, sensor)
+    rng = np.random.default_rng(seed)
+    drawn = Linkage(linkage.bar_mm, linkage.base_mm)
+    given = Linkage(mechanism.bar_mm, mechanism.base_mm)
+    x_mm, y_mm = working(given, mechanism, *_grid(given, pitch_mm, rng))
+    # The places to calibrate with lie between those of the grid, and were never asked for.
+    few = working(given, mechanism, *_grid(given, pitch_mm, rng, jitter_mm=pitch_mm / 2))
+    few = [axis[:CALIBRATION_PLACES] for axis in few]
+    angles, sigmas = visited(sensor, linkage, *few, seed, exposure_us)
+    seen = kinematics.framed(_GRID, *few)
+    found = kinematics.calibrate(
+        angles,
+        *(axis + PLACE_SIGMA_MM * rng.standard_normal(len(axis)) for axis in seen),
+        drawn,
+        angle_sigma_rad=sigmas,
+        place_sigma_mm=PLACE_SIGMA_MM,
+        offset_rad=np.radians(linkage.lowest_deg),
+    )
+    angles, sigmas = visited(sensor, linkage, x_mm, y_mm, seed, exposure_us, run=1)
+    theta = angles + np.reshape(mechanism.zero_rad, (2, 1))
+    noise_mm = _expected(given, theta, sigmas, rng)
+    return Survey(
+        x_mm,
+        y_mm,
+        _deviation(
+            drawn.forward(*(angles + np.radians(linkage.lowest_deg)[:, None])), (x_mm, y_mm)
+        ),
+        _deviation(given.forward(*theta), (x_mm, y_mm)),
+        _deviation(found.terminal(angles), kinematics.framed(_GRID, x_mm, y_mm)),
+        float(noise_mm.mean()),
+        float(noise_mm.max(axis=1).mean()),
+        found,
+    )
+
+
+@dataclass(frozen=True)
+class Run:
+    """A path, followed by a twin that was given the true lengths.
+
+    Attributes
+    ----------
+    motion : Motion
+        The truth.
+    linkage : Linkage
+    terminals : list of Terminal
+        While the motion lasted.
+    error_mm : numpy.ndarray, shape (n,)
+        Distance of each from where the terminal was.
+    lost : int
+        Frames.
+    """
+
+    motion: Motion
+    linkage: Linkage
+    terminals: list[Terminal]
+    error_mm: np.ndarray
+    lost: int
+
+    def summary(self) -> dict:
+        """Return the run in figures."""
+        told = [terminal for terminal in self.terminals if not terminal.limit]
+        span_s = told[-1].time_s - told[0].time_s
+        expected_mm = np.sqrt(np.mean([terminal.sigma_mm**2 for terminal in told]))
+        return {
+            "seconds": round(span_s, 3),
+            "terminals": len(told),
+            "rate_hz": round((len(told) - 1) / span_s, 2),
+            "beyond_limits": len(self.terminals) - len(told),
+            "lost": self.lost,
+            "error_mm": {
+                "mean": round(float(self.error_mm.mean()), 4),
+                "p95": round(float(np.percentile(self.error_mm, 95)), 4),
+                "max": round(float(self.error_mm.max()), 4),
+                "rms": round(float(np.sqrt(np.mean(self.error_mm**2))), 4),
+            },
+            "expected_rms_mm": round(float(expected_mm), 4),
+        }
+
+
+def follow(
+    sensor: SensorFile,
+    linkage: LinkageFile,
+    path: PathFile,
+    seed: int = 0,
+    exposure_us: int = 30_000,
+    tell=lambda terminal: None,
+) -> Run:
+    """Guide the terminal of a simulated linkage along a path, and let a twin follow.
+
+    Parameters
+    ----------
+    tell : callable
+        Given each terminal as it comes.
+
+    Raises
+    ------
+    SpotsError
+        If the linkage cannot follow the path, or the path is over before anything was told.
+    """
+    motion = guided(path, START_S)
+    with Simulation(sensor, linkage, motion, seed, exposure_us) as simulation:
+        true = Linkage(simulation.mechanism.bar_mm, simulation.mechanism.base_mm)
+        twin = Twin(true, simulation.encoders())
+        terminals = []
+        for terminal in twin.follow(simulation.readings()):
+            if START_S <= terminal.time_s <= motion.seconds:
+                terminals.append(terminal)
+                tell(terminal)
+        lost = sum(board.stats.lost for board in simulation.boards)
+    told = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
+    if told.size < 6:
+        raise SpotsError("the path is too short: the twin told less than two terminals")
+    x_mm, y_mm = motion.at(told[0])
+    return Run(motion, true, terminals, np.hypot(told[1] - x_mm, told[2] - y_mm), lost)
+
+
+def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
+    """Return those of the places where the linkage works: the workspace.
+
+    Within the travel of both joints, beyond the base, and with the outer bars at least
+    `LEAST_OUTER_RAD` from in line.
+    """
+    theta = linkage.inverse(x_mm, y_mm)
+    apart = np.ma.filled(linkage.outer_angle(*theta), 0.0)
+    fit = (apart >= LEAST_OUTER_RAD) & mechanism.reaches(x_mm, y_mm) & (np.asarray(y_mm) > 0)
+    return x_mm[fit], y_mm[fit]
+
+
+def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
+    """Return a grid that holds the workspace, in no order."""
+    a1, b1, b2, a2 = linkage.bar_mm
+    left, right = linkage.base_mm - a2 - b2, a1 + b1
+    x_mm, y_mm = (
+        axis.ravel()
+        for axis in np.meshgrid(
+            np.arange(left, right, pitch_mm), np.arange(pitch_mm / 2, a1 + b1, pitch_mm)
+        )
+    )
+    order = rng.permutation(len(x_mm))
+    x_mm, y_mm = x_mm[order], y_mm[order]
+    if jitter_mm:
+        x_mm, y_mm = (axis + rng.uniform(-jitter_mm, jitter_mm, len(axis)) for axis in (x_mm, y_mm))
+    return x_mm, y_mm
+
+
+def _deviation(told, truth) -> Deviation:
+    return Deviation(np.ma.filled(np.hypot(told[0] - truth[0], told[1] - truth[1]), np.inf))
+
+
+def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
+    """Return draws of the error at each place from the encoders' standard errors, in mm."""
+    jacobian = np.asarray(linkage.jacobian(*theta))
+    draws = sigmas.T * rng.standard_normal((_DRAWS, *sigmas.T.shape))
+    return np.hypot(*np.moveaxis(np.einsum("nij,dnj->dni", jacobian, draws), -1, 0))

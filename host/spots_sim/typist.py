@@ -1,0 +1,178 @@
+"""A simulated person who types: text to fingers on a strip, and key events back to text."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from spots.errors import SpotsError
+from spots.keyboard.layout import KeyLayout
+from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
+from tactile import layout as lines_of
+
+from .files import ScenarioFile, Touch
+
+_SHIFT = 0x22  # either one's bit
+_SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
+_CHARACTERS = {" ": "SPACEBAR", "\n": "ENTER"}
+_RISE_S, _FIRM_MN = 0.02, 7000.0
+
+
+class TypedText:
+    """What a computer has on its screen after these key events.
+
+    Attributes
+    ----------
+    text : str
+        A key without a character stands in angle brackets.
+    down : set of (int, int)
+        Pages and usages of the keys that are down.
+    presses : int
+    """
+
+    def __init__(self):
+        self.text = ""
+        self.down: set[tuple[int, int]] = set()
+        self.presses = 0
+
+    def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
+        """Take an event."""
+        if not pressed:
+            self.down.discard((page, usage))
+            return
+        self.down.add((page, usage))
+        self.presses += 1
+        name = name_of(page, usage)
+        if name == "BACKSPACE":
+            self.text = self.text[:-1]
+        else:
+            self.text += _character(page, usage, modifiers) or f"<{name}>"
+
+
+def _character(page: int, usage: int, modifiers: int) -> str | None:
+    by_name = {name: character for character, name in _CHARACTERS.items()}
+    known = USAGES.get((page, usage))
+    if known is None or modifiers & ~_SHIFT:
+        return None
+    if known.name in by_name:
+        return by_name[known.name]
+    character = known.pynput
+    if page != KEYBOARD or character is None or len(character) != 1:
+        return None
+    if not modifiers:
+        return character
+    return _SHIFTED.get(character, character.upper())
+
+
+class Typist:
+    """Plays what a text needs, with fingers that are never twice the same.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+    length_mm : float
+        Of the strip.
+    rng : numpy.random.Generator
+    pause_s : tuple of float
+        Least and longest time between two fingers.
+    start_s : float
+        When the first one comes.
+    """
+
+    def __init__(
+        self, layout: KeyLayout, length_mm: float, rng, pause_s=(0.12, 0.3), start_s: float = 0.5
+    ):
+        self._layout = layout
+        self._length_mm = length_mm
+        self._rng = rng
+        self._pause_s = pause_s
+        self._rows = list(layout.layers.values())
+        # A compiled layout names them all, each in a line.
+        said = (line.split() for line in layout.lines)
+        self._limits = {words[0]: int(words[1]) for words in said if words[0] in lines_of.LIMITS}
+        self.touches: list[Touch] = []
+        self.seconds = start_s
+
+    def type(self, text: str) -> None:
+        """Add the fingers for a text.
+
+        Raises
+        ------
+        SpotsError
+            If the layout has no way to a character.
+        """
+        for character in text:
+            for layer, key, slot in self._way(character):
+                self.do(self._rows[layer][key], slot)
+
+    def do(self, key, slot: str = "tap") -> None:
+        """Add the finger for one slot of a key, at any place on it."""
+        margin = 0.1 * (key.high - key.low)
+        share = self._rng.uniform(key.low + margin, key.high - margin)
+        limits = self._limits
+        held_s = self._rng.uniform(0.07, 0.14)
+        force_mN = self._rng.uniform(1000, 2500)
+        if slot == "firm":
+            force_mN = _FIRM_MN
+        elif slot == "hold":
+            held_s = limits["tapping_ms"] / 1000 + 0.1
+        self.press(share, held_s, force_mN)
+        if slot == "double":
+            self.seconds += self._rng.uniform(0.06, 0.12)
+            self.press(share, held_s, force_mN)
+        pause_s = self._rng.uniform(*self._pause_s)
+        if key.actions["hold"]:
+            pause_s = max(pause_s, limits["quick_ms"] / 1000 + 0.02)
+        if key.actions["double"]:
+            pause_s = max(pause_s, limits["double_ms"] / 1000 + 0.05)
+        self.seconds += pause_s
+
+    def press(self, share: float, held_s: float, force_mN: float) -> None:
+        """Add one finger at a share of the strip, for so long above half of its force."""
+        start_s = self.seconds
+        x_mm = share * self._length_mm
+        times = (0, _RISE_S, held_s, held_s + _RISE_S)
+        forces = (0, force_mN, force_mN, 0)
+        points = [(start_s + after_s, x_mm, force) for after_s, force in zip(times, forces)]
+        self.touches.append(Touch(points=points))
+        self.seconds = points[-1][0]
+
+    def scenario(self) -> ScenarioFile:
+        """Return all fingers as a scenario that ends half a second after the last one."""
+        return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
+
+    def _way(self, character: str) -> list[tuple[int, int, str]]:
+        """Return the shortest way to a character: layers by keys that lead there for one key."""
+        wanted = _action_of(character)
+        waiting = deque([(0, [])])
+        seen = {0}
+        while waiting:
+            layer, way = waiting.popleft()
+            for i, key in enumerate(self._rows[layer]):
+                for slot, action in key.actions.items():
+                    if action == wanted:
+                        return [*way, (layer, i, slot)]
+                    there = action & 0xFFF
+                    if action >> 20 == lines_of.ONCE and there not in seen:
+                        seen.add(there)
+                        waiting.append((there, [*way, (layer, i, slot)]))
+        raise SpotsError(f"the layout '{self._layout.name}' has no key for '{character}'")
+
+
+def _action_of(character: str) -> int:
+    unshifted = {shifted: plain for plain, shifted in _SHIFTED.items()}
+    modifiers = 0
+    if character in unshifted:
+        character, modifiers = unshifted[character], 2
+    page, usage = usage_of(_CHARACTERS.get(character, character))
+    return lines_of.action(page, usage, modifiers)
+
+
+def typing(
+    layout: KeyLayout, text: str, length_mm: float, seed: int = 0, start_s: float = 0.5
+) -> ScenarioFile:
+    """Return the scenario of somebody who types a text."""
+    typist = Typist(layout, length_mm, np.random.default_rng(seed), start_s=start_s)
+    typist.type(text)
+    return typist.scenario()

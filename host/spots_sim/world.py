@@ -1,0 +1,104 @@
+"""A strip in a scenario, as the light source of a simulated chip."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .chip import AS7341, Noise, Quirks
+from .files import Contact, SensorFile
+from .optics import Optics
+from .scenario import flicker
+
+# A moving finger is followed in steps of at most this within one integration.
+_STEP_US = 2_500.0
+
+
+def coupling(contact: Contact, force_mN: float) -> float:
+    """Return the share of full contact at a force: 0 below the threshold, towards 1 above it.
+
+    Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A). A
+    little may couple across the closing gap before contact.
+    """
+    over_mN = force_mN - contact.threshold_mN
+    if over_mN <= 0:
+        return contact.early_share * math.exp(over_mN / contact.early_mN)
+    over = over_mN / contact.half_mN
+    return contact.early_share + (1 - contact.early_share) * over / (1 + over)
+
+
+class World:
+    """Collects light for a chip: ``collect(start_us, end_us, led_mA)``.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+    scenario : scenario.Scenario or scenario.Held
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, sensor: SensorFile, scenario, rng):
+        self._sensor = sensor
+        self._scenario = scenario
+        self._rng = rng
+        self._optics = Optics(sensor)
+
+    def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
+        """Return the counts at gain 1x by diode that an ideal converter would make."""
+        duration_us = end_us - start_us
+        steps = 1 if self._scenario.still else math.ceil(duration_us / _STEP_US)
+        step_us = duration_us / steps
+        rates = np.zeros(len(self._optics.names))
+        if led_mA > 0:
+            for i in range(steps):
+                self._light(rates, (start_us + (i + 0.5) * step_us) * 1e-6)
+            rates /= steps
+            rates *= self._optics.source_uW_cm2(led_mA) * self._led_level(start_us, duration_us)
+        rates += self._optics.ambient(self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6))
+        return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
+
+    def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
+        around = self._sensor.surroundings
+        steady = around.irradiance_uW_cm2 * flicker(
+            around.flicker_percent, around.flicker_hz, start_s, end_s
+        )
+        return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
+
+    def _light(self, rates: np.ndarray, time_s: float) -> None:
+        # Add what there is at a moment.
+        pose = self._scenario.pose(time_s)
+        for press in self._scenario.presses(time_s):
+            share = coupling(self._sensor.contact, press.force_mN)
+            if share > 0:
+                rates += share * self._optics.press(
+                    press.position_mm, press.width_mm, pose.strain, pose.bend_deg
+                )
+        if pose.leak_share > 0:
+            rates += pose.leak_share * self._optics.press(
+                pose.leak_mm, 0.0, pose.strain, pose.bend_deg
+            )
+
+    def _led_level(self, start_us: float, duration_us: float) -> float:
+        led = self._sensor.led
+        warm = led.warm_up_percent / 100 * math.exp(-start_us * 1e-6 / led.warm_up_s)
+        white = led.noise_ppm_10ms * 1e-6 * math.sqrt(10_000 / duration_us)
+        return 1 + warm + white * self._rng.standard_normal()
+
+
+def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
+    """Return a simulated AS7341 at the end of a strip, with noise from `seed`."""
+    rng = np.random.default_rng(seed)
+    c = sensor.converter
+    return AS7341(
+        World(sensor, scenario, rng),
+        Noise(c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x),
+        rng,
+        Quirks(
+            c.auto_zero_at_every_start,
+            c.avalid_clears_on_read,
+            c.aint_needs_sp_ien,
+            c.smux_us,
+            c.clock_error_percent,
+        ),
+    )

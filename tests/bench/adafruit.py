@@ -1,0 +1,48 @@
+"""Adafruit's published driver, unmodified, on a simulated chip in simulated time."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from types import ModuleType
+
+from spots.errors import SpotsError
+from spots_sim.bus import Bus
+from spots_sim.busio import I2C, simulated_time
+
+# A board takes longer to start Python than the chip needs to wake.
+_BOOT_US = 10_000.0
+
+
+def published() -> ModuleType:
+    """Return the module ``adafruit_as7341``.
+
+    Raises
+    ------
+    SpotsError
+        If it is not installed.
+    """
+    try:
+        import adafruit_as7341
+    except ImportError:
+        raise SpotsError(
+            "the benchmark runs Adafruit's driver beside ours: "
+            "pip install adafruit-circuitpython-as7341"
+        ) from None
+    return adafruit_as7341
+
+
+@contextlib.contextmanager
+def driver_on(bus: Bus, driver: type | None = None) -> Iterator:
+    """Yield an ``adafruit_as7341.AS7341`` on a simulated bus; its waits are simulated inside.
+
+    Parameters
+    ----------
+    bus : sim.bus.Bus
+    driver : type, optional
+        A class derived from the published one, in its place.
+    """
+    module = published()
+    bus.clock.spend_us(_BOOT_US)
+    with simulated_time(module, bus.clock):
+        yield (driver or module.AS7341)(I2C(bus))

@@ -1,0 +1,58 @@
+"""What a recording costs as arrays, beside the same readings as lines of JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+from spots.link.frames import Decoder
+from spots.recording.arrays import read_arrays
+from spots.recording.header import VERSION, Clock, Header, encoded
+from tactile import PROTOCOL
+
+from . import host
+
+_ROUNDS = 5
+_READINGS = 100_000
+_HEADER = Header(
+    recording=VERSION,
+    program="bench",
+    set="bench",
+    part=0,
+    host_s=0.0,
+    utc_s=0.0,
+    info={"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "plan": []},
+    clock=Clock(last_us=0, low_s=0.0, high_s=0.0),
+)
+
+
+def run(stream: bytes) -> dict:
+    """Time `read_arrays` of a recording and `json.loads` of the same readings, round by round.
+
+    Parameters
+    ----------
+    stream : bytes
+        Whole TOUCH frames; they are repeated up to some 100,000 readings.
+    """
+    touches = Decoder().feed(stream)
+    copies = -(-_READINGS // len(touches))
+    count = copies * len(touches)
+    lines = host.pieces(b"".join(map(host.line, touches)) * copies)
+    seconds = {"arrays": [], "json": []}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.spots"
+        path.write_bytes(encoded(_HEADER) + stream * copies)
+        for _ in range(_ROUNDS):
+            seconds["arrays"].append(host.timed_s(path, _read, count))
+            seconds["json"].append(host.timed_s(lines, host.loads, count))
+    arrays_s, json_s = (median(times) for times in seconds.values())
+    return {
+        "readings_per_s": round(count / arrays_s),
+        "json_readings_per_s": round(count / json_s),
+        "rate_ratio": round(json_s / arrays_s, 3),
+    }
+
+
+def _read(path: Path) -> int:
+    return len(read_arrays(path).touches)

@@ -1,0 +1,162 @@
+"""What a sample costs the processor: the firmware's integers and the obvious floats.
+
+Both run in the same MicroPython, on the same canned registers. A desktop has a floating-point
+unit and MicroPython's ``json`` is C, so its times flatter the floats: on a microcontroller without
+such a unit every float operation is a subroutine. What carries over as it is are the bytes.
+
+Beside them runs the same firmware with its kernel as machine code, where this MicroPython has an
+emitter for its processor.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from statistics import median
+
+import tactile
+from spots.deploy.staging import KERNEL, KERNEL_VIPER
+from spots.errors import SpotsError
+from spots.link.frames import Decoder
+from spots_sim.files import SensorFile
+from spots_sim.vm import micropython_command
+
+from .presses import counts_of_presses
+
+_HERE = Path(__file__).parent
+_SCRIPTS = ("canned.py", "floats.py", "onboard.py")
+_CANNED_BOARD = "board 00"
+# Room for a whole round of garbage, since nothing is collected within one.
+_HEAP = "heapsize=16m"
+_SAMPLES_OF_A_PRESS = 4
+_REPEATS = 8
+_ROUNDS = 9
+_TIMEOUT_S = 120
+_RATIOS = {
+    "vm_us_per_sample": "vm_time_ratio_to_spots",
+    "vm_us_per_sample_from_counts": "vm_time_ratio_to_spots_from_counts",
+}
+
+
+def run(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
+    """Measure the paths in MicroPython.
+
+    Parameters
+    ----------
+    sensor : files.SensorFile
+    calibration : list of str
+        Of that sensor, on `canned`'s board.
+
+    Returns
+    -------
+    figures : dict
+        By path: bytes, times of this machine's VM (a whole sample, from its counts on, and, for
+        the firmware, arithmetic and framing alone: from the sums of an average to a framed TOUCH),
+        and how many times ours they are. ``spots_viper``, if there, has how many times faster its
+        arithmetic and framing are than the portable ones. Also by how much the paths disagree on
+        the same counts.
+    stream : bytes
+        TOUCH frames as the firmware sent them, some hundreds, all different.
+
+    Raises
+    ------
+    SpotsError
+        If there is no MicroPython.
+    """
+    inputs = {
+        "calibration": calibration,
+        "counts": counts_of_presses(sensor, _SAMPLES_OF_A_PRESS),
+        "repeats": _REPEATS,
+        "rounds": _ROUNDS,
+    }
+    found = _in_micropython(inputs)
+    figures = {name: _summary(path) for name, path in found["paths"].items()}
+    ours = figures["spots"]
+    if "spots_viper" in figures:
+        figures["spots_viper"]["vm_time_ratio_of_portable_from_sums"] = _ratio(
+            found["paths"]["spots"], found["paths"]["spots_viper"], "vm_us_from_sums"
+        )
+    for name, ratio in _RATIOS.items():
+        for peer in ("float_json", "float_struct"):
+            figures[peer][ratio] = round(figures[peer][name] / ours[name], 3)
+    stream = bytes.fromhex(found["stream"])
+    figures["largest_position_difference_um"] = _largest_difference_um(stream, found["lines"])
+    return figures, stream
+
+
+def _largest_difference_um(stream: bytes, lines: list[str]) -> float:
+    ours = [touch.position_um for touch in Decoder().feed(stream)]
+    theirs = [json.loads(line)["position_mm"] * 1000 for line in lines]
+    return round(max(abs(a - b) for a, b in zip(ours, theirs, strict=True)), 1)
+
+
+def for_canned_board(calibration: tuple[str, ...]) -> list[str]:
+    """Return the lines of a calibration as if `canned`'s board had made it."""
+    return [_CANNED_BOARD if line.startswith("board ") else line for line in calibration]
+
+
+def _in_micropython(inputs: dict) -> dict:
+    with tempfile.TemporaryDirectory(prefix="spots-") as name:
+        folder = Path(name)
+        for package in ("tactile", "tactile_viper"):
+            shutil.copytree(
+                Path(tactile.__file__).parent,
+                folder / package,
+                ignore=shutil.ignore_patterns("__pycache__"),
+            )
+        viper = folder / "tactile_viper"
+        (viper / KERNEL_VIPER).replace(viper / KERNEL)
+        return run_script(folder, inputs, *_SCRIPTS)
+
+
+def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
+    """Run the last of these scripts in MicroPython and return what it prints.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the firmware's package is.
+    inputs : dict
+        What the script finds in inputs.json.
+    scripts : str
+        Files of this package.
+
+    Raises
+    ------
+    SpotsError
+        If it fails.
+    """
+    for script in scripts:
+        shutil.copy(_HERE / script, folder)
+    (folder / "inputs.json").write_text(json.dumps(inputs), encoding="utf-8")
+    done = subprocess.run(
+        [*micropython_command(), "-X", _HEAP, scripts[-1]],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=_TIMEOUT_S,
+    )
+    if done.returncode != 0:
+        said = (done.stdout + done.stderr).strip().splitlines() or ["no output"]
+        raise SpotsError(f"the benchmark failed in MicroPython: {said[-1]}")
+    return json.loads(done.stdout)
+
+
+def _ratio(slow: dict, fast: dict, name: str) -> float:
+    # Of the best rounds: whatever else this machine does only adds to a time.
+    return round(min(slow[name]) / min(fast[name]), 2)
+
+
+def _summary(path: dict) -> dict:
+    summary = {
+        "heap_bytes_per_sample": round(path["heap_bytes_per_sample"], 1),
+        "wire_bytes_per_sample": round(path["wire_bytes_per_sample"], 1),
+        "vm_us_per_sample": round(median(path["vm_us"]), 2),
+        "vm_us_per_sample_from_counts": round(median(path["vm_us_from_counts"]), 2),
+    }
+    if path["vm_us_from_sums"]:
+        summary["vm_us_per_sample_from_sums"] = round(median(path["vm_us_from_sums"]), 2)
+    return summary

@@ -1,0 +1,79 @@
+"""What a reading costs the host: our frames, and the same fields as lines of JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+
+from spots.link.frames import Decoder, Touch
+
+_ROUNDS = 15
+_COPIES = 16
+_PIECE_BYTES = 4096
+
+
+def run(stream: bytes) -> dict:
+    """Time both decoders over the same readings, round by round, in pieces of the same size.
+
+    Parameters
+    ----------
+    stream : bytes
+        Whole TOUCH frames.
+    """
+    touches = Decoder().feed(stream)
+    lines = b"".join(line(touch) for touch in touches)
+    contents = {"spots": (stream * _COPIES, _decode), "json": (lines * _COPIES, loads)}
+    cut = {name: (pieces(data), read) for name, (data, read) in contents.items()}
+    seconds = {name: [] for name in cut}
+    count = len(touches) * _COPIES
+    for _ in range(_ROUNDS):
+        for name, (data, read) in cut.items():
+            seconds[name].append(timed_s(data, read, count))
+    rates_Hz = {name: count / median(times) for name, times in seconds.items()}
+    figures = {
+        name: {
+            "readings_per_s": round(rates_Hz[name]),
+            "bytes_per_reading": len(data) / count,
+        }
+        for name, (data, _) in contents.items()
+    }
+    figures["rate_ratio"] = round(rates_Hz["spots"] / rates_Hz["json"], 3)
+    return figures
+
+
+def line(touch: Touch) -> bytes:
+    """Return a reading as a line of JSON."""
+    fields = touch._asdict()
+    del fields["time_s"]  # the host's own, not sent
+    return json.dumps(fields, separators=(",", ":")).encode() + b"\n"
+
+
+def pieces(data: bytes) -> list[bytes]:
+    """Return bytes as a port would deliver them."""
+    return [data[i : i + _PIECE_BYTES] for i in range(0, len(data), _PIECE_BYTES)]
+
+
+def timed_s(data: object, read: Callable, count: int) -> float:
+    """Return how long it takes to read data, which must give so many readings."""
+    began = perf_counter()
+    found = read(data)
+    elapsed_s = perf_counter() - began
+    if found != count:
+        raise AssertionError(f"{found} readings decoded of {count}")
+    return elapsed_s
+
+
+def _decode(pieces: list[bytes]) -> int:
+    decoder = Decoder()
+    return sum(len(decoder.feed(piece)) for piece in pieces)
+
+
+def loads(pieces: list[bytes]) -> int:
+    """Return how many lines of JSON there are, after reading each of them."""
+    found, rest = 0, b""
+    for piece in pieces:
+        *lines, rest = (rest + piece).split(b"\n")
+        found += len([json.loads(line) for line in lines])
+    return found

@@ -1,0 +1,59 @@
+"""What the terminal of a five-bar linkage costs: a whole array at once, and sample by sample."""
+
+from __future__ import annotations
+
+import math
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from spots.linkage.fivebar import Linkage
+
+_SAMPLES = 1_000_000
+_CALLS, _LOOPS = 5_000, 100_000  # enough to time what takes so much longer
+_ROUNDS = 5
+_BAR_MM, _BASE_MM = 100.0, 80.0
+
+
+def run() -> dict:
+    """Time `Linkage.forward` over an array, and two loops in Python, round by round.
+
+    Returns
+    -------
+    dict
+        ``array``: all samples in one call. ``calls``: a call of the same for each sample.
+        ``math``: the same formula for equal bars by the module math, with no check of limits.
+    """
+    linkage = Linkage(_BAR_MM, _BASE_MM)
+    rng = np.random.default_rng(0)
+    places = np.stack([rng.uniform(0, 80, _SAMPLES), rng.uniform(110, 170, _SAMPLES)], axis=-1)
+    theta1, theta2 = (np.ma.getdata(angle) for angle in linkage.inverse(*places.T))
+    pairs = list(zip(theta1[:_LOOPS].tolist(), theta2[:_LOOPS].tolist()))
+    parts = {
+        "array": (lambda: linkage.forward(theta1, theta2), _SAMPLES),
+        "calls": (lambda: [linkage.forward(*pair) for pair in pairs[:_CALLS]], _CALLS),
+        "math": (lambda: [_by_math(*pair) for pair in pairs], _LOOPS),
+    }
+    rates = {name: [] for name in parts}
+    for _ in range(_ROUNDS):
+        for name, (work, count) in parts.items():
+            began = perf_counter()
+            found = work()
+            rates[name].append(count / (perf_counter() - began))
+            found = np.transpose(found) if name == "array" else found
+            if not np.allclose(found[:_CALLS], places[:_CALLS], atol=1e-6):
+                raise AssertionError(f"the terminals of '{name}' are others")
+    figures = {name: {"terminals_per_s": round(median(of))} for name, of in rates.items()}
+    for name in ("calls", "math"):
+        ratio = median(a / b for a, b in zip(rates["array"], rates[name]))
+        figures[f"rate_ratio_over_{name}"] = round(ratio, 1)
+    return figures
+
+
+def _by_math(theta1: float, theta2: float) -> tuple[float, float]:
+    x1, y1 = _BAR_MM * math.sin(theta1), _BAR_MM * math.cos(theta1)
+    dx = _BASE_MM - _BAR_MM * math.sin(theta2) - x1
+    dy = _BAR_MM * math.cos(theta2) - y1
+    off = math.sqrt(_BAR_MM * _BAR_MM / (dx * dx + dy * dy) - 0.25)
+    return x1 + dx / 2 - off * dy, y1 + dy / 2 + off * dx

@@ -1,0 +1,192 @@
+"""Runs in MicroPython: times the sample path and its float peers, and weighs them on the heap.
+
+The package ``tactile_viper`` is ``tactile`` with its kernel as machine code. Reads ``inputs.json``,
+prints one JSON object. Every round runs every path over the same counts, one path after the other,
+so that a machine that slows down slows all of them.
+"""
+
+import binascii
+import gc
+import json
+import time
+
+import canned
+from floats import FloatPath
+from tactile.app import App
+
+try:
+    from tactile_viper.app import App as ViperApp
+except SyntaxError:  # this MicroPython makes no machine code
+    ViperApp = None
+
+_DARK_SAMPLES = 4
+_WARM_UP = 100
+
+
+class Port:
+    """A port that takes everything; it only measures, so that long lines pay no copy."""
+
+    def __init__(self):
+        self.bytes = 0
+        self.frames = 0
+
+    def write(self, buffer, size):
+        self.bytes += size
+        self.frames += 1
+        return True
+
+    def read(self):
+        return -1
+
+
+class Spots:
+    """The firmware's own path: the application's loop, what follows the counts, or its core."""
+
+    def __init__(self, calibration, make):
+        self.port = Port()
+        self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make=make)
+        strip = self.app.strip
+        strip.stream_spectrum = False
+        self._decode = strip.decode
+        self._update = strip.decode.update
+        self._touch = self.app.framer.touch
+        # Bound once: a bound method is an object, and these are not the sample's.
+        self._step = self.app.step
+        self._take = self.app.strip.take
+
+    def whole(self, samples):
+        step = self._step
+        port = self.port
+        end = port.frames + samples
+        while port.frames < end:
+            step()
+
+    def from_counts(self, samples):
+        take = self._take
+        for _ in range(samples):
+            take()
+
+    def from_sums(self, samples):
+        """Arithmetic and framing alone, without averaging, dark windows and time."""
+        update = self._update
+        touch = self._touch
+        decode = self._decode
+        counts = self.app.strip.sensor.counts
+        dark = self.app.strip.dark
+        for _ in range(samples):
+            update(counts, 1, dark, 0)
+            touch(0, decode)
+
+    def dark(self):
+        return [total / _DARK_SAMPLES for total in self.app.strip.dark]
+
+
+class Floats:
+    """One of the float paths, with the same two ways to run it."""
+
+    def __init__(self, calibration, dark, send):
+        self.port = Port()
+        clock = canned.Clock()
+        self.bus = canned.Bus(clock)
+        path = FloatPath(calibration, dark, self.bus, clock, self.port)
+        self._read = path.read
+        self._send = getattr(path, send)
+
+    def whole(self, samples):
+        read = self._read
+        send = self._send
+        for _ in range(samples):
+            send(read())
+
+    def from_counts(self, samples):
+        counts = self._read()
+        send = self._send
+        for _ in range(samples):
+            send(counts)
+
+
+def main():
+    """Measure, and print what was found."""
+    with open("inputs.json") as file:
+        given = json.load(file)
+    spots = Spots(given["calibration"], App)
+    paths = {
+        "spots": spots,
+        "float_json": Floats(given["calibration"], spots.dark(), "send_json"),
+        "float_struct": Floats(given["calibration"], spots.dark(), "send_struct"),
+    }
+    if ViperApp:
+        paths["spots_viper"] = Spots(given["calibration"], ViperApp)
+    found = {name: measure_space(path, given) for name, path in paths.items()}
+    for name in paths:
+        found[name]["vm_us"] = []
+        found[name]["vm_us_from_counts"] = []
+        found[name]["vm_us_from_sums"] = []
+    for _ in range(given["rounds"]):
+        for name, path in paths.items():
+            found[name]["vm_us"].append(timed_us(path, path.whole, given))
+            found[name]["vm_us_from_counts"].append(timed_us(path, path.from_counts, given))
+            if name.startswith("spots"):
+                found[name]["vm_us_from_sums"].append(timed_us(path, path.from_sums, given))
+    stream, lines = record(given, spots.dark())
+    print(json.dumps({"paths": found, "stream": stream, "lines": lines}))
+
+
+def measure_space(path, given):
+    """Return heap and port bytes per sample, the heap never being collected meanwhile."""
+    path.bus.counts(given["counts"][0])
+    path.whole(_WARM_UP)
+    gc.collect()
+    gc.disable()
+    heap = samples = 0
+    port_before = path.port.bytes
+    run = path.whole
+    for counts in given["counts"]:
+        path.bus.counts(counts)
+        before = gc.mem_alloc()
+        run(given["repeats"])
+        heap += gc.mem_alloc() - before
+        samples += given["repeats"]
+    gc.enable()
+    return {
+        "heap_bytes_per_sample": heap / samples,
+        "wire_bytes_per_sample": (path.port.bytes - port_before) / samples,
+    }
+
+
+def timed_us(path, run, given):
+    """Return the time of one sample; garbage is collected before, and not on anyone's account."""
+    gc.collect()
+    gc.disable()
+    total = samples = 0
+    for counts in given["counts"]:
+        path.bus.counts(counts)
+        path.whole(1)
+        began = time.ticks_us()
+        run(given["repeats"])
+        total += time.ticks_diff(time.ticks_us(), began)
+        samples += given["repeats"]
+    gc.enable()
+    return total / samples
+
+
+def record(given, dark):
+    """Return for every set of counts a TOUCH frame, all in hexadecimal, and a line of JSON."""
+    app, bus, clock, port = canned.app(given["calibration"])
+    app.strip.stream_spectrum = False
+    json_port = canned.Serial()
+    path = FloatPath(given["calibration"], dark, bus, clock, json_port)
+    stream = bytearray()
+    lines = []
+    for counts in given["counts"]:
+        bus.counts(counts)
+        end = port.frames + 1
+        while port.frames < end:
+            app.step()
+        stream.extend(memoryview(port.last)[: port.size])
+        path.send_json(counts)
+        lines.append(bytes(json_port.last[: json_port.size]).decode())
+    return binascii.hexlify(stream).decode(), lines
+
+
+main()

@@ -1,0 +1,149 @@
+"""What a recording costs: bytes a frame, and time beside plain decoding of the same bytes.
+
+``python -m bench.recording`` prints it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+from spots.link.frames import Decoder
+from spots.recording.export import EXPORTS, export
+from spots.recording.recorder import Recorder
+from spots.recording.recording import Recording
+from spots.recording.replay import open_recording
+from tactile import PROTOCOL
+from tactile.frame import Framer
+
+_READINGS = 5000
+_ROUNDS = 5
+_RATES_HZ = (100, 360, 1000)
+_INFO = {"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "plan": []}
+_CLOCK = {"last_us": 0, "low_s": 0.0, "high_s": 0.0}
+
+
+class _Reading:
+    flags, contrast, brightness, position_um, force_mN = 1, 3 << 18, 12 << 20, 42_500, 3_000
+
+
+class _Time:
+    low = high = 0
+
+
+class _Link:
+    """Delivers each reading's frames as one read, at a rate."""
+
+    name = "bench"
+
+    def __init__(self, rate_Hz: float, spectra: bool):
+        self._pieces: list[bytes] = []
+        framer = Framer(self, _Time)
+        for i in range(_READINGS):
+            t_us = round(1e6 * i / rate_Hz)
+            _Time.low, _Time.high = t_us & 0xFFFF, t_us >> 16 & 0xFFFF
+            self._begun = bytearray()
+            framer.touch(0, _Reading)
+            if spectra:
+                framer.spectrum(0, 1, 9, [1000 + i] * 6)
+            self._pieces.append(bytes(self._begun))
+        self.bytes = sum(map(len, self._pieces))
+        self.frames = _READINGS * (2 if spectra else 1)
+        self._rate_Hz = rate_Hz
+        self._at = 0
+
+    def write(self, buffer: bytes, size: int) -> bool:
+        self._begun += buffer[:size]
+        return True
+
+    def now_s(self) -> float:
+        return self._at / self._rate_Hz
+
+    def read(self, timeout_s: float) -> bytes:
+        self._at += 1
+        return self._pieces[self._at - 1]
+
+    def close(self) -> None:
+        self._at = 0
+
+
+def _describe() -> dict:
+    return {"info": _INFO, "clock": _CLOCK}
+
+
+def run() -> dict:
+    """Record, read and export the same readings, and return what that costs."""
+    with TemporaryDirectory() as folder:
+        return {
+            "overhead_bytes_per_frame": _overhead(Path(folder)),
+            "time_ratio_to_plain_decoding": _times(Path(folder)),
+        }
+
+
+def _overhead(folder: Path) -> dict:
+    found = {}
+    for rate_Hz in _RATES_HZ:
+        for what in ("touch", "touch spectrum"):
+            link = _Link(rate_Hz, spectra=what != "touch")
+            name = f"{what} at {rate_Hz} Hz"
+            with Recorder(link, folder / f"{name}.spots", _describe) as recorder:
+                header = recorder.bytes
+                for _ in range(_READINGS):
+                    recorder.read(0)
+            found[name] = round((recorder.bytes - header - link.bytes) / link.frames, 2)
+    return found
+
+
+def _times(folder: Path) -> dict:
+    path = folder / "times.spots"
+    link = _Link(360, spectra=True)
+    with Recorder(link, path, _describe) as recorder:
+        data = b"".join(recorder.read(0) for _ in range(_READINGS))
+    link.close()
+    jobs: dict[str, Callable[[], int]] = {
+        "plain": lambda: _decode(data),
+        "record": lambda: _record(link, folder / "again.spots"),
+        "read": lambda: sum(1 for _ in Recording(path)),
+        "replay": lambda: sum(1 for _ in open_recording(path, math.inf).frames()),
+        **{f"export {kind}": lambda kind=kind: _export(path, kind) for kind in EXPORTS},
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(_ROUNDS):
+        for name, job in jobs.items():
+            began_s = perf_counter()
+            count = job()
+            seconds[name].append(perf_counter() - began_s)
+            if count != link.frames:
+                raise AssertionError(f"{name}: {count} frames of {link.frames}")
+    plain_s = median(seconds.pop("plain"))
+    return {name: round(median(times) / plain_s, 2) for name, times in seconds.items()}
+
+
+def _decode(data: bytes) -> int:
+    decoder = Decoder()
+    return sum(len(decoder.feed(data[i : i + 4096])) for i in range(0, len(data), 4096))
+
+
+def _record(link: _Link, path: Path) -> int:
+    decoder, count = Decoder(), 0
+    with Recorder(link, path, _describe) as recorder:
+        for _ in range(_READINGS):
+            count += len(decoder.feed(recorder.read(0)))
+    link.close()
+    path.unlink()
+    return count
+
+
+def _export(path: Path, kind: str) -> int:
+    for new in export(path, kind, path.with_name(f"out.{kind}")):
+        new.unlink()
+    return 2 * _READINGS
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(), indent=2))

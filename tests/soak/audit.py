@@ -1,0 +1,313 @@
+"""What a soak watches as it goes, in memory that does not grow: frames, outages, keys, memory."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+
+from spots.link.frames import Decoder, Frame, Touch
+from spots.outputs.usages import MODIFIERS, MODIFIERS_FROM
+from spots_sim.files import ScenarioFile
+from tactile.decode import LED_OFF
+
+# What interrupts readings. What begins while they have not come back yet belongs to the same
+# outage.
+_INTERRUPTS = ("power.", "i2c.", "clock.")
+# Over at once, or until the board does something about it: these count from their begin.
+_FROM_THE_BEGIN = ("i2c.sda_low", "power.sensor_resets")
+# For how long after its begin an outage may begin.
+_ONSET_S = 0.15
+_OUTAGES_KEPT = 64
+# A key may stay for so long after its finger has gone: 0.3 s without a reading on the host, and
+# what a board needs that is itself without power or sensor.
+_LATE_S = 1.0
+
+
+class Audit:
+    """Compares the frames that were sent with those that arrived.
+
+    Parameters
+    ----------
+    touched : collections.deque of int
+        Numbers of the bytes that were damaged, ascending; those that were looked at are removed.
+    arrived : callable
+        Told the time at which a reading arrives, those with the LED off left out.
+
+    Attributes
+    ----------
+    sent, delivered : collections.Counter
+        Frames by type.
+    lost : collections.Counter
+        Frames by cause: ``damaged``, or ``undamaged``, which there must not be.
+    wrong : int
+        Frames that arrived and were not sent so, or not in this order.
+    wrong_frames : collections.deque of Frame
+        The last of them.
+    readings : int
+        Those that `arrived` was told of.
+    """
+
+    def __init__(self, touched: deque[int], arrived: Callable[[float], None] = lambda now_s: None):
+        self._touched = touched
+        self._arrived = arrived
+        self._clean, self._heard = Decoder(), Decoder()
+        self._pending: deque[tuple[bytes, Frame, int, int]] = deque()
+        self._rest, self._at = b"", 0
+        self._heard_rest = b""
+        self.sent, self.delivered, self.lost = Counter(), Counter(), Counter()
+        self.wrong = self.readings = 0
+        self.wrong_frames: deque[Frame] = deque(maxlen=10)
+
+    @property
+    def cut(self) -> int:
+        """Frames that the board did not send to their end, as when its power fails."""
+        return self._clean.stats.bad_crc
+
+    def send(self, data: bytes, now_s: float) -> None:
+        """Take bytes as the board sent them."""
+        *pieces, self._rest = (self._rest + data).split(b"\0")
+        for piece in pieces:
+            end = self._at + len(piece)
+            for frame in self._clean.feed(piece + b"\0"):
+                self.sent[type(frame).__name__] += 1
+                self._pending.append((piece, frame, self._at, end))
+            self._at = end + 1
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take bytes as they arrived."""
+        *pieces, self._heard_rest = (self._heard_rest + data).split(b"\0")
+        for piece in pieces:
+            # The same bytes are the same frame; only others have to be decoded to compare.
+            i = next((i for i, sent in enumerate(self._pending) if sent[0] == piece), None)
+            if i is not None:
+                self._deliver(i, now_s)
+                continue
+            for frame in self._heard.feed(piece + b"\0"):
+                i = next((i for i, sent in enumerate(self._pending) if sent[1] == frame), None)
+                if i is None:
+                    self.wrong += 1
+                    self.wrong_frames.append(frame)
+                else:
+                    self._deliver(i, now_s)
+
+    def finish(self) -> None:
+        """Count as lost what has not arrived by now."""
+        self._lose(len(self._pending))
+
+    def _deliver(self, i: int, now_s: float) -> None:
+        self._lose(i)
+        _, frame, _, _ = self._pending.popleft()
+        self.delivered[type(frame).__name__] += 1
+        if isinstance(frame, Touch) and not frame.flags & LED_OFF:
+            self.readings += 1
+            self._arrived(now_s)
+
+    def _lose(self, count: int) -> None:
+        for _ in range(count):
+            _, _, start, end = self._pending.popleft()
+            # The delimiter before it belongs to it, too: without that one, it is joined to
+            # whatever came before.
+            while self._touched and self._touched[0] < start - 1:
+                self._touched.popleft()
+            hurt = bool(self._touched) and self._touched[0] <= end
+            self.lost["damaged" if hurt else "undamaged"] += 1
+
+
+class _Outage:
+    def __init__(self, kind: str, begin_s: float, end_s: float):
+        self.kind, self.begin_s, self.end_s = kind, begin_s, end_s
+        self.onset_s = max(end_s, begin_s + _ONSET_S)
+        self.gap_s = 0.0  # the longest one that begins by `onset_s`
+        self.again_s = begin_s  # and its end
+
+
+class Recoveries:
+    """How long after the end of each fault readings came again.
+
+    Where another fault acts before they do, both count from the end of the later one.
+
+    Parameters
+    ----------
+    spells : list of (str, float, float)
+        Of a `sim.faults.Ledger`; those that were taken are removed.
+
+    Attributes
+    ----------
+    took_ms : dict of collections.Counter
+        By kind, how often so many ms.
+    longest : dict of (float, float)
+        By kind, the longest in seconds, and at which time its fault began.
+    """
+
+    def __init__(self, spells: list[tuple[str, float, float]]):
+        self._spells = spells
+        self._open: list[_Outage] = []
+        self._recent: deque[tuple[float, float]] = deque(maxlen=_OUTAGES_KEPT)
+        self._before_s = 0.0
+        self.took_ms: dict[str, Counter] = {}
+        self.longest: dict[str, tuple[float, float]] = {}
+
+    def arrived(self, now_s: float) -> None:
+        """Take the time of a reading."""
+        self._take_spells()
+        before_s, self._before_s = self._before_s, now_s
+        if not self._open:
+            return
+        still = []
+        for outage in self._open:
+            if before_s > outage.onset_s:
+                self._close(outage)
+                continue
+            if now_s >= outage.begin_s and now_s - before_s > outage.gap_s:
+                outage.gap_s, outage.again_s = now_s - before_s, now_s
+            still.append(outage)
+        self._open = still
+
+    def finish(self, now_s: float) -> None:
+        """Count as recovered now what has not by now, if it could have."""
+        self.arrived(now_s)
+        for outage in self._open:
+            if outage.end_s < now_s:
+                self._close(outage)
+        self._open = []
+
+    def summary(self) -> dict[str, dict]:
+        """Return ``count``, ``median_s``, ``longest_s`` and ``longest_at_s`` by kind."""
+        return {
+            kind: {
+                "count": took.total(),
+                "median_s": _median(took) / 1000,
+                "longest_s": round(self.longest[kind][0], 3),
+                "longest_at_s": round(self.longest[kind][1], 3),
+            }
+            for kind, took in sorted(self.took_ms.items())
+        }
+
+    def _take_spells(self) -> None:
+        for kind, begin_us, end_us in self._spells:
+            begin_s = begin_us * 1e-6
+            end_s = begin_s if kind in _FROM_THE_BEGIN else end_us * 1e-6
+            if kind.startswith(_INTERRUPTS):
+                self._recent.append((begin_s, end_s))
+                self._open.append(_Outage(kind, begin_s, end_s))
+        self._spells.clear()
+
+    def _close(self, outage: _Outage) -> None:
+        end_s = outage.end_s
+        for begin_s, another_s in self._recent:
+            if outage.begin_s <= begin_s < outage.again_s or begin_s <= outage.begin_s < another_s:
+                end_s = max(end_s, another_s)
+        took_s = max(0.0, outage.again_s - end_s)
+        self.took_ms.setdefault(outage.kind, Counter())[round(1000 * took_s)] += 1
+        longest = self.longest.get(outage.kind, (-1.0, 0.0))
+        self.longest[outage.kind] = max(longest, (took_s, outage.begin_s))
+
+
+def _median(counts: Counter) -> int:
+    left = (counts.total() + 1) // 2
+    for value in sorted(counts):
+        left -= counts[value]
+        if left <= 0:
+            return value
+    return 0
+
+
+class Keys:
+    """Keys of one keyboard, and those that outlive their fingers.
+
+    Parameters
+    ----------
+    file : sim.files.ScenarioFile
+        Whose fingers press.
+    now_s : callable
+        Returns the time, from the scenario's begin.
+
+    Attributes
+    ----------
+    presses, releases : int
+    stuck : int
+        Keys that were down `_LATE_S` after the finger had gone that was there, or the last one
+        before, when they went down.
+    """
+
+    def __init__(self, file: ScenarioFile, now_s: Callable[[], float]):
+        self._now_s = now_s
+        self._seconds = file.seconds
+        self._fingers = [(touch.points[0][0], touch.points[-1][0]) for touch in file.touch]
+        self._down: dict[tuple[int, int], float] = {}  # and when it is late
+        self.presses = self.releases = self.stuck = 0
+
+    def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
+        """Take an event, as `uses.keyboard.KeySink` says."""
+        if pressed:
+            self.presses += 1
+            self._down[page, usage] = self._leaves_s() + _LATE_S
+        elif self._down.pop((page, usage), None) is not None:
+            self.releases += 1
+
+    def report(self, page: int, usages: Iterable[int]) -> None:
+        """Take all that is down on a page."""
+        now = {(page, usage) for usage in usages}
+        for event in [event for event in self._down if event not in now]:
+            self.key(*event, 0, False)
+        for event in now - self._down.keys():
+            self.key(*event, 0, True)
+
+    def release(self) -> None:
+        """Take note that nobody knows of a key any more."""
+        self.releases += len(self._down)
+        self._down.clear()
+
+    def look(self) -> None:
+        """Count what is late; each is forgotten then."""
+        if self._down:
+            now_s = self._now_s()
+            for event in [event for event, late_s in self._down.items() if now_s > late_s]:
+                del self._down[event]
+                self.stuck += 1
+
+    @property
+    def down(self) -> int:
+        """How many are down now, the late ones not counted."""
+        return len(self._down)
+
+    def summary(self) -> dict[str, int]:
+        return {"presses": self.presses, "releases": self.releases, "stuck": self.stuck}
+
+    def _leaves_s(self) -> float:
+        turn, phase_s = divmod(self._now_s(), self._seconds)
+        ends_s = [end for begin, end in self._fingers if begin <= phase_s]
+        if not ends_s:  # of the turn before
+            turn -= 1
+            ends_s = [end for _, end in self._fingers]
+        return turn * self._seconds + max(ends_s, default=0.0)
+
+
+def usages_of(report: bytes) -> list[int]:
+    """Return what is down in a report of a boot keyboard, modifiers as usages."""
+    modifiers = [MODIFIERS_FROM + i for i in range(MODIFIERS) if report[0] >> i & 1]
+    return modifiers + [usage for usage in report[2:] if usage]
+
+
+class Memory:
+    """What this process holds: at a mark, and at the end.
+
+    Attributes
+    ----------
+    marks : list of dict
+        ``peak_kB`` (most that it has had of the system) and ``objects`` (blocks that Python has
+        allocated now).
+    """
+
+    def __init__(self):
+        self.marks: list[dict[str, int]] = []
+
+    def mark(self) -> None:
+        import resource  # not at the top: Windows has none
+
+        gc.collect()
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        peak_kB = peak // 1024 if sys.platform == "darwin" else peak
+        self.marks.append({"peak_kB": peak_kB, "objects": sys.getallocatedblocks()})

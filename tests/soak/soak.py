@@ -1,0 +1,267 @@
+"""Hours of a scenario with faults in simulated time, and a ledger of every frame.
+
+What the board sent is tapped before its bytes are damaged, and compared with what a program gets.
+Three keyboards are watched: one on this computer that is fed with readings, the KEY frames, and
+the board's own on USB. A soak takes no more memory the longer it lasts.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.progress import Progress
+
+from spots.errors import SpotsError
+from spots.keyboard.key_engine import KeyEngine
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Key, Touch
+from spots.link.serial_link import Tap
+from spots.outputs.usages import KEYBOARD
+from spots_sim.faults import WAYS, Faults, FaultyLink
+from spots_sim.files import ScenarioFile, SensorFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
+from spots_sim.stage import calibrate
+
+from .audit import Audit, Keys, Memory, Recoveries, usages_of
+
+_TICK_S = 0.05
+_LAYOUT = "digits"  # the ten zones that a board has without a layout
+_RECOVERED_S = 1.0  # the longest that readings may stay away after a fault has ended
+_HOUR_S = 3600.0
+_INTERFACE = 0  # of the USB keyboard
+
+
+class Watch:
+    """The keyboards of a soak and its memory, looked at as it goes.
+
+    Parameters
+    ----------
+    board : board.Board
+    bare : sim.lockstep.LockstepLink
+    faults : sim.faults.Faults
+    file : sim.files.ScenarioFile
+    mark_s : float
+        When memory is what it should be at the end.
+    """
+
+    def __init__(self, board, bare, faults, file, mark_s):
+        self._board, self._bare, self._faults = board, bare, faults
+        self._began_s, self._mark_s = board.now_s(), mark_s
+        self.keys = {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
+        self.memory = Memory()
+        self.free_bytes: list[int] = []  # of the board: least until the mark, least after it
+        length_um = board.command("hello")["length_um"]
+        self._engine = KeyEngine(load_layout(_LAYOUT), length_um, self.keys["host"])
+        self._gaps = self._told_gaps()
+        self._brown_outs = 0
+
+    def run(self, seconds: float) -> None:
+        """Take what comes for so long."""
+        board = self._board
+        end_s = board.now_s() + seconds
+        while board.now_s() < end_s:
+            for frame in board.frames(min(_TICK_S, end_s - board.now_s())):
+                self._take(frame)
+            self._look()
+
+    def settle(self, most_s: float) -> None:
+        """Go on until no key is down any more."""
+        end_s = self._board.now_s() + most_s
+        while any(keys.down for keys in self.keys.values()) and self._board.now_s() < end_s:
+            self.run(_TICK_S)
+
+    def _take(self, frame) -> None:
+        gaps = self._told_gaps()
+        if gaps != self._gaps:  # see docs/protocol.md: a KEY does not come again
+            self._gaps = gaps
+            self.keys["frames"].release()
+        if isinstance(frame, Touch):
+            self._engine.take(frame, self._board.now_s())
+        elif isinstance(frame, Key):
+            self.keys["frames"].key(frame.page, frame.usage, frame.modifiers, frame.pressed)
+
+    def _told_gaps(self) -> tuple[int, int]:
+        return self._board.stats.lost, self._board.stats.restarts
+
+    def _look(self) -> None:
+        self._engine.tick(self._board.now_s())
+        brown_outs = self._faults.ledger.counts["power.brown_outs"]
+        if brown_outs != self._brown_outs:  # it left the bus, and its computer let go of its keys
+            self._brown_outs = brown_outs
+            self.keys["usb"].release()
+        for interface, report in self._bare.usb.reports:
+            if interface == _INTERFACE:
+                self.keys["usb"].report(KEYBOARD, usages_of(report))
+        self._bare.usb.reports.clear()
+        for keys in self.keys.values():
+            keys.look()
+        self._note_free()
+        now_s = self._board.now_s()
+        if now_s - self._began_s >= self._mark_s and not self.memory.marks:
+            self.memory.mark()
+
+    def _note_free(self) -> None:
+        free_bytes = self._bare.free_bytes
+        if free_bytes is not None:
+            i = len(self.memory.marks)
+            self.free_bytes += [free_bytes] * (i + 1 - len(self.free_bytes))
+            self.free_bytes[i] = min(self.free_bytes[i], free_bytes)
+
+
+def soak(
+    hours: float, scenario: str, seed: int, sensor: str = "default", console: Console | None = None
+) -> dict:
+    """Run a virtual board in simulated time and return the ledger.
+
+    Parameters
+    ----------
+    hours : float
+        Of simulated time.
+    scenario, sensor : str
+        Files, by path or name; the scenario has to have faults.
+    seed : int
+        Of sensor's noise and faults.
+    console : rich.console.Console, optional
+        Where progress is shown, if it is a terminal.
+
+    Raises
+    ------
+    SpotsError
+        If the scenario has no faults.
+    """
+    file, strip = load(ScenarioFile, scenario), load(SensorFile, sensor)
+    if file.faults is None:
+        raise SpotsError(f"the scenario {scenario} has no [faults]; try 'fire'")
+    faults = Faults(file.faults, file.seconds, seed)
+    bare = LockstepLink(strip, Scenario(file), seed, faults=faults)
+    recoveries = Recoveries(faults.ledger.spells)
+    audit = Audit(faults.to_host.touched, recoveries.arrived)
+    link = Tap(FaultyLink(Tap(bare, audit.send), faults), audit.receive)
+    seconds = _HOUR_S * hours
+    with Board(link) as board:
+        prepare(board, calibrate(strip))
+        board.command("set keys=1")
+        board.command("save")  # or a restart would cost the calibration
+        watch = Watch(board, bare, faults, file, min(_HOUR_S, seconds / 2))
+        began_s = link.now_s()
+        board.command("stream touch")
+        with Progress(console=console or Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("simulated time", total=seconds)
+            while (left_s := began_s + seconds - link.now_s()) > 0:
+                watch.run(min(1.0, left_s))
+                progress.update(task, completed=link.now_s() - began_s)
+        watch.settle(file.seconds)
+        audit.finish()
+        recoveries.finish(link.now_s())
+        lasted_s = link.now_s() - began_s
+        rate_hz = 1e6 / board.info["exposure_us"] / board.info["average"]
+        stats = board.stats
+    watch.memory.mark()
+    damaged = sum(faults.ledger.counts[f"to_host.{way}"] for way in WAYS)
+    return {
+        "scenario": scenario,
+        "seed": seed,
+        "simulated_s": round(lasted_s, 1),
+        "bytes": faults.to_host.passed,
+        "damaged_bytes_percent": round(100 * damaged / faults.to_host.passed, 3),
+        "sent": dict(audit.sent),
+        "delivered": dict(audit.delivered),
+        "lost": {
+            "damaged": audit.lost["damaged"],
+            "undamaged": audit.lost["undamaged"],
+            "cut_by_the_board": audit.cut,
+        },
+        "wrong": audit.wrong,
+        "wrong_frames": [str(frame) for frame in audit.wrong_frames],
+        "refused_pieces": stats.bad_crc,
+        "restarts_noticed": stats.restarts,
+        "readings_percent": round(100 * audit.readings / (lasted_s * rate_hz), 2),
+        "faults": dict(sorted(faults.ledger.counts.items())),
+        "recoveries": recoveries.summary(),
+        "keys": {
+            name: {**keys.summary(), "down_at_the_end": keys.down}
+            for name, keys in watch.keys.items()
+        },
+        "memory": {"board_free_bytes": watch.free_bytes, "host": watch.memory.marks},
+    }
+
+
+def run(hours: float, scenario: str, seed: int, sensor: str, as_json: bool) -> None:
+    """Print the ledger.
+
+    Raises
+    ------
+    SpotsError
+        After that, if a frame arrived that was not sent, or one was lost for no reason.
+    """
+    ledger = soak(hours, scenario, seed, sensor)
+    print(json.dumps(ledger) if as_json else _table(ledger))
+    broken = list(broken_promises(ledger))
+    if broken:
+        raise SpotsError("there must be none of these: " + "; ".join(broken))
+
+
+def broken_promises(ledger: dict) -> Iterator[str]:
+    """Yield what a ledger has that there must not be."""
+    if ledger["wrong"]:
+        yield f"{ledger['wrong']} wrong frames were delivered"
+    if ledger["lost"]["undamaged"]:
+        yield f"{ledger['lost']['undamaged']} frames were lost without damage"
+    for name, keys in ledger["keys"].items():
+        stuck = keys["stuck"] + keys["down_at_the_end"]
+        if stuck:
+            yield f"{stuck} keys of the keyboard '{name}' were stuck"
+    for kind, took in ledger["recoveries"].items():
+        if took["longest_s"] >= _RECOVERED_S:
+            yield (
+                f"after {kind} at {took['longest_at_s']:g} s readings stayed away for "
+                f"{took['longest_s']:g} s"
+            )
+
+
+def _table(ledger: dict) -> str:
+    sent, delivered = sum(ledger["sent"].values()), sum(ledger["delivered"].values())
+    lost = ledger["lost"]
+    lines = [
+        f"{ledger['simulated_s']:g} s of '{ledger['scenario']}', seed {ledger['seed']}: "
+        f"{ledger['bytes']} bytes, {ledger['damaged_bytes_percent']:g} % of them damaged",
+        f"frames     sent {sent}, delivered {delivered}, wrong {ledger['wrong']}",
+        f"lost       by damage {lost['damaged']}, without {lost['undamaged']}; "
+        f"cut short by the board {lost['cut_by_the_board']}",
+        f"readings   {ledger['readings_percent']:g} % of those that a board without faults sends",
+        f"restarts   {ledger['restarts_noticed']} noticed",
+        *(_keys_line(name, keys) for name, keys in ledger["keys"].items()),
+        *_memory_lines(ledger["memory"]),
+        "",
+        f"{'fault':<26}{'count':>8}{'median s':>10}{'longest s':>11}   from its end to readings",
+    ]
+    for kind, count in ledger["faults"].items():
+        row = f"{kind:<26}{count:>8}"
+        if kind in ledger["recoveries"]:
+            took = ledger["recoveries"][kind]
+            row += f"{took['median_s']:>10.3f}{took['longest_s']:>11.3f}"
+        lines.append(row)
+    return "\n".join(lines)
+
+
+def _keys_line(name: str, keys: dict) -> str:
+    return (
+        f"keys {name:<7}presses {keys['presses']}, releases {keys['releases']}, "
+        f"stuck {keys['stuck']}, down at the end {keys['down_at_the_end']}"
+    )
+
+
+def _memory_lines(memory: dict) -> Iterator[str]:
+    mark, end = memory["host"]
+    yield (
+        f"memory     host: peak {mark['peak_kB']} kB and {mark['objects']} objects at the mark, "
+        f"{end['peak_kB']} kB and {end['objects']} at the end"
+    )
+    if memory["board_free_bytes"]:
+        least = " and then ".join(map(str, memory["board_free_bytes"]))
+        yield f"           board: at least {least} bytes free"
