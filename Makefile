@@ -6,7 +6,7 @@ ARGS ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test browser lint bench fuzz build flash erase doctor pictures paper clean
+.PHONY: help demo test browser lint bench soak fuzz build flash erase doctor pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -14,6 +14,7 @@ help:
 	@echo 'make test   every test                            ARGS="-k log2"'
 	@echo 'make lint   style and format'
 	@echo 'make bench  driver, firmware and host against their peers'
+	@echo 'make soak   hours of faults in simulated time    ARGS="--hours 1"'
 	@echo 'make fuzz   bytes that break something        ARGS="decoder --seconds 60"'
 	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
 	@echo 'make flash  the firmware onto a board, and start it  BOARD=pico PORT='
@@ -37,7 +38,10 @@ lint: .venv/test
 	@$(BIN)/ruff format --check .
 
 bench: .venv/test
-	@$(BIN)/spots bench $(ARGS)
+	@$(BIN)/python tests/bench $(ARGS)
+
+soak: .venv/test
+	@$(BIN)/python tests/soak $(ARGS)
 
 fuzz: .venv/fuzz
 	@$(BIN)/python tests/fuzz $(ARGS)
@@ -55,12 +59,12 @@ doctor: .venv/flash
 	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
 pictures: .venv/test browser
-	@$(BIN)/python docs/make_pictures.py
-	@$(BIN)/python docs/make_screenshots.py
+	@$(BIN)/python docs/make/pictures.py
+	@$(BIN)/python docs/make/screenshots.py
 
 paper: .venv/test
-	@$(BIN)/python -m make.paper docs
-	@$(BIN)/python -m make.linkage_page docs
+	@$(BIN)/python docs/make/paper.py docs
+	@$(BIN)/python docs/make/linkage_page.py docs
 
 clean:
 	rm -rf .venv build dist tests/wasm/node_modules tests/web/browser/node_modules

@@ -11,7 +11,7 @@ from pathlib import Path
 import spots
 from spots.calibrate import calibration_file as file
 from spots.link.connect import prepare
-from spots.linkage.twin_source import endless
+from spots_sim.linkage_demo import endless
 
 if len(sys.argv) > 1:
     calibration = file.load(Path(sys.argv[1]))

@@ -6,10 +6,11 @@ USB are found, if not given. Without a file it is a simulated linkage.
 
 import sys
 
-from spots.linkage.twin_source import opened, simulated
+from spots.linkage.twin_source import driven, opened
+from spots_sim.linkage_demo import endless
 
 linkage, ports = sys.argv[1:2], sys.argv[2:]
-with opened(linkage[0], ports) if linkage else simulated() as source:
+with opened(linkage[0], ports) if linkage else driven(endless()) as source:
     for terminal in source.follow():
         if terminal.limit:
             print(terminal.limit.sentence)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 
 from spots.cli import main
-from spots.link.connect import VIRTUAL, start_simulator
+from spots_sim.virtual import VIRTUAL, start_simulator
 
 DEADLINE_S = 20.0
 

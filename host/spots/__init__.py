@@ -7,18 +7,44 @@
 ...             print(touch.position_um, touch.force_mN)
 """
 
-from .errors import SpotsError
-from .link.board import Board
-from .link.connect import open
-from .link.frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
-from .linkage.digital_twin import Twin
-from .linkage.encoder import Encoder
-from .linkage.fivebar import Linkage
-from .recording.arrays import Arrays, RecordingBlocks, read_arrays
-from .recording.recording import Recording
-from .recording.replay import open_recording
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .errors import SpotsError
+    from .link.board import Board
+    from .link.connect import open
+    from .link.frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+    from .linkage.digital_twin import Twin
+    from .linkage.encoder import Encoder
+    from .linkage.fivebar import Linkage
+    from .recording.arrays import Arrays, RecordingBlocks, read_arrays
+    from .recording.recording import Recording
+    from .recording.replay import open_recording
 
 __version__ = "0.1.0"
+
+# Each name is loaded where it is first used: `import spots` takes neither NumPy nor a serial port.
+_MODULES = {
+    "Arrays": "recording.arrays",
+    "Board": "link.board",
+    "Decoder": "link.frames",
+    "Encoder": "linkage.encoder",
+    "Key": "link.frames",
+    "LinkStats": "link.frames",
+    "Linkage": "linkage.fivebar",
+    "Note": "link.frames",
+    "Recording": "recording.recording",
+    "Spectrum": "link.frames",
+    "RecordingBlocks": "recording.arrays",
+    "SpotsError": "errors",
+    "Text": "link.frames",
+    "Touch": "link.frames",
+    "Twin": "linkage.digital_twin",
+    "open": "link.connect",
+    "open_recording": "recording.replay",
+    "read_arrays": "recording.arrays",
+}
 __all__ = [
     "Arrays",
     "Board",
@@ -39,3 +65,13 @@ __all__ = [
     "open_recording",
     "read_arrays",
 ]
+
+
+def __getattr__(name: str):
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

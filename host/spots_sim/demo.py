@@ -6,19 +6,24 @@ import hashlib
 from collections.abc import Callable
 
 from spots.errors import SpotsError
+from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
-from spots.link.connect import open_virtual, prepare
+from spots.link.connect import prepare
 from spots.link.serial_link import Tap
 from spots.terminal.monitor import watch
 
+from .demo_applications import play_controller, show_gestures, type_on_board
 from .faults import Faults, FaultyLink, of_scenario
 from .files import ScenarioFile, SensorFile, load
+from .linkage_demo import demonstrate, endless
 from .lockstep import LockstepLink
 from .scenario import Scenario
 from .score import Score
 from .stage import calibrate
+from .virtual import VIRTUAL, open_virtual
 
 FIVEBAR = "fivebar"
+_PAGE_LAYOUT = "digits"
 
 
 def demo(
@@ -53,8 +58,6 @@ def demo(
         If there is no such use or file, or the virtual board does not run.
     """
     if use == FIVEBAR:
-        from spots.linkage.twin import demonstrate
-
         return demonstrate(sensor, seed, seconds, fast, quiet)
     if use not in USES:
         known = ", ".join([*USES, FIVEBAR])
@@ -88,25 +91,19 @@ def _strip(
 def _controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    from spots.controller.controller import demonstrate
-
-    return _with_link(board, demonstrate(board, truth, started_s, seconds, quiet))
+    return _with_link(board, play_controller(board, truth, started_s, seconds, quiet))
 
 
 def _keyboard(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    from spots.keyboard.keyboard import demonstrate
-
-    return _with_link(board, demonstrate(board, seconds, quiet))
+    return _with_link(board, type_on_board(board, seconds, quiet))
 
 
 def _wearable(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    from spots.wearable.wearable import demonstrate
-
-    return _with_link(board, demonstrate(board, seconds, quiet))
+    return _with_link(board, show_gestures(board, seconds, quiet))
 
 
 def _with_link(board: Board, figures: dict) -> dict:
@@ -146,3 +143,29 @@ def open_fast(
         board.close()
         raise
     return board, digest
+
+
+def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
+    """Serve the virtual board, and open the page where there is a screen and somebody at it.
+
+    Parameters
+    ----------
+    use : str
+        ``fivebar`` shows a simulated linkage; the others are on the page all the time.
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    """
+    from spots.web.board_feed import Reader, finder
+    from spots.web.browser import show
+    from spots.web.serve import LOOPBACK, serve
+    from spots.web.state import State
+    from spots.web.twin_feed import machine_readers
+
+    state, layout = State(), load_layout(_PAGE_LAYOUT)
+    if use == FIVEBAR:
+        readers = machine_readers(endless(sensor, seed=seed), layout, state)
+    else:
+        readers = [Reader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
+    serve(state, LOOPBACK, 0, readers, show)

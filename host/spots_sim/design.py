@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from spots import atomic
+from spots.calibrate.presses import FULL_MN
 from spots.errors import SpotsError, printable
 from tactile.decode import AVERAGE_MAX
 from tactile.exposure import (
@@ -36,7 +37,7 @@ from . import figures
 from .bound import Bound
 from .files import SensorFile, load
 from .measurements import FORCE_MN, PLACES
-from .stage import FULL_MN, NEAR_UM
+from .stage import NEAR_UM
 
 LED_MAX_MA = 100  # of the virtual board, as boards/virtual/board.toml has it
 # Longer exposures add counts but no full scale: more of them are added up instead.

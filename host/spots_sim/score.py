@@ -75,6 +75,17 @@ class Score:
     def _rms(self, squares: float) -> float | None:
         return _rounded(math.sqrt(squares / self._compared)) if self._compared else None
 
+    def facts(self) -> dict:
+        """Return what a picture of the run shows, see `spots.terminal.view.Judge`."""
+        if not self.readings:
+            return {"link": {}, "rows": []}
+        rows = []
+        if self.position_rmse_um is not None:
+            error = f"{self.position_rmse_um:.0f} µm, {self.force_rmse_mN:.0f} mN rms"
+            rows.append({"touches": self.touches, "error against the scenario": error})
+        latency = f"{self.latency_ms(50):.1f} ms"
+        return {"link": {"rate": f"{self.rate_hz:.1f} Hz", "latency": latency}, "rows": rows}
+
     def summary(self, info: dict, stats: LinkStats) -> dict:
         """Return the run in figures."""
         return {

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from spots.calibrate.fit import fit
-from spots.calibrate.presses import Noise, Presses
+from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import Reader
 from spots.link.board import Board
 
@@ -15,11 +15,8 @@ from .files import SensorFile
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
-FIRM_MN = 6000.0
 PLACES = 33
 FORCES = 30
-FULL_MN = 10_000.0
-FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
 NEAR_UM = 2000.0  # where the light is brightest, with the whole finger on the strip
 _WIDTH_MM = 4.0
 _WARM_S = 120.0  # a person would let the LED warm up, too

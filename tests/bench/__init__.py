@@ -1,4 +1,4 @@
-"""``spots bench``: driver, firmware and host against their obvious peers."""
+"""``make bench``: driver, firmware and host against their obvious peers."""
 
 from __future__ import annotations
 

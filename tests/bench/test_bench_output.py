@@ -1,4 +1,4 @@
-"""What ``spots bench`` prints, and says when something is not installed."""
+"""What ``make bench`` prints, and says when something is not installed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 import bench
 from bench import driver
-from spots.cli import main
+from bench.__main__ import main
 from spots.errors import SpotsError
 
 # Of an amount; everything else is a plain number by its name.
@@ -36,16 +36,16 @@ def test_every_figure_is_a_number_with_its_unit_in_its_name(results):
 
 
 def test_json_is_one_object_on_one_line(results, monkeypatch, capsys):
-    monkeypatch.setattr(bench, "run", lambda: results)
-    assert main(["bench", "--json"]) == 0
+    monkeypatch.setattr("bench.__main__.run", lambda: results)
+    assert main(["--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out) == results
     assert (out.count("\n"), err) == (1, "")
 
 
 def test_the_report_shows_both_sides_of_every_part(results, monkeypatch, capsys):
-    monkeypatch.setattr(bench, "run", lambda: results)
-    assert main(["bench"]) == 0
+    monkeypatch.setattr("bench.__main__.run", lambda: results)
+    assert main([]) == 0
     out, _ = capsys.readouterr()
     lines = out.splitlines()
     assert max(len(line) for line in lines) <= 100

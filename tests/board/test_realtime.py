@@ -14,8 +14,8 @@ import pytest
 
 import spots
 from spots.cli import main
-from spots.link.connect import open_virtual
 from spots.link.frames import Text
+from spots_sim.virtual import open_virtual
 from tactile.decode import DROPPED
 
 

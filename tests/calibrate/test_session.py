@@ -18,21 +18,21 @@ from rich.console import Console
 from sensors import replaced
 
 from spots import SpotsError, cli
-from spots.calibrate import calibrate as command
 from spots.calibrate import calibration_file as file
 from spots.calibrate import steps as guided
 from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
-from spots.calibrate.presser import PersonPresser, StagePresser
-from spots.calibrate.presses import Conditions
+from spots.calibrate.presser import PersonPresser
+from spots.calibrate.presses import FULL_MN, Conditions
 from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_sim.bound import Bound
 from spots_sim.files import DATA
 from spots_sim.scenario import Press
-from spots_sim.stage import FULL_MN, Stage
+from spots_sim.stage import Stage
+from spots_sim.stage_presser import StagePresser
 from tactile.calibration import Calibration
 from tactile.decode import Decode
 from tactile.settings import checksum
@@ -406,7 +406,7 @@ MISTAKES = [
 
 
 def session_of(stage, presser, path, guide, kind="position", **options):
-    setup = command._setup(
+    setup = guided.Setup(
         stage.reader, presser, guide, Session(path), stage.length_um, path.with_suffix(".toml")
     )
     options = argparse.Namespace(**{"plan": "F3,F4,F5,F6,F7,F8", "keep_settings": True, **options})

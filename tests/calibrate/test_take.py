@@ -8,12 +8,12 @@ from rich.console import Console
 
 from spots import SpotsError
 from spots.calibrate.guide import Guide
-from spots.calibrate.presser import StagePresser
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import Reader
 from spots.calibrate.take import BadPressError, Taker
 from spots_sim.scenario import Press
 from spots_sim.stage import Stage
+from spots_sim.stage_presser import StagePresser
 
 DARK_FIRST = [0, 1, 1, 1, 1, 1]
 PRESS = Press(40.0, 3000.0, 4.0)

@@ -4,18 +4,19 @@ import json
 from collections import deque
 
 import pytest
+from soak.__main__ import main as soak_main
 from soak.audit import Audit, Keys, Recoveries, usages_of
 from soak.soak import broken_promises
 
 from fault_streams import frames
 from spots.cli import main
 from spots.errors import SpotsError
-from spots.link.connect import open_virtual
 from spots_sim.files import DATA, ScenarioFile, load
+from spots_sim.virtual import open_virtual
 
 
-def run(capsys, *arguments):
-    assert main([*arguments, "--json"]) == 0
+def run(capsys, *arguments, command=main):
+    assert command([*arguments, "--json"]) == 0
     return json.loads(capsys.readouterr().out.splitlines()[-1])
 
 
@@ -37,7 +38,7 @@ def test_the_seed_decides_everything(capsys):
 
 
 def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched(capsys):
-    ledger = run(capsys, "soak", "--hours", str(61 / 3600), "--seed", "3")
+    ledger = run(capsys, "--hours", str(61 / 3600), "--seed", "3", command=soak_main)
     assert ledger["wrong"] == 0
     assert ledger["lost"]["undamaged"] == 0
     assert ledger["lost"]["damaged"] > 0
@@ -51,7 +52,7 @@ def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched
         assert keys["presses"] == keys["releases"] > 20
         assert keys["stuck"] == keys["down_at_the_end"] == 0
     assert min(ledger["memory"]["board_free_bytes"]) > 100_000
-    again = run(capsys, "soak", "--hours", str(61 / 3600), "--seed", "3")
+    again = run(capsys, "--hours", str(61 / 3600), "--seed", "3", command=soak_main)
     assert len(ledger["memory"].pop("host")) == len(again["memory"].pop("host")) == 2
     assert ledger == again
 
@@ -69,20 +70,22 @@ def test_damage_on_the_way_does_not_change_what_the_board_sends(capsys, quiet_fi
         return data
 
     monkeypatch.setattr(Audit, "send", remember)
-    assert run(capsys, "soak", "--hours", "0.008", "--faults", quiet_fire)["lost"]["damaged"]
+    assert run(capsys, "--hours", "0.008", "--faults", quiet_fire, command=soak_main)["lost"][
+        "damaged"
+    ]
     damaged, sent[:] = b"".join(sent), []
     monkeypatch.setattr("spots_sim.faults.Damage.__call__", untouched)
-    run(capsys, "soak", "--hours", "0.008", "--faults", quiet_fire)
+    run(capsys, "--hours", "0.008", "--faults", quiet_fire, command=soak_main)
     assert b"".join(sent) == damaged
 
 
 def test_a_soak_without_faults_is_refused(capsys):
-    assert main(["soak", "--faults", "demo"]) == 2
+    assert soak_main(["--faults", "demo"]) == 2
     assert "has no [faults]; try 'fire'" in capsys.readouterr().err
 
 
 def test_the_table_is_for_people(capsys):
-    assert main(["soak", "--hours", "0.003"]) == 0
+    assert soak_main(["--hours", "0.003"]) == 0
     said = capsys.readouterr().out
     assert "wrong 0" in said
     assert "i2c.nack" in said

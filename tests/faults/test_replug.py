@@ -16,13 +16,13 @@ from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load
 from spots.link import timeouts as absence
 from spots.link.board import CONNECTED, LOST, REFUSED
-from spots.link.connect import start_simulator
 from spots.link.serial_link import SerialLink
 from spots.terminal.monitor import watch
 from spots.web.board_feed import Reader, finder
 from spots.web.state import State
 from spots_sim import files
 from spots_sim.faults import Faults, FaultyLink
+from spots_sim.virtual import start_simulator
 
 CYCLES = 100
 DEADLINE_S = 120.0

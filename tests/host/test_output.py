@@ -11,7 +11,7 @@ import pytest
 
 import spots
 from spots import SpotsError, cli
-from spots.link import connect
+from spots_sim import virtual
 
 FULL = Path("/dev/full")
 SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]  # the last with rich
@@ -82,7 +82,7 @@ def test_there_is_no_room_for_an_output_without_a_buffer():
     ],
 )
 def test_options_of_the_demo_that_do_not_go_together(arguments, words, monkeypatch, capsys):
-    for shows in ("spots_sim.demo.demo", "spots.web.serve.show_demo"):
+    for shows in ("spots_sim.demo.demo", "spots_sim.demo.show_page"):
         monkeypatch.setattr(shows, lambda *_: pytest.fail("shown before"))
     assert cli.main(["demo", *arguments]) == 2
     told = capsys.readouterr().err
@@ -102,9 +102,9 @@ def test_a_virtual_board_that_is_interrupted_as_it_starts_ends_quietly(monkeypat
         def _interrupt(self):
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(connect.subprocess, "Popen", Interrupted)
+    monkeypatch.setattr(virtual.subprocess, "Popen", Interrupted)
     with pytest.raises(KeyboardInterrupt):
-        connect.start_simulator("default", "demo", 0)
+        virtual.start_simulator("default", "demo", 0)
     (process,) = started
     assert process.returncode == 0
     assert capfd.readouterr().err == ""

@@ -19,13 +19,12 @@ from spots.controller import controller as play
 from spots.controller import controller_setup
 from spots.controller.controller_settings import load as load_settings
 from spots.controller.stick import picture
-from spots.link import connect
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, PrintedGamepad, State
 from spots.outputs.uinput import UInputGamepad
-from spots_sim import demo
+from spots_sim import demo, demo_applications, virtual
 from spots_sim.controller_score import ControllerScore
 from spots_sim.files import ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
@@ -210,15 +209,15 @@ def test_everything_is_let_go_whatever_ends_it(rig, evdev, name):
 
 
 def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev, monkeypatch):
-    real, ends = connect.start_simulator, []
+    real, ends = virtual.start_simulator, []
 
     def start(*arguments):
         started, end = real(*arguments)
         ends.append(end)
         return started, end
 
-    monkeypatch.setattr(connect, "start_simulator", start)
-    board, _ = connect.open_virtual("default", "demo", 0)
+    monkeypatch.setattr(virtual, "start_simulator", start)
+    board, _ = virtual.open_virtual("default", "demo", 0)
     controller = play.controller_for(board, load_settings())
 
     held = []
@@ -481,14 +480,16 @@ def test_a_terminal_gets_the_picture_and_what_is_none_gets_lines(monkeypatch, ca
     screen = io.StringIO()
     made = rig(the_demo())
     terminal = {"file": screen, "force_terminal": True, "width": 100, "height": 40}
-    monkeypatch.setattr(play, "Console", lambda: Console(**terminal))
-    play.demonstrate(made.board, the_demo(), 0.0, 2.0, quiet=False)
+    for module in (play, demo_applications):
+        monkeypatch.setattr(module, "Console", lambda: Console(**terminal))
+    demo_applications.play_controller(made.board, the_demo(), 0.0, 2.0, quiet=False)
     assert screen.getvalue().count("SPOTS controller") > 20
     for part in ("╪", "buttons", "states 9"):
         assert part in screen.getvalue()
-    monkeypatch.setattr(play, "Console", lambda: Console(file=io.StringIO()))
+    for module in (play, demo_applications):
+        monkeypatch.setattr(module, "Console", lambda: Console(file=io.StringIO()))
     assert capsys.readouterr().out == ""
-    play.demonstrate(made.board, the_demo(), 0.0, 2.0, quiet=False)
+    demo_applications.play_controller(made.board, the_demo(), 0.0, 2.0, quiet=False)
     lines = capsys.readouterr().out.splitlines()
     assert 2 <= len(lines) <= 10
     assert all(line.startswith("x ") for line in lines)

@@ -14,7 +14,7 @@ from spots import Encoder, Linkage, SpotsError, Twin, cli
 from spots.linkage import twin as twin_command
 from spots.linkage.digital_twin import merged, readings
 from spots.linkage.fivebar import Limit
-from spots_sim import survey
+from spots_sim import linkage_demo, survey
 from spots_sim.files import LinkageFile, PathFile, SensorFile, load
 from spots_sim.mechanism import Mechanism, closed, guided
 from spots_sim.simulated_linkage import START_S, Simulation
@@ -268,7 +268,7 @@ def test_the_command_tells_errors_lines_and_draws(quick, capsys, tmp_path):
     ],
 )
 def test_mistakes_are_one_sentence(arguments, words, capsys, monkeypatch):
-    monkeypatch.setattr(twin_command, "follow", lambda *_: pytest.fail("simulated before"))
+    monkeypatch.setattr(linkage_demo, "follow", lambda *_: pytest.fail("simulated before"))
     assert cli.main(["twin", *arguments]) == 2
     err = capsys.readouterr().err
     assert words in err

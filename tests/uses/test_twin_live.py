@@ -25,6 +25,7 @@ from spots.linkage import mounted, twin_source
 from spots.linkage import twin as twin_command
 from spots.linkage.mounted import Mounted, Mounting
 from spots.linkage.twin_view import View
+from spots_sim import linkage_demo
 from spots_sim.faults import Faults
 from spots_sim.files import Faults as FaultsFile
 from spots_sim.files import LinkageFile, Moments, PathFile, PowerFaults, load
@@ -375,7 +376,7 @@ def test_options_that_do_not_go_together(arguments, words, machine, capsys):
     ],
 )
 def test_what_a_simulation_cannot_do_is_refused(arguments, words, monkeypatch, capsys):
-    monkeypatch.setattr(twin_command, "simulated", lambda *_: pytest.fail("simulated before"))
+    monkeypatch.setattr(linkage_demo, "Endless", lambda *_: pytest.fail("simulated before"))
     assert cli.main(["twin", *arguments]) == 2
     assert words in capsys.readouterr().err
 
@@ -384,13 +385,13 @@ def test_a_line_is_out_when_it_is_told(monkeypatch):
     calls = []
     monkeypatch.setattr(twin_command, "line", lambda *_: "a line")
     monkeypatch.setattr("builtins.print", lambda *_, **options: calls.append(options))
-    twin_command._Lines()(SimpleNamespace(time_s=0.0))
+    twin_command.Lines()(SimpleNamespace(time_s=0.0))
     assert calls == [{"flush": True}]
 
 
 def test_a_simulated_linkage_is_followed_in_real_time(machine, monkeypatch, capsys):
     monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
-    figures = twin_command.demonstrate("default", 0, 1.0, fast=False, quiet=True)
+    figures = linkage_demo.demonstrate("default", 0, 1.0, fast=False, quiet=True)
     assert figures["terminals"] > 10
     assert figures["lost"] == 0
     capsys.readouterr()

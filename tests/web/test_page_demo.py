@@ -28,7 +28,7 @@ def at_a_screen(monkeypatch):
 def shown(monkeypatch):
     """What was shown, by name."""
     shown = []
-    monkeypatch.setattr(serve, "show_demo", lambda *_: shown.append("page"))
+    monkeypatch.setattr(spots_sim.demo, "show_page", lambda *_: shown.append("page"))
     monkeypatch.setattr(spots_sim.demo, "demo", lambda *_: shown.append("terminal") or {})
     return shown
 

@@ -14,6 +14,7 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.web import twin_feed
 from spots.web.state import State
+from spots_sim.linkage_demo import endless
 from spots_sim.paced import PacedLink
 from test_encoder import JOINT
 from test_encoder import touch as reading
@@ -67,7 +68,7 @@ def part(state):
 def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, serve, open_page):
     monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
     state = State()
-    running(twin_feed.simulated_readers("default", "default", 0, load_layout("digits"), state))
+    running(twin_feed.machine_readers(endless(), load_layout("digits"), state))
     page = open_page(serve(state).url)
     expect(page.locator("#twin")).to_be_visible(timeout=LONG_MS)
     # The strip of joint 1 is on the page as any other, and the trail gets longer.

@@ -6,16 +6,14 @@ import argparse
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from spots_sim.stage import Stage
-
 from ..errors import SpotsError
-from ..link.connect import VIRTUAL, open
+from ..link.connect import open
+from ..link.ports import offered
 from .guide import Guide
-from .presser import PersonPresser, StagePresser
-from .session import Session, settings
+from .presser import PersonPresser
+from .session import Session
 from .spectra import Reader
 from .steps import COUNTS, LEAST_COUNTS, Setup, calibrate
-from .take import Taker
 
 _LENGTH_MM = 85.0
 
@@ -36,10 +34,8 @@ def run(options: argparse.Namespace) -> None:
         )
     guide = Guide()
     with ExitStack() as stack:
-        if options.port == VIRTUAL:
-            setup = _virtual(options, session, out, guide)
-        else:
-            setup = _real(options, session, out, guide)
+        set_up = offered(options.port, "calibration_setup") or _by_hand
+        setup = set_up(options, session, out, guide)
         stack.enter_context(setup.reader.board)
         stack.enter_context(guide)
         stack.callback(_give_back, setup.reader)
@@ -51,30 +47,8 @@ def _give_back(reader: Reader) -> None:
         reader.give_back()
 
 
-def _virtual(options, session: Session, out: Path, guide: Guide) -> Setup:
-    from spots_sim.files import ScenarioFile, SensorFile, load
-
-    sensor = load(SensorFile, options.sensor)
-    scenario = load(ScenarioFile, options.scenario)
-    stage = Stage(sensor, options.seed)
-    # The stage is the finger; of a scenario there remains how the strip lies.
-    stage.held.bend_deg = scenario.bend_deg
-    # A virtual board forgets when it ends: it is as the session left it.
-    made = session.conditions
-    if made is not None and made.board == stage.reader.conditions.board:
-        stage.board.command("set " + settings(made))
-        stage.reader.set_up()
-    length_um = 1000 * (options.length_mm or sensor.length_mm)
-    return _setup(stage.reader, StagePresser(stage), guide, session, length_um, out)
-
-
-def _real(options, session: Session, out: Path, guide: Guide) -> Setup:
+def _by_hand(options, session: Session, out: Path, guide: Guide) -> Setup:
     reader = Reader(open(options.port))
     told_um = options.length_mm and 1000 * options.length_mm
     length_um = told_um or session.length_um or 1000 * _LENGTH_MM
-    return _setup(reader, PersonPresser(guide), guide, session, length_um, out)
-
-
-def _setup(reader, presser, guide, session, length_um, out) -> Setup:
-    taker = Taker(reader, presser, guide)
-    return Setup(reader, presser, guide, session, taker, length_um, out)
+    return Setup(reader, PersonPresser(guide), guide, session, length_um, out)

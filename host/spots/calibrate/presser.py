@@ -1,22 +1,15 @@
-"""Who presses: a person who is told where, or the stage of a simulated strip.
-
-Nothing else in a session differs between the two.
-"""
+"""Who presses the strip in a session: a person, or whatever else has these methods."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-
-from spots_sim.stage import FIRM_MN, Stage
-
 from .guide import Guide
+from .presses import FIRM_MN
 from .session import Wanted
 from .spectra import Reader
 
-_JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
-_LEAST_MARGIN = 1.05
+LEAST_MARGIN = 1.05
 
 
 class Presser(Protocol):
@@ -84,7 +77,7 @@ class PersonPresser:
             # What is dark under a firm press has no positions, and grams are no newtons.
             highest=FIRM_MN / 1000,
         )
-        return 1000 * force_N * _LEAST_MARGIN
+        return 1000 * force_N * LEAST_MARGIN
 
     def turn(self, direction: int, share: float) -> Wanted:
         way = "up" if direction > 0 else "down"
@@ -92,54 +85,3 @@ class PersonPresser:
             f"turn the joint {way} to its next angle and hold; which is it, in degrees? "
         )
         return Wanted(kind="joint", place_um=0, force_mN=0, angle_deg=angle, direction=direction)
-
-
-class StagePresser:
-    """The stage of a simulated strip.
-
-    Parameters
-    ----------
-    stage : Stage
-    """
-
-    patience_s = 2.0
-    steady = 1
-
-    def __init__(self, stage: Stage):
-        self._stage = stage
-
-    def stretch(self, strain_ppm: int, length_um: float) -> None:
-        self._stage.held.strain = strain_ppm * 1e-6
-
-    def press(self, wanted: Wanted) -> None:
-        self._stage.press(wanted.place_um, wanted.force_mN)
-
-    def release(self) -> None:
-        self._stage.release()
-
-    def least_mN(self, wanted: Wanted, reader: Reader) -> float:
-        low_mN, high_mN = 1.0, wanted.force_mN
-        while high_mN > _LEAST_MARGIN * low_mN:
-            middle_mN = (low_mN * high_mN) ** 0.5
-            self._stage.press(wanted.place_um, middle_mN)
-            if reader.read(8).dark:
-                low_mN = middle_mN
-            else:
-                high_mN = middle_mN
-        self._stage.release()
-        return _LEAST_MARGIN * high_mN
-
-    def turn(self, direction: int, share: float) -> Wanted:
-        joint = self._stage.sensor.joint
-        first_um, last_um = np.array(_JOINT_SHARE) * self._stage.length_um
-        um_per_deg = np.radians(1) * joint.radius_mm * 1000
-        angle_deg = round(float(share * (last_um - first_um) / um_per_deg), 3)
-        # The indenter lags behind the joint by half its play in either direction.
-        place_um = first_um + (angle_deg - direction * joint.play_deg / 2) * um_per_deg
-        return Wanted(
-            kind="joint",
-            place_um=float(place_um),
-            force_mN=joint.force_mN,
-            angle_deg=angle_deg,
-            direction=direction,
-        )

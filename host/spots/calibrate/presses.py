@@ -6,6 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# What a session presses with.
+FIRM_MN = 6000.0
+FULL_MN = 10_000.0
+FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
+
 ROUNDING_VARIANCE = 1 / 12
 _REWEIGHTINGS = 4
 

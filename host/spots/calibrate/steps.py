@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from spots_sim.stage import FIRM_MN, FORCE_PLACES, FULL_MN
 from tactile.exposure import full_scale, registers
 from tactile.settings import checksum
 
@@ -23,7 +23,7 @@ from .guide import Guide
 from .joint import ANGLES_MIN, fit_joint
 from .make import make
 from .presser import Presser
-from .presses import Noise
+from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise
 from .session import Point, Session, Wanted, point, presses
 from .spectra import Reader
 from .take import Taker, judge_force, judge_place
@@ -54,9 +54,13 @@ class Setup:
     presser: Presser
     guide: Guide
     session: Session
-    taker: Taker
     length_um: float
     out: Path
+
+    @cached_property
+    def taker(self) -> Taker:
+        """Takes presses of this board."""
+        return Taker(self.reader, self.presser, self.guide)
 
     def plan(self) -> tuple[str, ...]:
         """Return the channels that are read."""

@@ -6,14 +6,16 @@ import argparse
 import errno
 import os
 import sys
+from importlib.metadata import entry_points
 
 from .. import __version__
 from ..errors import SpotsError
-from . import applications as uses
-from . import boards, calibrations, look, proofs, recordings, remote
+from . import applications, boards, calibrations, look, recordings, remote
 
 # In the order in which `spots --help` lists their commands.
-_GROUPS = boards, look, uses, calibrations, recordings, remote, proofs
+_GROUPS = boards, look, applications, calibrations, recordings, remote
+# Modules with an `add`, of other packages.
+_MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
 
@@ -62,6 +64,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="spots", description="SPOTS tactile sensor, host side")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for group in _GROUPS:
+    for group in (*_GROUPS, *(entry.load() for entry in entry_points(group=_MORE))):
         group.add(commands)
     return parser

@@ -1,4 +1,4 @@
-"""Commands that calibrate, characterize and design a sensor."""
+"""The command that calibrates a sensor."""
 
 from __future__ import annotations
 
@@ -21,48 +21,8 @@ def add(commands) -> None:
     calibrate.add_argument("--keep-settings", action="store_true", help="do not search the gain")
     calibrate.set_defaults(run=_calibrate)
 
-    characterize = commands.add_parser(
-        "characterize", help="measure a simulated sensor, on a stage"
-    )
-    characterize.add_argument(
-        "--sensor", default="default", metavar="FILE", help="sensor file or name"
-    )
-    characterize.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
-    characterize.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
-    characterize.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
-    characterize.add_argument("--json", action="store_true", help="one JSON object")
-    characterize.add_argument("--out", metavar="DIR", help="draw figures there")
-    characterize.set_defaults(run=_characterize)
-
-    design = commands.add_parser("design", help="dye and exposure for a length and a resolution")
-    design.add_argument("--length-mm", type=float, required=True)
-    design.add_argument("--resolution-um", type=float, required=True)
-    design.add_argument("--rate-hz", type=float, required=True, help="readings a second")
-    design.add_argument("--json", action="store_true", help="one JSON object")
-    design.add_argument("--out", metavar="DIR", help="write sensor file and figure there")
-    design.set_defaults(run=_design)
-
 
 def _calibrate(options: argparse.Namespace) -> None:
     from ..calibrate.calibrate import run
 
     run(options)
-
-
-def _characterize(options: argparse.Namespace) -> None:
-    from spots_sim.characterize import measure
-
-    measure(
-        options.sensor,
-        options.seed,
-        options.exposure_us,
-        options.average,
-        options.json,
-        options.out,
-    )
-
-
-def _design(options: argparse.Namespace) -> None:
-    from spots_sim.design import run
-
-    run(options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out)

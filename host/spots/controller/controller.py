@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
+from typing import Protocol
 
 import msgspec
 from rich.console import Console
 from rich.panel import Panel
-
-from spots_sim.controller_score import ControllerScore
-from spots_sim.scenario import Scenario
 
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.calibrated import hello_often, ticks
 from ..link.connect import open_named
 from ..link.frames import Touch
-from ..outputs.devices import Gamepad, PrintedGamepad, State, open_gamepad
+from ..outputs.devices import Gamepad, State, open_gamepad
 from ..signals import released_by_signals
 from ..terminal.view import Pace, live
 from .controller_settings import DEFAULT, Settings, load
@@ -28,7 +26,6 @@ from .stick import picture
 
 _TICK_S = 0.005  # how late a state may be that no reading asks for
 _READINGS_BRIDGED = 1.5
-_PLAIN_LINES_PER_S = 4
 
 
 def run(options: argparse.Namespace) -> None:
@@ -47,25 +44,7 @@ def run(options: argparse.Namespace) -> None:
         drawing = Console().is_terminal and not options.dry_run
         view = View(board, controller, settings) if drawing else None
         with open_gamepad(options.dry_run) as gamepad:
-            _until_enough(board, controller, gamepad, options.seconds, view)
-
-
-def demonstrate(
-    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
-) -> dict:
-    """Play a demo's readings on nothing but the screen; return the run in figures."""
-    settings = load()
-    controller = controller_for(board, settings)
-    score = ControllerScore(settings, controller.length_um, truth, started_s)
-    view = None
-    gamepad: Gamepad = NoGamepad()
-    if Console().is_terminal and not quiet:
-        view = View(board, controller, settings)
-    elif not quiet:
-        gamepad = _Sampled(board.now_s)
-    with suppress(KeyboardInterrupt), gamepad:
-        _until_enough(board, controller, gamepad, seconds, view, score)
-    return score.summary()
+            show(board, controller, gamepad, options.seconds, view)
 
 
 def play(
@@ -132,6 +111,16 @@ def controller_for(board: Board, settings: Settings) -> Controller:
     return Controller(patient, info["length_um"])
 
 
+class Judge(Protocol):
+    """Who knows the truth of a run and compares states with it."""
+
+    def read(self, touch: Touch, state: State) -> None:
+        """Compare the state after a reading."""
+
+    def sent(self, state: State, now_s: float) -> None:
+        """Count a state that is sent."""
+
+
 class View:
     """The picture of a controller that is being played."""
 
@@ -154,38 +143,27 @@ class View:
         return picture(controller.state, controller.held, self._buttons, self._title, facts)
 
 
-class NoGamepad(Gamepad):
-    """For those who only look."""
-
-    def _send(self, state):
-        pass
-
-
-class _Sampled(PrintedGamepad):
-    """Prints a few of the states, as the rest of the demo does."""
-
-    def __init__(self, now_s: Callable[[], float]):
-        super().__init__()
-        self._now_s, self._pace = now_s, Pace(_PLAIN_LINES_PER_S)
-
-    def _send(self, state):
-        if self._pace.due(self._now_s()):
-            super()._send(state)
-
-
-def _until_enough(board, controller, gamepad, seconds, view=None, score=None) -> None:
+def show(
+    board: Board,
+    controller: Controller,
+    gamepad: Gamepad,
+    seconds: float | None,
+    view: View | None = None,
+    judge: Judge | None = None,
+) -> None:
+    """Play as `play` does, with a picture."""
     pace = Pace()
     with live(Console()) if view else nullcontext() as display:
 
         def on_reading(touch):
-            if score:
-                score.read(touch, controller.state)
+            if judge:
+                judge.read(touch, controller.state)
             if view and pace.due(board.now_s()):
                 display.update(view.picture(), refresh=True)
 
         def on_state(state):
-            if score:
-                score.sent(state, board.now_s())
+            if judge:
+                judge.sent(state, board.now_s())
             if view:
                 view.sent(state)
 

@@ -12,9 +12,9 @@ from tactile import decode
 from .. import __version__
 from ..errors import SpotsError, printable
 from ..link.board import Board
-from ..link.connect import VIRTUAL
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
+from ..link.ports import scheme_name
 from ..link.serial_link import SerialLink
 from ..link.udev import with_rule
 from .place import the_board
@@ -53,7 +53,7 @@ def doctor(port: str | None = None) -> None:
 
 def examine(port: str | None = None) -> Iterator[Finding]:
     """Check a board in the order in which one thing needs the other; end where that ends."""
-    if port != VIRTUAL:
+    if not scheme_name(port):
         try:
             port = port or the_board()[-1]
         except SpotsError as error:

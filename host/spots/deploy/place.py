@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from ..errors import SpotsError
-from ..link.connect import VIRTUAL, start_simulator
+from ..link.ports import offered
 from ..link.serial_link import usb_boards, usb_ports
 from .drive import Drive, drives
 from .prompt import Prompt
 from .staging import Device
-
-_START_S = 10.0
-_POLL_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -41,7 +35,7 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find the one way to a board; a virtual board, with an empty file system, lives as long.
+    """Find the one way to a board; a port scheme may start one that lives as long.
 
     Parameters
     ----------
@@ -55,8 +49,9 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     SpotsError
         If there is none, or more than one.
     """
-    if device.name.startswith(VIRTUAL) and port in (None, VIRTUAL):
-        with tempfile.TemporaryDirectory() as folder, virtual_board(Path(folder), device) as there:
+    started = offered(port or device.port, "flash_place")
+    if started is not None:
+        with started(device) as there:
             yield there
     elif device.runtime == "circuitpython":
         yield _on_drive(port or _the_one(drives(), "CIRCUITPY drive"))
@@ -74,21 +69,6 @@ def the_board() -> list[str]:
     """
     boards = {ports[0]: ports for ports in usb_boards()}
     return boards[_the_one(list(boards), "board")]
-
-
-@contextlib.contextmanager
-def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
-    """Start a virtual board on a file system folder as it is."""
-    start, end = start_simulator("default", "demo", 0, str(folder), device.name)
-    try:
-        heard = lambda: [start["port"]]  # noqa: E731
-        if device.runtime == "circuitpython":
-            _await_drive(folder)
-            yield Place(str(folder), lambda: Drive(str(folder), start["console"]), heard)
-        else:
-            yield Place(start["port"], lambda: Prompt(start["port"]), heard)
-    finally:
-        end()
 
 
 def _on_port(port: str) -> Place:
@@ -121,15 +101,3 @@ def _the_one(names: list[str], what: str) -> str:
     if len(names) > 1:
         raise SpotsError(f"more than one {what} found, name one with --port: {', '.join(names)}")
     return names[0]
-
-
-def _await_drive(folder: Path) -> None:
-    end_s = time.monotonic() + _START_S
-    while True:
-        try:
-            Drive(str(folder)).close()
-            return
-        except SpotsError:
-            if time.monotonic() > end_s:
-                raise SpotsError("the virtual board does not start") from None
-        time.sleep(_POLL_S)

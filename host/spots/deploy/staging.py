@@ -41,6 +41,7 @@ KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 class _BoardFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     title: str
     runtime: Literal["micropython", "circuitpython"]
+    port: str | None = None
     march: str | None = None
     viper: bool = False
     board_id: str | None = None
@@ -58,6 +59,8 @@ class Device:
         As the command line and as people call it.
     runtime : str
         ``micropython`` or ``circuitpython``.
+    port : str or None
+        Where it is, if not on USB.
     march : str or None
         Architecture of its native code, as ``mpy-cross -march`` names it; None for sources only.
     viper : bool
@@ -73,6 +76,7 @@ class Device:
     name: str
     title: str
     runtime: str
+    port: str | None
     march: str | None
     viper: bool
     board_id: str | None
@@ -108,6 +112,7 @@ def device_of(board: str) -> Device:
         name=board,
         title=said.title,
         runtime=said.runtime,
+        port=said.port,
         march=said.march,
         viper=said.viper,
         board_id=said.board_id,

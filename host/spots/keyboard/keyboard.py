@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import argparse
 import math
-from contextlib import nullcontext
-
-from rich.console import Console
-
-from spots_sim.typing_view import picture
-from spots_sim.typist import TypedText
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.calibrated import hello_often, length_of, tell_rest, ticks
+from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
-from ..link.frames import Key, Touch
 from ..outputs.devices import open_keyboard
 from ..signals import released_by_signals
-from ..terminal.view import Pace, live
 from .key_engine import LOST_S, KeyEngine, KeySink
-from .keys import push
 from .layout import KeyLayout, load
 
 _TICK_S = 0.02
-DEMO_LAYOUT = "mini"
 
 
 def run(options: argparse.Namespace) -> None:
@@ -72,47 +62,3 @@ def type_on(
                 tell_rest(board)
     finally:
         engine.release()
-
-
-def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
-    """Let the board be the keyboard, show what it types, and return the run in figures.
-
-    The same engine runs here on the same readings, and its events are compared.
-    """
-    layout = load(DEMO_LAYOUT)
-    typed, here, there = TypedText(), _Events(), _Events()
-    push(board, layout)
-    engine = KeyEngine(layout, length_of(board), here)
-    board.command("stream touch")
-    console = Console()
-    drawing = console.is_terminal and not quiet
-    pace, touch = Pace(), None
-    try:
-        with live(console) if drawing else nullcontext() as display:
-            for frame in board.frames(seconds):
-                if isinstance(frame, Touch):
-                    touch = frame
-                    engine.take(frame, board.now_s())
-                elif isinstance(frame, Key):
-                    there.key(*frame[3:7])
-                    typed.key(*frame[3:7])
-                    if frame.pressed and not drawing and not quiet:
-                        print((typed.text.splitlines() or [""])[-1], flush=True)
-                if drawing and pace.due(board.now_s()):
-                    display.update(picture(layout, engine, touch, typed, board.stats), refresh=True)
-    except KeyboardInterrupt:
-        pass
-    return {
-        "typed": typed.text,
-        "presses": typed.presses,
-        "keys_down": len(typed.down),
-        "host_agrees": here.events == there.events,
-    }
-
-
-class _Events:
-    def __init__(self):
-        self.events = []
-
-    def key(self, *event):
-        self.events.append(event)

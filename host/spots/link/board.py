@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import msgspec
@@ -13,7 +14,6 @@ from tactile.command import LINE_MAX, NAME_MAX
 from tactile.decode import DROPPED
 
 from ..errors import PortLostError, RefusedError, SpotsError
-from ..recording.recorder import Recorder
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
 from .replies import made_sure
@@ -228,7 +228,7 @@ class Board:
         if self._on_close:
             self._on_close()
 
-    def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
+    def record(self, path: str | Path, *, rotate_bytes: int | None = None):
         """Write all that comes from now on into a file, before anyone sees it.
 
         Frames that came earlier and wait to be read are not in it.
@@ -242,7 +242,7 @@ class Board:
 
         Returns
         -------
-        Recorder
+        recording.recorder.Recorder
             Ends the recording when stopped, at the end of its ``with`` block, or with the board.
 
         Raises
@@ -260,7 +260,8 @@ class Board:
                 "restarts": self.stats.restarts,
             }
 
-        recorder = Recorder(
+        (entry,) = entry_points(group="spots.recorders", name="file")
+        recorder = entry.load()(
             self._link, path, describe, begun=self._decoder.pending, rotate_bytes=rotate_bytes
         )
         self._link = recorder

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-from collections.abc import Callable
-
 from tactile.calibration import Calibration, CalibrationError
 from tactile.settings import checksum
 
 from ..errors import SpotsError
-from ..recording.replay import open_recording
 from .board import Board
+from .ports import scheme
 from .serial_link import SerialLink, usb_boards, usb_ports
-
-VIRTUAL = "virtual"
-RECORDING = "recording:"
-ZENOH = "zenoh:"
 
 
 def open(
@@ -28,10 +19,10 @@ def open(
     Parameters
     ----------
     port : str, optional
-        A serial port; ``"virtual"`` starts a simulated board in real time; ``"recording:FILE"``
-        plays one back, see `recording.replay.open_recording`; ``"zenoh:ID"`` is the board that
-        `spots publish` publishes on another machine, ``"zenoh:"`` the only one; if not given,
-        every USB serial port is asked ``hello``, and exactly one has to answer.
+        A serial port, or one of a scheme, see `ports`: ``"virtual"`` starts a simulated board in
+        real time, ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` is a board that `spots
+        publish` publishes on another machine, ``"zenoh:"`` the only one. If not given, every USB
+        serial port is asked ``hello``, and exactly one has to answer.
     sensor, scenario : str
         Files of the virtual board, by path or name.
     seed : int
@@ -42,14 +33,9 @@ def open(
     SpotsError
         If no board, or more than one, is there, or an argument is wrong; the text says what to do.
     """
-    if port == VIRTUAL:
-        return open_virtual(sensor, scenario, seed)[0]
-    if port is not None and port.startswith(RECORDING):
-        return open_recording(port[len(RECORDING) :])
-    if port is not None and port.startswith(ZENOH):
-        from ..remote.remote_board import open_remote  # Zenoh only where it is used
-
-        return open_remote(port[len(ZENOH) :])
+    module, rest = scheme(port)
+    if module is not None:
+        return module.open_port(rest, sensor=sensor, scenario=scenario, seed=seed)
     if port is not None:
         return Board(SerialLink(port))
     found, reasons = find()
@@ -101,92 +87,6 @@ def survey() -> list[dict]:
             answer = str(error)
         rows.append({"port": port.device, "device": port.description, "answer": answer})
     return rows
-
-
-def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
-    """Start a virtual board in real time, calibrated on the simulated stage, and open it.
-
-    Returns
-    -------
-    board : Board
-        Ends the virtual board when closed.
-    started_s : float
-        Host time of time 0 of its scenario.
-    """
-    if seed < 0:
-        raise SpotsError(f"a seed is a whole number from 0, not {seed}")
-    from spots_sim.files import SensorFile, load
-    from spots_sim.stage import calibrate  # the simulator only where it is used
-
-    calibration = calibrate(load(SensorFile, sensor))
-    start, end = start_simulator(sensor, scenario, seed)
-    try:
-        board = Board(SerialLink(start["port"]))
-    except BaseException:
-        end()
-        raise
-    board.when_closed(end)
-    try:
-        prepare(board, calibration)
-    except BaseException:
-        board.close()
-        raise
-    return board, start["started_s"]
-
-
-def start_simulator(
-    sensor: str, scenario: str, seed: int, folder: str = "", board: str = VIRTUAL
-) -> tuple[dict, Callable[[], None]]:
-    """Start a virtual board in a process of its own.
-
-    Parameters
-    ----------
-    sensor, scenario : str
-        Files, by path or name.
-    seed : int
-        Of the noise.
-    folder : str
-        The board's file system, used as it is; a new one with the firmware, if empty.
-    board : str
-        Which one of the virtual boards.
-
-    Returns
-    -------
-    start : dict
-        ``port``, ``console`` (the port with the prompt, the same one but on CircuitPython), and
-        ``started_s``, the host's time of power-on.
-    end : callable
-        Ends it.
-
-    Raises
-    ------
-    SpotsError
-        If it does not start.
-    """
-    arguments = [sensor, scenario, str(seed), board, folder]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "spots_sim.realtime", *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-    def end():
-        process.stdin.close()
-        process.wait()
-        process.stdout.close()  # not before: it may just be starting, and write
-
-    try:
-        line = process.stdout.readline()
-    except BaseException:
-        end()
-        raise
-    start = json.loads(line or '{"error": "the simulator did not start"}')
-    if "error" in start:
-        end()
-        raise SpotsError(start["error"])
-    return start, end
 
 
 def prepare(board: Board, calibration) -> None:

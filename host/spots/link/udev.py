@@ -1,12 +1,10 @@
-"""What lets a user open a board's port, and be a keyboard or a gamepad, on Linux."""
+"""What lets a user of Linux open the port of a board."""
 
 from __future__ import annotations
 
 import sys
 
 from .serial_link import usb_ports
-
-UINPUT_RULE = 'KERNEL=="uinput", SUBSYSTEM=="misc", OPTIONS+="static_node=uinput", TAG+="uaccess"'
 
 
 def with_rule(sentence: str, port: str) -> str:

@@ -11,17 +11,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from spots_sim import maps
-from spots_sim.files import LinkageFile, PathFile, SensorFile, load
-from spots_sim.survey import follow
-
 from ..errors import SpotsError, printable
-from ..link.connect import RECORDING, VIRTUAL
+from ..link.ports import scheme
 from ..terminal.view import Pace, live
 from .digital_twin import Terminal
 from .mounted import is_mounted
 from .twin_points import fit, measure
-from .twin_source import Source, opened, paced, simulated
+from .twin_source import Source, driven, is_recording, linkage_of, opened, paced
 from .twin_view import View
 
 _LINES_PER_S = 4
@@ -35,12 +31,13 @@ def run(options: argparse.Namespace) -> None:
     SpotsError
         If a file or an option does not allow it.
     """
-    ports, virtual = options.port, VIRTUAL in options.port
+    ports = options.port
+    simulated = linkage_of(ports)
     tell = _json if options.json else None
-    boards = (ports and not virtual) or is_mounted(options.linkage)
-    if options.measure and virtual:
+    boards = (ports and not simulated) or is_mounted(options.linkage)
+    if options.measure and simulated:
         raise SpotsError("--measure is for boards: nobody can move a simulated linkage by hand")
-    if options.picture and (virtual or boards):
+    if options.picture and (simulated or boards):
         raise SpotsError(
             "--picture draws a simulated path: boards know no truth, and --port virtual has no end"
         )
@@ -56,39 +53,25 @@ def run(options: argparse.Namespace) -> None:
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
         print(printable(str(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))))
-    elif virtual:
-        files = options.sensor, options.linkage, options.path, options.seed, options.exposure_us
-        with simulated(*files, options.record) as source:
+    elif simulated:
+        machine = simulated(
+            options.sensor, options.linkage, options.path, options.seed, options.exposure_us
+        )
+        with driven(machine, options.record) as source:
             show(source, options.seconds, tell)
     elif boards and options.measure:
-        if any(port.startswith(RECORDING) for port in ports):
+        if any(map(is_recording, ports)):
             raise SpotsError("--measure is for boards: a recording cannot be asked for a place")
         with opened(options.linkage, ports, options.record) as source:
             _measure(source, Path(options.measure))
     elif boards:
         with opened(options.linkage, ports, options.record) as source:
-            played = bool(ports) and ports[0].startswith(RECORDING)
+            played = bool(ports) and is_recording(ports[0])
             show(source, options.seconds, tell, played)
     elif options.record or options.measure or options.seconds:
         raise SpotsError("--record, --measure and --seconds are for boards: name them with --port")
     else:
-        _compare(options)
-
-
-def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
-    """Show the default linkage on its path, in real time or fast, and return the run in figures."""
-    if fast:
-        kinds, names = (SensorFile, LinkageFile, PathFile), (sensor, "default", "sust")
-        tell = _ignore if quiet else _Lines()
-        return follow(*map(load, kinds, names), seed, tell=tell).summary()
-    with simulated(sensor, seed=seed) as source:
-        told = show(source, seconds, tell=_ignore if quiet else None)
-        stats = source.stats()
-    return {
-        "terminals": told,
-        "frames": sum(one.frames for one in stats),
-        "lost": sum(one.lost for one in stats),
-    }
+        scheme("virtual")[0].compare_linkage(options)
 
 
 def show(
@@ -110,7 +93,7 @@ def show(
     """
     console = Console()
     drawing = console.is_terminal and tell is None
-    tell = tell or _Lines()
+    tell = tell or Lines()
     view = View(source.twin, source.names)
     count = 0
     pairs = source.readings(seconds)
@@ -142,47 +125,11 @@ def _measure(source: Source, points: Path) -> None:
     print(f"{shown} has {count} points; 'spots twin --calibrate {shown}' goes on from there")
 
 
-def _compare(options: argparse.Namespace) -> None:
-    """Follow a path in simulated time, and tell how near the twin came to the truth."""
-    picture = options.picture and Path(options.picture)
-    files = [
-        load(kind, name)
-        for kind, name in (
-            (SensorFile, options.sensor),
-            (LinkageFile, options.linkage),
-            (PathFile, options.path),
-        )
-    ]
-    if picture:
-        maps.require()
-        if picture.suffix.lower() != ".png":
-            raise SpotsError(f"--picture takes the name of a PNG file, not '{picture}'")
-        if not picture.parent.is_dir():
-            raise SpotsError(f"there is no folder {picture.parent} for the picture")
-    tell = _ignore if options.json else _Lines()
-    found = follow(*files, options.seed, options.exposure_us, tell)
-    if picture:
-        maps.trajectory(found, picture)
-    summary = found.summary()
-    if options.json:
-        print(json.dumps(summary))
-        return
-    error = summary["error_mm"]
-    print(
-        f"{summary['terminals']} terminals, {summary['rate_hz']:g} a second; off by "
-        f"{error['mean']:.3f} mm in the mean, {error['max']:.3f} mm at most"
-    )
-
-
-def _ignore(terminal: Terminal) -> None:
-    pass
-
-
 def _json(terminal: Terminal) -> None:
     print(json.dumps(terminal.message()), flush=True)
 
 
-class _Lines:
+class Lines:
     """Prints a line now and then."""
 
     def __init__(self):

@@ -1,26 +1,27 @@
-"""Where a twin's readings come from: boards, recordings of boards, or a simulated linkage."""
+"""Where a twin's readings come from: boards, or recordings of boards."""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
-from spots_sim.files import LinkageFile, PathFile, SensorFile
-from spots_sim.files import load as load_simulated
 from tactile.settings import checksum
 
 from ..calibrate.calibration_file import CalibrationFile
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.connect import RECORDING, find, open, prepare
+from ..link.connect import find, open, prepare
 from ..link.frames import LinkStats, Touch
+from ..link.ports import offered, scheme, scheme_name
 from ..recording.recording import Recording
 from . import mounted
 from .digital_twin import Terminal, Twin, merged, readings
+from .encoder import Encoder
+from .fivebar import Linkage
 
 _Readings = Iterator[tuple[int, Touch]]
 
@@ -78,11 +79,11 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     twin = Twin(arm.linkage, arm.encoders(strips))
     if len(ports) > 2:
         raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
-    played = [port.startswith(RECORDING) for port in ports]
+    played = [is_recording(port) for port in ports]
     if any(played):
         if not all(played) or record:
             raise SpotsError("recordings are played with recordings, and not recorded again")
-        yield _recorded(twin, strips, [port[len(RECORDING) :] for port in ports])
+        yield _recorded(twin, strips, [scheme(port)[1] for port in ports])
         return
     with ExitStack() as stack:
         boards = _boards(stack, strips, ports)
@@ -91,59 +92,47 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
         yield _live(twin, boards, lambda board: _prepare(boards, strips, board))
 
 
-@contextmanager
-def simulated(
-    sensor: str = "default",
-    linkage: str = "default",
-    path: str = "sust",
-    seed: int = 0,
-    exposure_us: int = 30_000,
-    record: list[str] = (),
-) -> Iterator[Source]:
-    """Open the two virtual boards of a simulated linkage in real time; in a ``with`` block.
+class Machine(Protocol):
+    """A linkage with a board in each joint, which it opens itself.
 
-    It goes along the path again and again.
+    Attributes
+    ----------
+    linkage : Linkage
+    """
+
+    linkage: Linkage
+
+    def encoders(self) -> tuple[Encoder, Encoder]:
+        """Return new encoders of both joints."""
+
+    def open(self, joint: int) -> Board:
+        """Open the board of a joint, 0 or 1."""
+
+
+@contextmanager
+def driven(machine: Machine, record: list[str] = ()) -> Iterator[Source]:
+    """Open both boards of a machine; in a ``with`` block.
 
     Parameters
     ----------
-    sensor, linkage, path : str
-        Files, by path or name.
-    seed : int
-        Of the noise.
-    exposure_us : int
-        Of the strips.
+    machine : Machine
     record : list of str
         Recordings to make, one for each board.
     """
-    machine = endless(sensor, linkage, path, seed, exposure_us)
     with ExitStack() as stack:
         boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]
         _record(stack, boards, record)
         yield _live(Twin(machine.linkage, machine.encoders()), boards)
 
 
-def endless(
-    sensor: str = "default",
-    linkage: str = "default",
-    path: str = "sust",
-    seed: int = 0,
-    exposure_us: int = 30_000,
-):
-    """Return a `simulated.Endless` of files by path or name."""
-    from spots_sim.simulated_linkage import Endless  # the simulator only where it is used
+def linkage_of(ports: list[str]):
+    """Return what makes the `Machine` of ports one of which is a whole linkage, or None."""
+    return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
-    if mounted.is_mounted(linkage):
-        raise SpotsError(
-            f"{linkage} is of boards: a simulated linkage goes with --port virtual, and its files "
-            "hold lowest_deg, as 'default' does"
-        )
-    files = (
-        load_simulated(SensorFile, sensor),
-        load_simulated(LinkageFile, linkage),
-        load_simulated(PathFile, path),
-    )
-    print("calibrating two simulated strips, some seconds ...", file=sys.stderr, flush=True)
-    return Endless(*files, seed, exposure_us)
+
+def is_recording(port: str) -> bool:
+    """Return whether a port is a recording, which a twin reads as fast as it can."""
+    return scheme_name(port) == "recording"
 
 
 def paced(pairs: _Readings) -> _Readings:

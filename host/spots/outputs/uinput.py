@@ -5,11 +5,11 @@ from __future__ import annotations
 import platform
 
 from ..errors import SpotsError
-from ..link.udev import UINPUT_RULE
 from .devices import AXIS_MAX, BUTTONS, Gamepad, Keyboard, State
 from .usages import USAGES, Usage
 
 _NODE = "/dev/uinput"
+_UINPUT_RULE = 'KERNEL=="uinput", SUBSYSTEM=="misc", OPTIONS+="static_node=uinput", TAG+="uaccess"'
 # Where there is a wheel, no compiler is needed.
 _PACKAGE = "evdev-binary" if platform.machine() == "x86_64" else "evdev"
 
@@ -98,7 +98,7 @@ def _why_not(error: Exception) -> str:
     if "for writing" in text or isinstance(error, PermissionError):
         return (
             f"{_NODE} may not be written: put this into /etc/udev/rules.d/60-spots.rules, then "
-            f"'sudo udevadm control --reload' and 'sudo udevadm trigger {_NODE}': {UINPUT_RULE}"
+            f"'sudo udevadm control --reload' and 'sudo udevadm trigger {_NODE}': {_UINPUT_RULE}"
         )
     return f"{_NODE} makes no device: {text}"
 

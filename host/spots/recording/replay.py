@@ -123,6 +123,11 @@ class Replay(Board):
             self._next = next(self._entries, None)
 
 
+def open_port(rest: str, **simulated) -> Replay:
+    """Open the port ``recording:FILE``, see `link.ports`."""
+    return open_recording(rest)
+
+
 def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     """Open a recording as a board.
 

@@ -69,6 +69,11 @@ class Remote(Board):
         super()._reconnect(timeout_s)
 
 
+def open_port(rest: str, **simulated) -> Remote:
+    """Open the port ``zenoh:ID``, see `link.ports`."""
+    return open_remote(rest)
+
+
 def open_remote(board_id: str) -> Remote:
     """Open a board that is published on Zenoh.
 

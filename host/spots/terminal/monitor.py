@@ -7,16 +7,14 @@ from contextlib import nullcontext
 
 from rich.console import Console
 
-from spots_sim.score import Score
-
 from ..link.board import Board
 from ..link.frames import Touch
-from .view import Pace, View, live, plain
+from .view import Judge, Pace, View, live, plain
 
 PLAIN_LINES_PER_S = 4
 
 
-def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None = None) -> None:
+def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None = None) -> None:
     """Show a board's readings until the time is over or Ctrl-C.
 
     A live picture on a terminal, plain lines elsewhere.
@@ -34,7 +32,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None 
             def show_state(state: str) -> None:
                 view.state = state
                 if drawing:
-                    display.update(view.picture(board.stats, score), refresh=True)
+                    display.update(view.picture(board.stats, judge), refresh=True)
                 elif not quiet:
                     print(f"{board.now_s() - started_s:8.3f} s  link {state}", flush=True)
 
@@ -42,10 +40,10 @@ def watch(board: Board, seconds: float | None, quiet: bool, score: Score | None 
             for frame in board.frames(seconds):
                 now_s = board.now_s()
                 view.take(frame)
-                if isinstance(frame, Touch) and score is not None:
-                    score.take(frame, now_s)
+                if isinstance(frame, Touch) and judge is not None:
+                    judge.take(frame, now_s)
                 if drawing and pace.due(now_s):
-                    display.update(view.picture(board.stats, score), refresh=True)
+                    display.update(view.picture(board.stats, judge), refresh=True)
                 elif not drawing and not quiet and isinstance(frame, Touch) and pace.due(now_s):
                     print(plain(frame, started_s), flush=True)
     except KeyboardInterrupt:

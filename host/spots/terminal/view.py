@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Protocol
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -10,7 +11,6 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from spots_sim.score import Score
 from tactile import decode
 
 from ..errors import printable
@@ -35,6 +35,16 @@ _FLAG_WORDS = {
     decode.NOT_CALIBRATED: "not calibrated",
     decode.LED_OFF: "LED off",
 }
+
+
+class Judge(Protocol):
+    """Who knows the truth of a run and compares readings with it."""
+
+    def take(self, touch: Touch, arrived_s: float) -> None:
+        """Compare a reading, which arrived at this time of the link's clock."""
+
+    def facts(self) -> dict:
+        """Return what to show: ``link``, more of the link's row, and ``rows``, more rows."""
 
 
 class View:
@@ -70,11 +80,12 @@ class View:
         elif isinstance(frame, Spectrum):
             self._spectrum = frame
 
-    def picture(self, stats: LinkStats, score: Score | None = None) -> Panel:
+    def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
         """Return the picture, with how good the run is where that is known."""
+        judged = judge.facts() if judge else {"link": {}, "rows": []}
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
-        parts += [self._bars(), Text(), *_facts(stats, score)]
+        parts += [self._bars(), Text(), *_facts(stats, judged)]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
         title = Text(f"SPOTS  {info['board']} · {info['runtime']} · {printable(self._port)}")
@@ -151,16 +162,11 @@ def _bar(share: float, columns: int) -> str:
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
 
-def _facts(stats: LinkStats, score: Score | None) -> list[Text]:
-    link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc}
-    rows = [link]
-    if score is not None and score.readings:
-        link["rate"] = f"{score.rate_hz:.1f} Hz"
-        link["latency"] = f"{score.latency_ms(50):.1f} ms"
-        if score.position_rmse_um is not None:
-            error = f"{score.position_rmse_um:.0f} µm, {score.force_rmse_mN:.0f} mN rms"
-            rows.append({"touches": score.touches, "error against the scenario": error})
-    return [_row(row) for row in rows]
+def _facts(stats: LinkStats, judged: dict) -> list[Text]:
+    return [
+        _row({"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}),
+        *[_row(row) for row in judged["rows"]],
+    ]
 
 
 def _row(row: dict) -> Text:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -126,24 +126,3 @@ def play(
                 view = picture(touch, length_um, found, mapping.names, board.stats)
                 display.update(view, refresh=True)
     return found
-
-
-def demonstrate(board: Board, seconds: float | None, quiet: bool) -> dict:
-    """Show the gestures of a board and return the run in figures."""
-    drawing = Console().is_terminal and not quiet
-    mapping = Mapping()
-
-    found: list[Gesture] = []
-
-    def tell(gesture: Gesture) -> None:
-        found.append(gesture)
-        if not drawing and not quiet:
-            does = mapping.names.get(gesture.name, "-")
-            print(f"{gesture.name:12} {gesture.confidence:4.0%}  {does}", flush=True)
-
-    with suppress(KeyboardInterrupt):
-        play(board, tell, seconds, drawing, mapping)
-    return {
-        "gestures": [gesture.name for gesture in found],
-        "least_confidence": round(min((gesture.confidence for gesture in found), default=0), 3),
-    }

@@ -8,15 +8,15 @@ from collections import deque
 from collections.abc import Callable
 from statistics import median
 
-from spots_sim.files import ScenarioFile, SensorFile, load
 from tactile.smux import CHANNELS
 
 from ..errors import RefusedError, SpotsError
 from ..guarded import Guarded
 from ..keyboard.layout import KeyLayout
 from ..link.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
-from ..link.connect import VIRTUAL, find, open
+from ..link.connect import find, open
 from ..link.frames import Key, Spectrum, Touch
+from ..link.ports import scheme
 from ..recording.replay import Replay
 from .expected import expected_shown
 from .feel import Feel, layout_shown
@@ -247,9 +247,9 @@ def finder(
     SpotsError
         If a file of the virtual board is wrong, which waiting does not mend.
     """
-    if port == VIRTUAL:
-        load(SensorFile, sensor)
-        load(ScenarioFile, scenario)
+    module, rest = scheme(port)
+    if hasattr(module, "check"):
+        module.check(rest, sensor=sensor, scenario=scenario, seed=seed)
 
     def open_board(board_id: str | None) -> Board:
         found = []
@@ -257,7 +257,7 @@ def finder(
             try:
                 found = [open(port, sensor=sensor, scenario=scenario, seed=seed)]
             except SpotsError:
-                if board_id is None or port == VIRTUAL:
+                if board_id is None or module is not None:
                     raise
         kind = RefusedError if found else SpotsError
         if board_id not in (None, *(one.info["id"] for one in found)):

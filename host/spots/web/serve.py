@@ -11,17 +11,15 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from spots_sim.demo import FIVEBAR
-
 from ..errors import SpotsError
 from ..guarded import Guarded
 from ..keyboard.layout import load
-from ..link.connect import RECORDING, VIRTUAL
+from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import Reader, finder
-from .browser import print_address, show
+from .browser import print_address
 from .recordings import Recordings
 from .state import State
-from .twin_feed import linkage_readers, simulated_readers
+from .twin_feed import linkage_readers, machine_readers
 
 try:
     from aiohttp import web
@@ -32,8 +30,8 @@ except ImportError:
     raise SpotsError("the page needs aiohttp: pip install 'spots[web]'") from None
 
 LOOPBACK = "127.0.0.1"
-DEMO_LAYOUT = "digits"
 _WATCH_EVERY_S = 0.5
+_LINKAGE_EXPOSURE_US = 30_000  # of a simulated one
 
 
 class Server:
@@ -114,9 +112,11 @@ def run(options: argparse.Namespace) -> None:
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
         readers = [Reader(open_board, layout, state, recordings=recordings)]
-    elif VIRTUAL in ports:
-        files = options.linkage, options.sensor
-        readers = simulated_readers(*files, options.seed, layout, state)
+    elif simulated := linkage_of(ports):
+        machine = simulated(
+            options.sensor, options.linkage, "sust", options.seed, _LINKAGE_EXPOSURE_US
+        )
+        readers = machine_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
     serve(state, options.address, options.http_port, readers, print_address, recordings)
@@ -125,7 +125,7 @@ def run(options: argparse.Namespace) -> None:
 def _recordings(options: argparse.Namespace, state: State) -> Recordings | None:
     if options.record_to is None:
         return None
-    if options.linkage is not None or any(port.startswith(RECORDING) for port in options.port):
+    if options.linkage is not None or any(map(is_recording, options.port)):
         raise SpotsError("--record-to is for one board, not for a linkage or a recording")
     return Recordings(Path(options.record_to), state)
 
@@ -176,26 +176,6 @@ def serve(
     finally:
         for reader in readers:
             reader.stop()
-
-
-def show_demo(use: str, sensor: str, scenario: str, seed: int) -> None:
-    """Serve the virtual board, and open the page where there is a screen and somebody at it.
-
-    Parameters
-    ----------
-    use : str
-        ``fivebar`` shows a simulated linkage; the others are on the page all the time.
-    sensor, scenario : str
-        Files, by path or name.
-    seed : int
-        Of the noise.
-    """
-    state, layout = State(), load(DEMO_LAYOUT)
-    if use == FIVEBAR:
-        readers = simulated_readers("default", sensor, seed, layout, state)
-    else:
-        readers = [Reader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
-    serve(state, LOOPBACK, 0, readers, show)
 
 
 def _ended_by_sigterm() -> asyncio.Event:

@@ -15,7 +15,7 @@ from ..link.board import CONNECTED, Board
 from ..link.frames import Touch
 from ..linkage import mounted
 from ..linkage.digital_twin import Terminal, Twin
-from ..linkage.twin_source import check, endless, give
+from ..linkage.twin_source import Machine, check, give
 from ..terminal.view import Pace
 from .board_feed import Reader, finder
 from .state import State
@@ -155,21 +155,15 @@ def linkage_readers(
     return _readers(feed, [opener(joint) for joint in (0, 1)], layout, state)
 
 
-def simulated_readers(
-    linkage: str, sensor: str, seed: int, layout: KeyLayout, state: State
-) -> list[Reader]:
-    """Return readers of the two virtual boards of a simulated linkage that writes SUST.
+def machine_readers(machine: Machine, layout: KeyLayout, state: State) -> list[Reader]:
+    """Return readers of the two boards of a machine.
 
     Parameters
     ----------
-    linkage, sensor : str
-        Files, by path or name.
-    seed : int
-        Of the noise.
+    machine : Machine
     layout : KeyLayout
     state : State
     """
-    machine = endless(sensor, linkage, seed=seed)
     feed = TwinFeed(Twin(machine.linkage, machine.encoders()), state)
     openers = [lambda _, joint=joint: machine.open(joint) for joint in (0, 1)]
     return _readers(feed, openers, layout, state)

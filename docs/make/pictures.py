@@ -25,6 +25,7 @@ from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping
 from spots_sim import typing_view
 from spots_sim.demo import open_fast
+from spots_sim.demo_applications import NoGamepad
 from spots_sim.files import LinkageFile, PathFile, ScenarioFile, SensorFile, load
 from spots_sim.mechanism import guided
 from spots_sim.scenario import Scenario
@@ -32,7 +33,7 @@ from spots_sim.score import Score
 from spots_sim.simulated_linkage import START_S, Simulation
 from spots_sim.typist import TypedText
 
-_HERE = Path(__file__).parent
+_HERE = Path(__file__).parents[1]
 _LINE = 15  # letters of a board's name that fit its picture
 
 # In the demo scenario a finger slides back towards the sensor at this moment.
@@ -106,7 +107,7 @@ def controller() -> Path:
     truth = Scenario(load(ScenarioFile, "demo"))
     board, _ = open_fast("default", truth, seed=0)
     settings = load_controller()
-    with board, play.NoGamepad() as gamepad:
+    with board, NoGamepad() as gamepad:
         made = play.controller_for(board, settings)
         view = play.View(board, made, settings)
         play.play(board, made, gamepad, HARD_S - board.now_s(), on_state=view.sent)

@@ -12,9 +12,10 @@ from spots.keyboard.layout import load
 from spots.web.board_feed import Reader, finder
 from spots.web.serve import Server
 from spots.web.state import State
-from spots.web.twin_feed import simulated_readers
+from spots.web.twin_feed import machine_readers
+from spots_sim.linkage_demo import endless
 
-_HERE = Path(__file__).parent
+_HERE = Path(__file__).parents[1]
 sys.path.append(str(_HERE.parent / "tests" / "web"))
 from bring_browser import launch_options  # noqa: E402
 
@@ -61,7 +62,7 @@ async def strip(browser: Browser) -> None:
 async def linkage(browser: Browser) -> None:
     """Take the panel of a linkage that has written all its letters."""
     state = State()
-    readers = simulated_readers("default", "default", 0, load("digits"), state)
+    readers = machine_readers(endless(), load("digits"), state)
     async with Server(state) as server:
         for reader in readers:
             reader.start()

@@ -1,0 +1,58 @@
+"""Port schemes: what `open` and ``--port`` take besides the names of serial ports.
+
+A scheme is a module. It enters itself as an entry point of the group ``spots.ports``, whose name is
+the word before the colon, ``zenoh`` in ``zenoh:ID``. It has
+
+``open_port(rest, *, sensor, scenario, seed)``
+    Returns a `board.Board`; `rest` is what follows the colon, and the others describe a simulated
+    board. Raises SpotsError.
+
+and may have
+
+``check(rest, *, sensor, scenario, seed)``
+    Raises SpotsError for what waiting for the board does not mend.
+``calibration_setup(options, session, out, guide)``
+    Of a port that presses its strip by itself: a `calibrate.steps.Setup`.
+``linkage(sensor, linkage, path, seed, exposure_us)``
+    Of a port that is a whole linkage: a `linkage.twin_source.Machine`.
+``flash_place(device)``
+    Of a port that can be flashed: a context manager with a `deploy.place.Place`.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from types import ModuleType
+
+GROUP = "spots.ports"
+
+
+def scheme_name(port: str | None) -> str:
+    """Return the name of a port's scheme; empty for a serial port, and for None."""
+    name = (port or "").partition(":")[0]
+    return name if entry_points(group=GROUP, name=name) else ""
+
+
+def scheme(port: str | None) -> tuple[ModuleType | None, str]:
+    """Return the module of a port's scheme and what follows the colon.
+
+    Parameters
+    ----------
+    port : str or None
+
+    Returns
+    -------
+    module : module or None
+        None for a serial port, and for None.
+    rest : str
+    """
+    name = scheme_name(port)
+    if not name:
+        return None, port or ""
+    (entry,) = entry_points(group=GROUP, name=name)
+    return entry.load(), port[len(name) + 1 :]
+
+
+def offered(port: str | None, what: str):
+    """Return a function that a port's scheme may have, or None."""
+    return getattr(scheme(port)[0], what, None)

@@ -1,0 +1,130 @@
+"""Demonstrations of keyboard, controller and wearable on a virtual board, with figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
+
+from rich.console import Console
+
+from spots.controller.controller import View, controller_for, show
+from spots.controller.controller_settings import load as load_settings
+from spots.keyboard.key_engine import KeyEngine
+from spots.keyboard.keys import push
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import Board
+from spots.link.calibrated import length_of
+from spots.link.frames import Key, Touch
+from spots.outputs.devices import Gamepad, PrintedGamepad
+from spots.terminal.view import Pace, live
+from spots.wearable.gestures import Gesture
+from spots.wearable.wearable import Mapping, play
+
+from .controller_score import ControllerScore
+from .scenario import Scenario
+from .typing_view import picture
+from .typist import TypedText
+
+DEMO_LAYOUT = "mini"
+_PLAIN_LINES_PER_S = 4
+
+
+def play_controller(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    """Play a demo's readings on nothing but the screen; return the run in figures."""
+    settings = load_settings()
+    controller = controller_for(board, settings)
+    score = ControllerScore(settings, controller.length_um, truth, started_s)
+    view = None
+    gamepad: Gamepad = NoGamepad()
+    if Console().is_terminal and not quiet:
+        view = View(board, controller, settings)
+    elif not quiet:
+        gamepad = _Sampled(board.now_s)
+    with suppress(KeyboardInterrupt), gamepad:
+        show(board, controller, gamepad, seconds, view, score)
+    return score.summary()
+
+
+def type_on_board(board: Board, seconds: float | None, quiet: bool) -> dict:
+    """Let the board be the keyboard, show what it types, and return the run in figures.
+
+    The same engine runs here on the same readings, and its events are compared.
+    """
+    layout = load_layout(DEMO_LAYOUT)
+    typed, here, there = TypedText(), _Events(), _Events()
+    push(board, layout)
+    engine = KeyEngine(layout, length_of(board), here)
+    board.command("stream touch")
+    console = Console()
+    drawing = console.is_terminal and not quiet
+    pace, touch = Pace(), None
+    try:
+        with live(console) if drawing else nullcontext() as display:
+            for frame in board.frames(seconds):
+                if isinstance(frame, Touch):
+                    touch = frame
+                    engine.take(frame, board.now_s())
+                elif isinstance(frame, Key):
+                    there.key(*frame[3:7])
+                    typed.key(*frame[3:7])
+                    if frame.pressed and not drawing and not quiet:
+                        print((typed.text.splitlines() or [""])[-1], flush=True)
+                if drawing and pace.due(board.now_s()):
+                    display.update(picture(layout, engine, touch, typed, board.stats), refresh=True)
+    except KeyboardInterrupt:
+        pass
+    return {
+        "typed": typed.text,
+        "presses": typed.presses,
+        "keys_down": len(typed.down),
+        "host_agrees": here.events == there.events,
+    }
+
+
+class _Events:
+    def __init__(self):
+        self.events = []
+
+    def key(self, *event):
+        self.events.append(event)
+
+
+def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
+    """Show the gestures of a board and return the run in figures."""
+    drawing = Console().is_terminal and not quiet
+    mapping = Mapping()
+    found: list[Gesture] = []
+
+    def report(gesture: Gesture) -> None:
+        found.append(gesture)
+        if not drawing and not quiet:
+            does = mapping.names.get(gesture.name, "-")
+            print(f"{gesture.name:12} {gesture.confidence:4.0%}  {does}", flush=True)
+
+    with suppress(KeyboardInterrupt):
+        play(board, report, seconds, drawing, mapping)
+    return {
+        "gestures": [gesture.name for gesture in found],
+        "least_confidence": round(min((gesture.confidence for gesture in found), default=0), 3),
+    }
+
+
+class NoGamepad(Gamepad):
+    """For those who only look."""
+
+    def _send(self, state):
+        pass
+
+
+class _Sampled(PrintedGamepad):
+    """Prints a few of the states, as the rest of the demo does."""
+
+    def __init__(self, now_s: Callable[[], float]):
+        super().__init__()
+        self._now_s, self._pace = now_s, Pace(_PLAIN_LINES_PER_S)
+
+    def _send(self, state):
+        if self._pace.due(self._now_s()):
+            super()._send(state)

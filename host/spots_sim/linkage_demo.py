@@ -1,0 +1,103 @@
+"""A simulated linkage in real time, and how near its twin comes to the truth of a path."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from spots.errors import SpotsError
+from spots.linkage.digital_twin import Terminal
+from spots.linkage.mounted import is_mounted
+from spots.linkage.twin import Lines, show
+from spots.linkage.twin_source import driven
+
+from . import maps
+from .files import LinkageFile, PathFile, SensorFile, load
+from .simulated_linkage import Endless
+from .survey import follow
+
+_KINDS = SensorFile, LinkageFile, PathFile
+
+
+def endless(
+    sensor: str = "default",
+    linkage: str = "default",
+    path: str = "sust",
+    seed: int = 0,
+    exposure_us: int = 30_000,
+) -> Endless:
+    """Return a simulated linkage that goes along a path again and again, in real time.
+
+    Parameters
+    ----------
+    sensor, linkage, path : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+    exposure_us : int
+        Of both strips.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or the linkage is of boards.
+    """
+    if is_mounted(linkage):
+        raise SpotsError(
+            f"{linkage} is of boards: a simulated linkage goes with --port virtual, and its files "
+            "hold lowest_deg, as 'default' does"
+        )
+    files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, linkage, path))]
+    print("calibrating two simulated strips, some seconds ...", file=sys.stderr, flush=True)
+    return Endless(*files, seed, exposure_us)
+
+
+def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
+    """Show the default linkage on its path, in real time or fast, and return the run in figures."""
+    if fast:
+        files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", "sust"))]
+        return follow(*files, seed, tell=_ignore if quiet else Lines()).summary()
+    with driven(endless(sensor, seed=seed)) as source:
+        shown = show(source, seconds, tell=_ignore if quiet else None)
+        stats = source.stats()
+    return {
+        "terminals": shown,
+        "frames": sum(one.frames for one in stats),
+        "lost": sum(one.lost for one in stats),
+    }
+
+
+def compare(options) -> None:
+    """Follow a path in simulated time, and print how near the twin came to the truth.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of ``spots twin``.
+    """
+    picture = options.picture and Path(options.picture)
+    names = options.sensor, options.linkage, options.path
+    files = [load(kind, name) for kind, name in zip(_KINDS, names)]
+    if picture:
+        maps.require()
+        if picture.suffix.lower() != ".png":
+            raise SpotsError(f"--picture takes the name of a PNG file, not '{picture}'")
+        if not picture.parent.is_dir():
+            raise SpotsError(f"there is no folder {picture.parent} for the picture")
+    found = follow(*files, options.seed, options.exposure_us, _ignore if options.json else Lines())
+    if picture:
+        maps.trajectory(found, picture)
+    summary = found.summary()
+    if options.json:
+        print(json.dumps(summary))
+        return
+    error = summary["error_mm"]
+    print(
+        f"{summary['terminals']} terminals, {summary['rate_hz']:g} a second; off by "
+        f"{error['mean']:.3f} mm in the mean, {error['max']:.3f} mm at most"
+    )
+
+
+def _ignore(terminal: Terminal) -> None:
+    pass

@@ -1,0 +1,64 @@
+"""The stage of a simulated strip as the one who presses in a calibration session."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spots.calibrate.presser import LEAST_MARGIN
+from spots.calibrate.session import Wanted
+from spots.calibrate.spectra import Reader
+
+from .stage import Stage
+
+_JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
+
+
+class StagePresser:
+    """The stage of a simulated strip.
+
+    Parameters
+    ----------
+    stage : Stage
+    """
+
+    patience_s = 2.0
+    steady = 1
+
+    def __init__(self, stage: Stage):
+        self._stage = stage
+
+    def stretch(self, strain_ppm: int, length_um: float) -> None:
+        self._stage.held.strain = strain_ppm * 1e-6
+
+    def press(self, wanted: Wanted) -> None:
+        self._stage.press(wanted.place_um, wanted.force_mN)
+
+    def release(self) -> None:
+        self._stage.release()
+
+    def least_mN(self, wanted: Wanted, reader: Reader) -> float:
+        low_mN, high_mN = 1.0, wanted.force_mN
+        while high_mN > LEAST_MARGIN * low_mN:
+            middle_mN = (low_mN * high_mN) ** 0.5
+            self._stage.press(wanted.place_um, middle_mN)
+            if reader.read(8).dark:
+                low_mN = middle_mN
+            else:
+                high_mN = middle_mN
+        self._stage.release()
+        return LEAST_MARGIN * high_mN
+
+    def turn(self, direction: int, share: float) -> Wanted:
+        joint = self._stage.sensor.joint
+        first_um, last_um = np.array(_JOINT_SHARE) * self._stage.length_um
+        um_per_deg = np.radians(1) * joint.radius_mm * 1000
+        angle_deg = round(float(share * (last_um - first_um) / um_per_deg), 3)
+        # The indenter lags behind the joint by half its play in either direction.
+        place_um = first_um + (angle_deg - direction * joint.play_deg / 2) * um_per_deg
+        return Wanted(
+            kind="joint",
+            place_um=float(place_um),
+            force_mN=joint.force_mN,
+            angle_deg=angle_deg,
+            direction=direction,
+        )

@@ -1,0 +1,1 @@
+"""Long proofs: hours of faults and of hostile peers."""
