@@ -10,6 +10,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from tactile import __version__ as __version__
+
 if TYPE_CHECKING:
     from .errors import SpotsError
     from .link.board import Board
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from .recording.arrays import Arrays, RecordingBlocks, read_arrays
     from .recording.recording import Recording
     from .recording.replay import open_recording
-
-__version__ = "0.1.0"
 
 # Each name is loaded where it is first used: `import spots` takes neither NumPy nor a serial port.
 _MODULES = {

@@ -9,10 +9,11 @@ import pytest
 
 from spots.controller.controller_settings import load as load_settings
 from spots.controller.gamepad_engine import Controller
-from spots.keyboard.key_engine import LOST_S, KeyEngine
+from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
+from spots.link.calibrated import LOST_S
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots_sim.faults import FaultyLink, of_scenario

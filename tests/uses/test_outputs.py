@@ -10,6 +10,7 @@ from spots import SpotsError
 from spots.outputs import devices as outputs
 from spots.outputs.desktop import DesktopKeyboard
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
+from spots.outputs.open import open_gamepad, open_keyboard
 from spots.outputs.uinput import UInputGamepad, UInputKeyboard
 from spots.outputs.usages import CONSUMER, KEYBOARD, USAGES, usage_of
 
@@ -278,9 +279,9 @@ def test_without_pynput_a_sentence_says_what_to_install(monkeypatch):
 
 
 def test_a_dry_run_prints_on_every_system(capsys):
-    with outputs.open_keyboard(dry_run=True) as keyboard:
+    with open_keyboard(dry_run=True) as keyboard:
         keyboard.key(*down(CONSUMER, 0xE9))
-    with outputs.open_gamepad(dry_run=True) as gamepad:
+    with open_gamepad(dry_run=True) as gamepad:
         gamepad.update(-5, 0, 7, 0b101)
     told = capsys.readouterr().out.splitlines()
     assert told[:2] == ["down  VOLUME_INCREMENT", "up    VOLUME_INCREMENT"]
@@ -291,13 +292,13 @@ def test_a_dry_run_prints_on_every_system(capsys):
 
 def test_each_system_has_its_own(evdev, pynput, monkeypatch):
     monkeypatch.setattr(sys, "platform", "linux")
-    assert isinstance(outputs.open_keyboard(False), UInputKeyboard)
-    assert isinstance(outputs.open_gamepad(False), UInputGamepad)
+    assert isinstance(open_keyboard(False), UInputKeyboard)
+    assert isinstance(open_gamepad(False), UInputGamepad)
     for other in ("darwin", "win32"):
         monkeypatch.setattr(sys, "platform", other)
-        assert isinstance(outputs.open_keyboard(False), DesktopKeyboard)
+        assert isinstance(open_keyboard(False), DesktopKeyboard)
         with pytest.raises(SpotsError, match="Linux only"):
-            outputs.open_gamepad(False)
+            open_gamepad(False)
 
 
 def test_a_gamepad_sends_only_what_changes(lines):

@@ -22,7 +22,7 @@ if sys.platform == "win32":
 # Plays as fast as it can, so that signals come in the middle of everything.
 PLAYS = """
 import itertools
-from spots.outputs.devices import open_gamepad, open_keyboard
+from spots.outputs.open import open_gamepad, open_keyboard
 from spots.signals import released_by_signals, resumed
 with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
     print("ready", flush=True)
@@ -36,7 +36,7 @@ with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False
 # Holds a key and an axis, as while a finger lies there; nothing is pressed after a stop.
 HOLDS = """
 import time
-from spots.outputs.devices import open_gamepad, open_keyboard
+from spots.outputs.open import open_gamepad, open_keyboard
 from spots.signals import released_by_signals
 with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
     keyboard.key(7, 4, 2, True)

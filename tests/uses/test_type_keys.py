@@ -8,11 +8,12 @@ import pytest
 
 from spots import cli
 from spots.errors import SpotsError
-from spots.keyboard.key_engine import LOST_S, KeyEngine
+from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.board import Board
+from spots.link.calibrated import LOST_S
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.outputs.devices import Keyboard

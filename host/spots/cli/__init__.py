@@ -8,7 +8,8 @@ import os
 import sys
 from importlib.metadata import entry_points
 
-from .. import __version__
+from tactile import __version__
+
 from ..errors import SpotsError
 from . import applications, boards, calibrations, look, recordings, remote
 

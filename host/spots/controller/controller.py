@@ -16,7 +16,8 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, ticks
 from ..link.connect import open_named
 from ..link.frames import Touch
-from ..outputs.devices import Gamepad, State, open_gamepad
+from ..outputs.devices import Gamepad, State
+from ..outputs.open import open_gamepad
 from ..signals import released_by_signals
 from ..terminal.view import Pace, live
 from .controller_settings import DEFAULT, Settings, load

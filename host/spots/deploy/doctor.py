@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from itertools import islice, pairwise
 from typing import NamedTuple
 
-from tactile import decode
+from tactile import __version__, decode
 
-from .. import __version__
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.connect import open as open_board

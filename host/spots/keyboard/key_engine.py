@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from tactile.contact import TICK_US, TICKS
 from tactile.decode import DROPPED, LED_OFF
 from tactile.keypad import Keypad
 from tactile.layout import Layout
 
+from ..link.calibrated import LOST_S
 from ..link.frames import Touch
+from ..outputs.devices import KeySink
 from .layout import KeyLayout
-
-LOST_S = 0.3  # without a reading for so long, nobody knows of a finger any more
-
-
-class KeySink(Protocol):
-    """What key events go to."""
-
-    def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Take an event: HID usage page and usage, bits of modifiers, down or up."""
 
 
 class KeyEngine:

@@ -7,11 +7,12 @@ import math
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.calibrated import hello_often, tell_rest, ticks
+from ..link.calibrated import LOST_S, hello_often, tell_rest, ticks
 from ..link.connect import open_named
-from ..outputs.devices import open_keyboard
+from ..outputs.devices import KeySink
+from ..outputs.open import open_keyboard
 from ..signals import released_by_signals
-from .key_engine import LOST_S, KeyEngine, KeySink
+from .key_engine import KeyEngine
 from .layout import KeyLayout, load
 
 _TICK_S = 0.02

@@ -13,6 +13,7 @@ from .frames import Touch
 
 _FOLLOW = "set baseline=1"
 _ANSWER_S = 0.1
+LOST_S = 0.3  # without a reading for so long, nobody knows of a finger any more
 
 
 def hello_calibrated(board: Board) -> dict:

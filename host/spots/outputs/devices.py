@@ -11,9 +11,8 @@ then destroys the virtual device with its last file handle and lets go of what i
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from ..errors import SpotsError
 from ..signals import SECTION
@@ -87,6 +86,13 @@ class Output:
 
     def _close(self) -> None:
         pass
+
+
+class KeySink(Protocol):
+    """What key events go to."""
+
+    def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
+        """Take an event: HID usage page and usage, bits of modifiers, down or up."""
 
 
 class Keyboard(Output):
@@ -236,46 +242,3 @@ def line(state: State) -> str:
     """Return a state as a line of text."""
     names = " ".join(str(i + 1) for i in range(BUTTONS) if state.buttons >> i & 1)
     return f"x {state.x:6}  y {state.y:6}  z {state.z:5}  buttons {names or '-'}"
-
-
-def open_keyboard(dry_run: bool) -> Keyboard:
-    """Return a keyboard of this computer, or one that prints.
-
-    Raises
-    ------
-    SpotsError
-        If a package or a permission is missing; the text says what to do.
-    """
-    if dry_run:
-        return PrintedKeyboard(_print)
-    if sys.platform.startswith("linux"):
-        from .uinput import UInputKeyboard
-
-        return UInputKeyboard()
-    from .desktop import DesktopKeyboard
-
-    return DesktopKeyboard()
-
-
-def open_gamepad(dry_run: bool) -> Gamepad:
-    """Return a gamepad of this computer, or one that prints.
-
-    Raises
-    ------
-    SpotsError
-        If there is none, or a package or a permission is missing; the text says what to do.
-    """
-    if dry_run:
-        return PrintedGamepad(_print)
-    if not sys.platform.startswith("linux"):
-        raise SpotsError(
-            "a program can be a gamepad on Linux only: let the board be one ('gamepad on'), "
-            "or use --dry-run"
-        )
-    from .uinput import UInputGamepad
-
-    return UInputGamepad()
-
-
-def _print(text: str) -> None:
-    print(text, flush=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tactile.settings import checksum
 
+from ..calibrate import calibration_file as file
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..terminal.view import Pace
@@ -79,8 +80,6 @@ class _Progress:
 
 
 def _lines(board: Board, path: str) -> list[str]:
-    from ..calibrate import calibration_file as file
-
     lines = list(file.load(Path(path)).lines)
     used = board.command("hello")["calibration"]
     if checksum(lines) != used:

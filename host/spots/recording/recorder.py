@@ -10,6 +10,8 @@ from pathlib import Path
 
 import msgspec
 
+from tactile import __version__
+
 from ..errors import SpotsError
 from ..link.frames import whole
 from ..link.serial_link import Link, Through
@@ -155,7 +157,7 @@ class Recorder(Through):
         begun_s = self.now_s()
         header = {
             "recording": VERSION,
-            "program": "spots " + _version(),
+            "program": "spots " + __version__,
             "set": self._set,
             "part": part,
             "host_s": begun_s,
@@ -203,9 +205,3 @@ def parts_beside(path: Path) -> list[int]:
     name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
     beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
     return sorted(int(match[1]) for match in beside if match)
-
-
-def _version() -> str:
-    from .. import __version__  # not there yet when this module is read
-
-    return __version__

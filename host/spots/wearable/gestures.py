@@ -14,7 +14,7 @@ from tactile.contact import TICK_US, TICKS, Contact
 from tactile.decode import DROPPED, LED_OFF
 from tactile.layout import Layout, default_lines
 
-from ..keyboard.key_engine import LOST_S
+from ..link.calibrated import LOST_S
 from ..link.frames import Touch
 
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"

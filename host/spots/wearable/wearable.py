@@ -13,11 +13,11 @@ from rich.console import Console
 
 from .. import toml
 from ..errors import SpotsError
-from ..keyboard.key_engine import LOST_S, KeySink
 from ..link.board import Board
-from ..link.calibrated import hello_often, tell_rest, ticks
+from ..link.calibrated import LOST_S, hello_often, tell_rest, ticks
 from ..link.connect import open_named
-from ..outputs.devices import open_keyboard
+from ..outputs.devices import KeySink
+from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
 from ..signals import released_by_signals
 from ..terminal.view import Pace, live

@@ -10,9 +10,9 @@ import gc
 import json
 from binascii import hexlify
 
-import canned
 from locked import locked
 
+import canned
 from tactile.calibration import Calibration
 from tactile.settings import save_lines
 

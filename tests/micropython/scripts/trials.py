@@ -3,7 +3,6 @@
 from array import array
 
 from canned import Clock
-
 from tactile import kernel
 from tactile.frame import Time32
 from tactile.keypad import Keypad

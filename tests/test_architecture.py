@@ -1,0 +1,97 @@
+"""Who imports whom, against the table of rooms in ARCHITECTURE.md."""
+
+from __future__ import annotations
+
+import ast
+import re
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+HOST = ROOT / "host"
+ROW = re.compile(r"^\| (\w+) \| .* \| (.*) \|$", re.MULTILINE)
+PATHS = [*HOST.rglob("*.py")]
+NAMES = {".".join(p.relative_to(HOST).with_suffix("").parts): p for p in PATHS}
+MODULES = {name.removesuffix(".__init__"): path for name, path in NAMES.items()}
+FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
+OPTIONAL = ("spots.web.", "spots.recording.foxglove")
+
+
+def rules():
+    table = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    found: dict[str, set[str]] = {}
+    for room, may in ROW.findall(table):
+        if room != "room":
+            above = set(found) if "all rooms above" in may else set()
+            found[room] = above | set(re.findall(r"\w+", may)) - {"all", "rooms", "above"}
+    return found
+
+
+def room(module):
+    top, *inner = module.split(".")
+    if top != "spots":
+        return {"tactile": "device"}.get(top, top)
+    if not inner or inner == ["__main__"]:
+        return "top"
+    return inner[0] if (HOST / "spots" / inner[0]).is_dir() else "common"
+
+
+def imports(module):
+    """Yield what a module imports, and whether it does so in a function."""
+    path = MODULES[module]
+    package = module.split(".") if path.stem == "__init__" else module.split(".")[:-1]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    functions = [
+        n for n in ast.walk(tree) if isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef))
+    ]
+    lazy = {id(node) for function in functions for node in ast.walk(function)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*base, *filter(None, [node.module])])
+            names = [f"{base}.{alias.name}" for alias in node.names]
+            targets = [name if name in MODULES else base for name in names]
+        else:
+            continue
+        for target in targets:
+            if target.split(".")[0] in ("spots", "spots_sim", "tactile"):
+                yield target, id(node) in lazy
+
+
+ARROWS = [(module, target, lazy) for module in MODULES for target, lazy in imports(module)]
+
+
+def test_no_room_imports_what_it_may_not():
+    allowed = rules()
+    assert {room(module) for module in MODULES} <= set(allowed)
+    forbidden = [
+        f"{module} -> {target}"
+        for module, target, _ in ARROWS
+        if room(module) != room(target) and room(target) not in allowed[room(module)]
+    ]
+    assert forbidden == []
+
+
+def test_no_circle_of_modules():
+    graph: dict[str, set[str]] = {module: set() for module in MODULES}
+    for module, target, _ in ARROWS:
+        if target in MODULES and target != module:
+            graph[module].add(target)
+    TopologicalSorter(graph).prepare()
+
+
+def test_functions_import_only_what_is_optional_or_dispatched():
+    dispatching = {"spots_sim.cli", *(module for module in MODULES if room(module) == "cli")}
+    unexpected = [
+        f"{module} -> {target}"
+        for module, target, lazy in ARROWS
+        if lazy and module not in dispatching and not target.startswith(OPTIONAL)
+    ]
+    assert unexpected == []
+
+
+def test_the_product_does_not_name_the_laboratory():
+    files = [path for path in (HOST / "spots").rglob("*") if path.suffix in (".py", ".js", ".html")]
+    assert [path for path in files if "spots_sim" in path.read_text(encoding="utf-8")] == []
