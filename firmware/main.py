@@ -1,5 +1,5 @@
 """Entry on MicroPython. Ctrl-C stops the application and leaves the REPL."""
 
-from tactile.runtime.micropython import main
+from spots_device.runtime.micropython import main
 
 main()

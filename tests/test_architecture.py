@@ -30,7 +30,7 @@ def rules():
 def room(module):
     top, *inner = module.split(".")
     if top != "spots":
-        return {"tactile": "device"}.get(top, top)
+        return {"spots_device": "device"}.get(top, top)
     if not inner or inner == ["__main__"]:
         return "top"
     return inner[0] if (HOST / "spots" / inner[0]).is_dir() else "common"
@@ -56,7 +56,7 @@ def imports(module):
         else:
             continue
         for target in targets:
-            if target.split(".")[0] in ("spots", "spots_sim", "tactile"):
+            if target.split(".")[0] in ("spots", "spots_sim", "spots_device"):
                 yield target, id(node) in lazy
 
 

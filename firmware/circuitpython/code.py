@@ -1,5 +1,5 @@
 """Entry on CircuitPython. Ctrl-C on the console stops the application and leaves the REPL."""
 
-from tactile.runtime.circuitpython import main
+from spots_device.runtime.circuitpython import main
 
 main()

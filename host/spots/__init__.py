@@ -10,7 +10,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from tactile import __version__ as __version__
+from spots_device import __version__ as __version__
 
 if TYPE_CHECKING:
     from .errors import SpotsError

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from spots.errors import SpotsError, printable
-from tactile.decode import AVERAGE_MAX
-from tactile.exposure import MAX_US, MIN_US
+from spots_device.decode import AVERAGE_MAX
+from spots_device.exposure import MAX_US, MIN_US
 
 from . import figures, report
 from .family import family

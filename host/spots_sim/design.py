@@ -18,8 +18,8 @@ import numpy as np
 from spots import atomic
 from spots.calibrate.presses import FULL_MN
 from spots.errors import SpotsError, printable
-from tactile.decode import AVERAGE_MAX
-from tactile.exposure import (
+from spots_device.decode import AVERAGE_MAX
+from spots_device.exposure import (
     AGAIN,
     DEFAULT_GAIN,
     DEFAULT_LED_MA,
@@ -31,7 +31,7 @@ from tactile.exposure import (
     full_scale,
     registers,
 )
-from tactile.settings import DEFAULT_PLAN
+from spots_device.settings import DEFAULT_PLAN
 
 from . import figures
 from .bound import Bound

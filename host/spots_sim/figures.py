@@ -20,7 +20,7 @@ _DPI = 110
 def require() -> None:
     """Raise SpotsError if figures cannot be drawn here."""
     if find_spec("matplotlib") is None:
-        raise SpotsError("drawing figures needs matplotlib: pip install 'spots[plots]'")
+        raise SpotsError("drawing figures needs matplotlib: pip install 'spots-tactile[plots]'")
 
 
 def folder(path: str | Path) -> Path:

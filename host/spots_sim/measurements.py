@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile.decode import TOO_DARK
+from spots_device.decode import TOO_DARK
 
 from .bound import Bound
 from .files import SensorFile

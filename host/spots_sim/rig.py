@@ -8,7 +8,7 @@ from spots.calibrate.fit import fit
 from spots.calibrate.presses import Noise
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
-from tactile.decode import DARK_SAMPLES, LED_OFF
+from spots_device.decode import DARK_SAMPLES, LED_OFF
 
 from .files import SensorFile
 from .stage import Stage

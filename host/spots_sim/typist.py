@@ -9,7 +9,7 @@ import numpy as np
 from spots.errors import SpotsError
 from spots.keyboard.layout import KeyLayout
 from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
-from tactile import layout as lines_of
+from spots_device import layout as lines_of
 
 from .files import ScenarioFile, Touch
 

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from spots.link.frames import Decoder
 from spots.recording.arrays import read_arrays
 from spots.recording.header import VERSION, Clock, Header, encoded
-from tactile import PROTOCOL
+from spots_device import PROTOCOL
 
 from . import host
 

@@ -4,8 +4,8 @@ Stands where bus, clock and serial port stand on a board, and allocates nothing 
 what a sample costs is the firmware's own. Used by the benchmark and by the tests.
 """
 
-from tactile.app import App
-from tactile.as7341 import AS7341
+from spots_device.app import App
+from spots_device.as7341 import AS7341
 
 _AINT = 0x08
 _SP_EN = 0x02

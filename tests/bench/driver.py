@@ -19,13 +19,13 @@ from msgspec import structs
 
 from spots.errors import SpotsError
 from spots.link.board import Board
+from spots_device import exposure
 from spots_sim.bus import Bus, Ledger, SimulatedClock
 from spots_sim.chip import AS7341
 from spots_sim.files import SensorFile
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from spots_sim.world import chip
-from tactile import exposure
 
 from .adafruit import driver_on
 

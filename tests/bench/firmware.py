@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-import tactile
+import spots_device
 from spots.deploy.staging import KERNEL, KERNEL_VIPER
 from spots.errors import SpotsError
 from spots.link.frames import Decoder
@@ -101,13 +101,13 @@ def for_canned_board(calibration: tuple[str, ...]) -> list[str]:
 def _in_micropython(inputs: dict) -> dict:
     with tempfile.TemporaryDirectory(prefix="spots-") as name:
         folder = Path(name)
-        for package in ("tactile", "tactile_viper"):
+        for package in ("spots_device", "spots_device_viper"):
             shutil.copytree(
-                Path(tactile.__file__).parent,
+                Path(spots_device.__file__).parent,
                 folder / package,
                 ignore=shutil.ignore_patterns("__pycache__"),
             )
-        viper = folder / "tactile_viper"
+        viper = folder / "spots_device_viper"
         (viper / KERNEL_VIPER).replace(viper / KERNEL)
         return run_script(folder, inputs, *_SCRIPTS)
 

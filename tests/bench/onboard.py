@@ -1,8 +1,8 @@
 """Runs in MicroPython: times the sample path and its float peers, and weighs them on the heap.
 
-The package ``tactile_viper`` is ``tactile`` with its kernel as machine code. Reads ``inputs.json``,
-prints one JSON object. Every round runs every path over the same counts, one path after the other,
-so that a machine that slows down slows all of them.
+The package ``spots_device_viper`` is ``spots_device`` with its kernel as machine code. Reads
+``inputs.json``, prints one JSON object. Every round runs every path over the same counts, one
+path after the other, so that a machine that slows down slows all of them.
 """
 
 import binascii
@@ -12,10 +12,10 @@ import time
 
 import canned
 from floats import FloatPath
-from tactile.app import App
+from spots_device.app import App
 
 try:
-    from tactile_viper.app import App as ViperApp
+    from spots_device_viper.app import App as ViperApp
 except SyntaxError:  # this MicroPython makes no machine code
     ViperApp = None
 

@@ -18,8 +18,8 @@ from spots.recording.export import EXPORTS, export
 from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
-from tactile import PROTOCOL
-from tactile.frame import Framer
+from spots_device import PROTOCOL
+from spots_device.frame import Framer
 
 _READINGS = 5000
 _ROUNDS = 5

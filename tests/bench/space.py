@@ -18,8 +18,8 @@ from spots.deploy.staging import board_names, device_of
 from .firmware import run_script
 
 _PORTABLE = "virtual"
-_PACKAGES = ("tactile", "tactile.runtime")
-_RUNTIME = "tactile/runtime/micropython.mpy"  # what stands for it was loaded instead
+_PACKAGES = ("spots_device", "spots_device.runtime")
+_RUNTIME = "spots_device/runtime/micropython.mpy"  # what stands for it was loaded instead
 
 
 def run(calibration: list[str]) -> dict:

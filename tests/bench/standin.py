@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import time
 
-from tactile import PROTOCOL
-from tactile.frame import Framer
+from spots_device import PROTOCOL
+from spots_device.frame import Framer
 
 CLOSING_UM = -1
 _IDLE_S = 0.05

@@ -8,7 +8,7 @@ from bench import arrays, host
 from bench.report import _host, _text
 from spots.link.frames import Decoder
 from spots.recording import arrays as of_recordings
-from tactile import frame
+from spots_device import frame
 
 
 class Sink(bytearray):

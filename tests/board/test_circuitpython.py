@@ -12,11 +12,11 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.serial_link import SerialLink
+from spots_device.settings import checksum
 from spots_sim.files import ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 from spots_sim.stage import calibrate
-from tactile.settings import checksum
 
 BOARD = "virtual_circuitpython"
 
@@ -71,7 +71,7 @@ def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(
         board.command("save")
         board.command("reboot")
     assert "gain=7" in (tmp_path / "settings.txt").read_text()
-    (tmp_path / "tactile").rename(tmp_path / "gone")  # staged afresh by the next one
+    (tmp_path / "spots_device").rename(tmp_path / "gone")  # staged afresh by the next one
     link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), folder=tmp_path, board=BOARD)
     with Board(link) as board:
         assert board.info["gain"] == 7
@@ -79,7 +79,7 @@ def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(
 
 def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, tmp_path):
     stage(BOARD, tmp_path)
-    boot = tmp_path / "tactile" / "runtime" / "circuitpython.py"
+    boot = tmp_path / "spots_device" / "runtime" / "circuitpython.py"
     remount = '    storage.remount("/", readonly=False)\n'
     assert remount in boot.read_text()
     broken = boot.read_text().replace(remount, "")
@@ -152,10 +152,10 @@ def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):
 
 def test_a_watchdog_and_ctrl_c_under_it(start, tmp_path):
     (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
-    app = tmp_path / "tactile" / "app.py"
+    app = tmp_path / "spots_device" / "app.py"
     hanging = app.read_text().replace("self.uses.use_layout(lines)", "while True: pass")
     app.write_text(hanging)
-    runtime = tmp_path / "tactile" / "runtime" / "circuitpython.py"
+    runtime = tmp_path / "spots_device" / "runtime" / "circuitpython.py"
     runtime.write_text(runtime.read_text().replace("_WATCHDOG_S = const(8)", "_WATCHDOG_S = 0.7"))
     data, console = start()
     with spots.open(data) as board:
@@ -180,13 +180,13 @@ def test_the_button_leaves_the_drive_to_the_host_and_the_prompt_to_people(
     until(link, b">>> ")
     link.write(b"import storage, sys\r")
     until(link, b">>> ")
-    link.write(b"print(storage.getmount('/').readonly, 'tactile.app' in sys.modules)\r")
+    link.write(b"print(storage.getmount('/').readonly, 'spots_device.app' in sys.modules)\r")
     until(link, b"\nTrue False")
     link.close()
 
 
 def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
-    path = tmp_path / "tactile" / "app.py"
+    path = tmp_path / "spots_device" / "app.py"
     broken = path.read_text().replace(
         "    def time_us(self):\n", "    def time_us(self):\n        self.nonsense()\n"
     )

@@ -6,9 +6,9 @@ from spots import SpotsError
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.serial_link import Through
+from spots_device.settings import checksum
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held
-from tactile.settings import checksum
 
 
 def test_hello_tells_who_it_is(rig):

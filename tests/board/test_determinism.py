@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from viper import need_viper
 
-import tactile
+import spots_device
 from spots.cli import main
 from spots.deploy.staging import KERNEL, KERNEL_VIPER, stage
 from spots_sim import vm
@@ -43,8 +43,8 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
 
     def with_viper(board, folder):
         stage(board, folder)
-        staged.append(folder / "tactile" / KERNEL)
-        shutil.copy(Path(tactile.__file__).parent / KERNEL_VIPER, staged[-1])
+        staged.append(folder / "spots_device" / KERNEL)
+        shutil.copy(Path(spots_device.__file__).parent / KERNEL_VIPER, staged[-1])
 
     monkeypatch.setattr(vm, "stage", with_viper)
     assert figures(capsys, "--seed", seed) == portable

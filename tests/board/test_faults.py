@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spots import SpotsError
-from tactile import decode
+from spots_device import decode
 
 
 class Cut:

@@ -31,7 +31,7 @@ def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):
     source = build("virtual", tmp_path / "build")
     with virtual_board(empty) as port:
         command = [sys.executable, "-m", "mpremote", "connect", port]
-        command += ["cp", "-r", "tactile", "board_config.py", "spots.sha256", ":"]
+        command += ["cp", "-r", "spots_device", "board_config.py", "spots.sha256", ":"]
         command += ["+", "cp", "main.py", ":"]
         run = subprocess.run(
             [*command, "+", "reset"], cwd=source, capture_output=True, text=True, timeout=120
@@ -46,17 +46,17 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
     (empty / "settings.txt").write_text("mine\n")
     (empty / "calibration.txt").write_text("mine too\n")
     (empty / "notes.py").write_text("the user's own")
-    (empty / "tactile").mkdir()
-    (empty / "tactile" / "app.py").write_text("an older version")
-    (empty / "tactile" / "log2.mpy.part").write_text("half")
-    (empty / "tactile" / "hers.py").write_text("the user's own")
+    (empty / "spots_device").mkdir()
+    (empty / "spots_device" / "app.py").write_text("an older version")
+    (empty / "spots_device" / "log2.mpy.part").write_text("half")
+    (empty / "spots_device" / "hers.py").write_text("the user's own")
     wanted = files_of(build("virtual", tmp_path / "build"))
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
         said = capsys.readouterr().out
-        assert "remove tactile/app.py" in said
+        assert "remove spots_device/app.py" in said
         assert "mip install" not in said  # the stand-in for the library is built in
-        assert (empty / "tactile" / "app.py").exists()
+        assert (empty / "spots_device" / "app.py").exists()
         assert main(["flash", "virtual", "--port", port]) == 0
         said = capsys.readouterr().out
         assert f"{len(wanted)} files copied" in said
@@ -65,7 +65,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
         assert main(["flash", "virtual", "--port", port]) == 0
         assert "nothing to copy" in capsys.readouterr().out
     own = {"settings.txt": b"mine\n", "calibration.txt": b"mine too\n"}
-    own |= dict.fromkeys(("notes.py", "tactile/hers.py"), b"the user's own")
+    own |= dict.fromkeys(("notes.py", "spots_device/hers.py"), b"the user's own")
     assert files_of(empty) == wanted | own
 
 
@@ -113,7 +113,7 @@ def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
     write = Prompt.write
 
     def full(prompt, path, data):
-        if path == "tactile/app.mpy":
+        if path == "spots_device/app.mpy":
             prompt.run("raise OSError(28)")
         write(prompt, path, data)
 
@@ -170,7 +170,7 @@ def test_no_board_and_two_boards(capsys, monkeypatch):
 
 def test_no_mpremote_says_how_to_get_it(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "mpremote.transport", None)
-    assert "pip install 'spots[flash]'" in refused(capsys, "flash", "pico", "--port", "/dev/x")
+    assert "pip install 'spots-tactile[flash]'" in refused(capsys, "flash", "pico", "--port", "/dev/x")
 
 
 def test_a_port_that_may_not_be_opened(capsys, monkeypatch):

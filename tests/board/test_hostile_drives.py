@@ -34,34 +34,34 @@ LINKED = "linked.txt"  # what a hard link on the drive is another name of
 NAMES = released.FILES["circuitpython"] | stage.names("circuitpython") | {"spots.sha256"}
 # Where something odd lies: in the way of a flash, beside it, and under a user's own names.
 PLACES = (
-    "tactile",
-    "tactile/runtime",
+    "spots_device",
+    "spots_device/runtime",
     "lib",
     "lib/adafruit_register",
     "lib/adafruit_register/i2c_bit.py",
     "code.py",
     "boot.py",
     "board_config.py",
-    "tactile/app.py",
-    "tactile/runtime/__init__.py",
-    "tactile/kernel.mpy",
+    "spots_device/app.py",
+    "spots_device/runtime/__init__.py",
+    "spots_device/kernel.mpy",
     "spots.sha256",
     "spots.sha256.part",
     "code.py.part",
-    "tactile/app.py.part",
+    "spots_device/app.py.part",
     "boot_out.txt",
     "settings.txt",
     "calibration.txt.old",
     "notes.py",
-    "tactile/mine.py",
+    "spots_device/mine.py",
     "lib/neopixel.py",
-    "tactile/mine",
+    "spots_device/mine",
     "lib/mine/deep",
     ".Trash",
-    "tactile/\u2603 \xe9.py",
+    "spots_device/\u2603 \xe9.py",
     "lib/new\nline.py",
     "-rf",
-    "tactile/*",
+    "spots_device/*",
 )
 KINDS = (
     "folder_link",
@@ -109,7 +109,7 @@ class Sandbox:
         os.mkfifo(self.home / "pipe")
         self.drive.mkdir()
         put(self.drive / "boot_out.txt", ABOUT.encode())
-        put(self.drive / "tactile" / "hers.py", b"a user's own, among ours")
+        put(self.drive / "spots_device" / "hers.py", b"a user's own, among ours")
         files = {"blank": {}, "flashed": built, "released": without_manifest(built)}
         for path, data in (files[state] if state in files else older()).items():
             put(self.drive / path, data)
@@ -242,12 +242,12 @@ def is_in_the_way(sandbox, path, command, state):
     st.sampled_from(COMMANDS),
     st.booleans(),
 )
-@example("blank", [("tactile", "folder_link")], COMMANDS[0], True)
-@example("flashed", [("tactile", "folder_link")], COMMANDS[1], True)
-@example("released", [("tactile/runtime", "relative_link")], COMMANDS[1], False)
+@example("blank", [("spots_device", "folder_link")], COMMANDS[0], True)
+@example("flashed", [("spots_device", "folder_link")], COMMANDS[1], True)
+@example("released", [("spots_device/runtime", "relative_link")], COMMANDS[1], False)
 @example("flashed", [("code.py.part", "hard_link")], COMMANDS[0], True)
 @example("blank", [("boot_out.txt", "fifo")], COMMANDS[0], True)
-@example("older", [("tactile/mine.py", "file_link")], COMMANDS[0], False)
+@example("older", [("spots_device/mine.py", "file_link")], COMMANDS[0], False)
 def test_a_drive_is_done_completely_or_refused_untouched(built, state, traps, command, by_handle):
     with tempfile.TemporaryDirectory() as root, pytest.MonkeyPatch.context() as patch:
         patch.setattr(nofollow, "_BY_HANDLE", by_handle)
@@ -321,7 +321,7 @@ def test_a_plain_drive_is_flashed_twice_and_erased(tmp_path, built, monkeypatch,
     monkeypatch.setattr(nofollow, "_BY_HANDLE", by_handle)
     sandbox = Sandbox(tmp_path, built, "older")
     own = {name: (sandbox.drive / name).read_bytes() for name in ("boot_out.txt", "notes.py")}
-    own["tactile/hers.py"] = b"a user's own, among ours"
+    own["spots_device/hers.py"] = b"a user's own, among ours"
     assert run(sandbox, COMMANDS[0]) == 0
     assert files_of(sandbox.drive) == built | own
     assert not (sandbox.drive / "old_package" / "app.py").exists()
@@ -337,9 +337,9 @@ def test_a_plain_drive_is_flashed_twice_and_erased(tmp_path, built, monkeypatch,
 @pytest.mark.parametrize("changed", [{"st_file_attributes": stat.FILE_ATTRIBUTE_REPARSE_POINT}])
 def test_a_reparse_point_of_windows_is_refused(tmp_path, monkeypatch, changed):
     monkeypatch.setattr(nofollow, "_BY_HANDLE", False)
-    put(tmp_path / "tactile" / "app.py", b"")
+    put(tmp_path / "spots_device" / "app.py", b"")
     tree = nofollow.Tree(str(tmp_path))
-    assert tree.size("tactile/app.py") == 0
+    assert tree.size("spots_device/app.py") == 0
     lstat = os.lstat
 
     def junction(path, **options):
@@ -348,14 +348,14 @@ def test_a_reparse_point_of_windows_is_refused(tmp_path, monkeypatch, changed):
         return SimpleNamespace(**facts, **changed)
 
     monkeypatch.setattr(os, "lstat", junction)
-    with pytest.raises(SpotsError, match=r"tactile on .* is a link"):
-        tree.size("tactile/app.py")
+    with pytest.raises(SpotsError, match=r"spots_device on .* is a link"):
+        tree.size("spots_device/app.py")
 
 
 def test_what_is_mounted_on_the_drive_is_outside_it(tmp_path, monkeypatch):
-    put(tmp_path / "tactile" / "app.py", b"")
+    put(tmp_path / "spots_device" / "app.py", b"")
     tree = nofollow.Tree(str(tmp_path))
-    inode, fstat = (tmp_path / "tactile").stat().st_ino, os.fstat
+    inode, fstat = (tmp_path / "spots_device").stat().st_ino, os.fstat
 
     def mounted(handle):
         status = fstat(handle)
@@ -364,7 +364,7 @@ def test_what_is_mounted_on_the_drive_is_outside_it(tmp_path, monkeypatch):
         return SimpleNamespace(st_mode=status.st_mode, st_dev=status.st_dev + 1)
 
     monkeypatch.setattr(os, "fstat", mounted)
-    with pytest.raises(SpotsError, match=r"tactile on .* is a link"):
-        tree.remove("tactile/app.py")
+    with pytest.raises(SpotsError, match=r"spots_device on .* is a link"):
+        tree.remove("spots_device/app.py")
     tree.close()
-    assert (tmp_path / "tactile" / "app.py").exists()
+    assert (tmp_path / "spots_device" / "app.py").exists()

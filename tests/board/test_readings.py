@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from sensors import replaced
 
+from spots_device import decode
 from spots_sim.files import Ambient, ScenarioFile, load
 from spots_sim.scenario import Pose, Scenario
-from tactile import decode
 
 
 @pytest.mark.parametrize("position_mm", [5.0, 42.5, 80.0])

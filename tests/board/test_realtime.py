@@ -15,8 +15,8 @@ import pytest
 import spots
 from spots.cli import main
 from spots.link.frames import Text
+from spots_device.decode import DROPPED
 from spots_sim.virtual import open_virtual
-from tactile.decode import DROPPED
 
 
 def test_open_read_close_and_open_again():

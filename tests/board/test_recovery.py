@@ -10,7 +10,7 @@ from boards import DEADLINE_S, until, virtual_board
 import spots
 from spots.deploy.staging import stage
 from spots.link.serial_link import SerialLink
-from tactile.settings import checksum
+from spots_device.settings import checksum
 
 PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 
@@ -92,7 +92,7 @@ def test_the_button_skips_the_application(start, tmp_path, monkeypatch):
     link = SerialLink(start())
     link.write(b"\r")  # what it said on starting may be gone
     until(link, b">>> ")
-    link.write(b"import sys; print('tactile.app' in sys.modules)\r")
+    link.write(b"import sys; print('spots_device.app' in sys.modules)\r")
     until(link, b"\nFalse")
     link.close()
 
@@ -105,7 +105,7 @@ def test_a_button_that_is_not_held_skips_nothing(start, tmp_path):
 
 
 def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
-    path = tmp_path / "tactile" / "app.py"
+    path = tmp_path / "spots_device" / "app.py"
     broken = path.read_text().replace(
         "    def time_us(self):\n", "    def time_us(self):\n        self.nonsense()\n"
     )
@@ -143,9 +143,9 @@ def watched(start, tmp_path):
             "def use_layout(self, lines):\n        while True: pass\n",
         ),
     ):
-        text = (tmp_path / "tactile" / path).read_text()
+        text = (tmp_path / "spots_device" / path).read_text()
         assert old in text
-        (tmp_path / "tactile" / path).write_text(text.replace(old, new))
+        (tmp_path / "spots_device" / path).write_text(text.replace(old, new))
     return start
 
 
@@ -163,8 +163,8 @@ def test_a_watchdog_starts_a_board_that_hangs(watched):
 def test_ctrl_c_under_a_watchdog_leads_to_a_prompt_that_lasts(watched, tmp_path):
     port = watched()
     link = interrupted(port)
-    assert ask(link, "import time; time.sleep(3); print('tactile.app')") == "tactile.app"
-    assert ask(link, "import sys; print('tactile.app' in sys.modules)") == "False"
+    assert ask(link, "import time; time.sleep(3); print('spots_device.app')") == "spots_device.app"
+    assert ask(link, "import sys; print('spots_device.app' in sys.modules)") == "False"
     assert not (tmp_path / "stay").exists()
     link.write(b"import machine\nmachine.reset()\x04")
     link.close()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spots.link.frames import Decoder, Text, Touch
+from spots_device.decode import DROPPED
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from spots_sim.vm import HEAP_BYTES
-from tactile.decode import DROPPED
 
 BACK_S = 1.0
 ABSENT_S = [0.3, 2.0, 10.0, 20.0, 60.0]

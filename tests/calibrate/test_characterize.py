@@ -183,5 +183,5 @@ def test_without_matplotlib_nothing_is_measured(capsys, monkeypatch, tmp_path):
     begun_s = time.monotonic()
     assert main(["characterize", "--out", str(tmp_path / "figures")]) == 2
     assert time.monotonic() - begun_s < 1
-    assert "pip install 'spots[plots]'" in capsys.readouterr().err
+    assert "pip install 'spots-tactile[plots]'" in capsys.readouterr().err
     assert not (tmp_path / "figures").exists()

@@ -12,9 +12,9 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Spectrum, Touch
 from spots.web.expected import expected_shown
+from spots_device.settings import checksum
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
-from tactile.settings import checksum
 
 SETTLED_S, READ_S = 0.3, 0.2
 OFF = 0.03  # of the brightest channel

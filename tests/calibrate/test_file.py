@@ -8,7 +8,7 @@ import pytest
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
 from spots.calibrate.presses import Conditions
-from tactile.calibration import Calibration
+from spots_device.calibration import Calibration
 
 RESIDUALS = [
     file.Residual(strain_ppm=0, position_rms_um=5.7, force_rms_mN=42.8, presses=65),

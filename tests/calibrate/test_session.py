@@ -28,14 +28,14 @@ from spots.calibrate.presses import FULL_MN, Conditions
 from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
+from spots_device.calibration import Calibration
+from spots_device.decode import Decode
+from spots_device.settings import checksum
 from spots_sim.bound import Bound
 from spots_sim.files import DATA
 from spots_sim.scenario import Press
 from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
-from tactile.calibration import Calibration
-from tactile.decode import Decode
-from tactile.settings import checksum
 
 STRAIN_PPM = 100_000
 

@@ -15,7 +15,7 @@ import tty
 from serial.tools.list_ports_common import ListPortInfo
 
 from fault_streams import encoded
-from tactile import PROTOCOL
+from spots_device import PROTOCOL
 
 _READING_S = 0.004
 _FINGER = 6  # readings with a finger, then as many without

@@ -18,8 +18,8 @@ from spots.link.calibrated import ticks
 from spots.link.serial_link import SerialLink
 from spots.recording.info import summary
 from spots.recording.replay import open_recording
-from tactile import PROTOCOL
-from tactile.decode import DROPPED
+from spots_device import PROTOCOL
+from spots_device.decode import DROPPED
 
 
 class StandIn:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tactile.contact import TICKS
-from tactile.decode import TOO_DARK, TOUCHING
-from tactile.keypad import Keypad
-from tactile.layout import KEYBOARD, LIMITS, Layout, action
+from spots_device.contact import TICKS
+from spots_device.decode import TOO_DARK, TOUCHING
+from spots_device.keypad import Keypad
+from spots_device.layout import KEYBOARD, LIMITS, Layout, action
 
 LENGTH_UM = 100_000
 READING_MS = 10

@@ -5,7 +5,7 @@ from array import array
 import pytest
 from smallint import SmallInt
 
-from tactile.calibration import Calibration, CalibrationError
+from spots_device.calibration import Calibration, CalibrationError
 
 GOOD = """\
 board 00ff

@@ -3,7 +3,7 @@
 import pytest
 
 from keys import Desk, clicks, key, letter, limit
-from tactile.decode import LED_OFF, MISFIT, SATURATED, TOO_DARK, TOUCHING
+from spots_device.decode import LED_OFF, MISFIT, SATURATED, TOO_DARK, TOUCHING
 
 A, B, C = 4, 5, 6
 THREE = ("layer 0 0", key(0, 300, letter(A)), key(330, 660, letter(B)), key(700, 1000, letter(C)))

@@ -8,9 +8,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from smallint import SmallInt, small
 
-from tactile import decode, kernel
-from tactile.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
-from tactile.log2 import ONE
+from spots_device import decode, kernel
+from spots_device.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
+from spots_device.log2 import ONE
 
 LOG_MAX = 24 * ONE
 logs = st.lists(st.integers(0, LOG_MAX), min_size=6, max_size=6)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tactile import exposure
+from spots_device import exposure
 
 STEP_US = 2.78  # DS000504
 

@@ -1,6 +1,6 @@
 """The light of the untouched strip is followed slowly towards a touch and quickly away from it."""
 
-from tactile.kernel import follow
+from spots_device.kernel import follow
 
 UP, DOWN = 10, 6
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
 
-from tactile import frame, kernel
-from tactile.decode import Decode
+from spots_device import frame, kernel
+from spots_device.decode import Decode
 
 
 class Clock:

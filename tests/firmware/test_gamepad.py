@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
 
-from tactile.decode import LED_OFF, TOO_DARK, TOUCHING
-from tactile.gamepad import GamepadAxes
+from spots_device.decode import LED_OFF, TOO_DARK, TOUCHING
+from spots_device.gamepad import GamepadAxes
 
 LENGTH_UM = 85_000
 

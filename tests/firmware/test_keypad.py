@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from smallint import SmallInt
 
 from keys import LENGTH_UM, Desk, clicks, key, letter, limit
-from tactile.contact import TICKS
-from tactile.decode import MISFIT, TOUCHING
-from tactile.layout import (
+from spots_device.contact import TICKS
+from spots_device.decode import MISFIT, TOUCHING
+from spots_device.layout import (
     BALANCED,
     HOLD_PREFERRED,
     MOMENTARY,

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keys import key, letter
-from tactile.contact import elapsed
-from tactile.layout import (
+from spots_device.contact import elapsed
+from spots_device.layout import (
     CONSUMER,
     KEY_SIZE,
     LAYERS_MAX,

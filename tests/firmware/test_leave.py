@@ -5,7 +5,7 @@ import sys
 import pytest
 from bench import canned
 
-from tactile import app as app_module
+from spots_device import app as app_module
 
 A = 4
 KEYBOARD_PAGE = 7
@@ -51,7 +51,7 @@ class Interrupts:
         self._count = 0
 
     def __call__(self, frame, event, arg):
-        if "tactile" not in frame.f_code.co_filename:
+        if "spots_device" not in frame.f_code.co_filename:
             return None
         guards = frame.f_code.co_name in self.GUARDS
         frame.f_trace_opcodes = guards

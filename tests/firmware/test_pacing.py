@@ -5,7 +5,7 @@ import random
 import pytest
 from smallint import SmallInt
 
-from tactile.pacing import Pacing
+from spots_device.pacing import Pacing
 
 WRAP = 1 << 30
 BURST_US = 390

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tactile import settings
+from spots_device import settings
 
 
 def made():

@@ -6,7 +6,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from tactile.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, with_report_id
+from spots_device.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, with_report_id
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
 OTHER = bytes(8)
@@ -18,7 +18,7 @@ def fresh(monkeypatch, name, **modules):
         stand_in = ModuleType(module)
         vars(stand_in).update(content)
         monkeypatch.setitem(sys.modules, module.replace("__", "."), stand_in)
-    name = "tactile.runtime." + name
+    name = "spots_device.runtime." + name
     monkeypatch.delitem(sys.modules, name, raising=False)
     return importlib.import_module(name)
 
@@ -215,7 +215,7 @@ def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypat
     constants = {"const": lambda value: value}
     machine = {"USBDevice": None}
     module = fresh(monkeypatch, "micropython", micropython=constants, machine=machine)
-    monkeypatch.setitem(sys.modules, "tactile.runtime.usb_micropython", None)  # not installed
+    monkeypatch.setitem(sys.modules, "spots_device.runtime.usb_micropython", None)  # not installed
     for platform, version, why in (
         ("esp32", (1, 26, 1), "1.26 sends empty reports"),
         ("esp32", (1, 27, 0), "library for USB is missing"),

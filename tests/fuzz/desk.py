@@ -10,11 +10,11 @@ from types import SimpleNamespace
 
 from smallint import small
 
-import tactile.app
+import spots_device.app
 from spots.link.frames import Decoder, Touch
-from tactile.contact import TICKS
-from tactile.decode import MISFIT, TOO_DARK, TOUCHING
-from tactile.settings import checksum
+from spots_device.contact import TICKS
+from spots_device.decode import MISFIT, TOO_DARK, TOUCHING
+from spots_device.settings import checksum
 
 # More would be one more of the same, and slow.
 LINES_MAX = 40
@@ -25,10 +25,10 @@ _LENGTH_UM = 85_000
 
 _STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 for _name in ("SETTINGS_FILE", "CALIBRATION_FILE", "LAYOUT_FILE"):
-    setattr(tactile.app, _name, f"{_STORE.name}/{_name}")
+    setattr(spots_device.app, _name, f"{_STORE.name}/{_name}")
 
 
-tactile.app.gc = SimpleNamespace(collect=lambda: None)  # CPython's costs more than all else
+spots_device.app.gc = SimpleNamespace(collect=lambda: None)  # CPython's costs more than all else
 
 
 class _Clock:
@@ -111,7 +111,9 @@ class Board:
             path.unlink()
         clock, self._serial = _Clock(), _Serial()
         board = SimpleNamespace(NAME="virtual", LED_MAX_MA=100)
-        self.app = tactile.app.App(board, "cpython", "00ff", _Sensor(clock), clock, self._serial)
+        self.app = spots_device.app.App(
+            board, "cpython", "00ff", _Sensor(clock), clock, self._serial
+        )
         self._decoder = Decoder()
         self.settle()
         self.said()

@@ -8,7 +8,7 @@ import atheris
 TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(TESTS / room) for room in (".", "host", "recording")]
 target = sys.argv.pop(1)
-with atheris.instrument_imports(include=["spots", "tactile", "tomllib"]):
+with atheris.instrument_imports(include=["spots", "spots_device", "tomllib"]):
     import targets
 
 # libFuzzer starts its like for a merge by the first argument, through a shell.

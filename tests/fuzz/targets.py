@@ -37,16 +37,16 @@ from spots.wearable import wearable
 from spots.web.app import _ACK_MAX, _add_headers, _Drawn
 from spots.web.feel import layout_shown
 from spots.web.guard import Guard
+from spots_device import PROTOCOL, settings
+from spots_device.calibration import Calibration, CalibrationError
+from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES, Decode
+from spots_device.keypad import Keypad
+from spots_device.layout import Layout, LayoutError
 from spots_sim import files
 from spots_sim import mechanism as linkage
 from spots_sim.faults import BoardFaults, of_scenario
 from spots_sim.optics import Optics
 from spots_sim.scenario import Scenario
-from tactile import PROTOCOL, settings
-from tactile.calibration import Calibration, CalibrationError
-from tactile.decode import AVERAGE_MAX, DARK_SAMPLES, Decode
-from tactile.keypad import Keypad
-from tactile.layout import Layout, LayoutError
 from test_frames import encoded
 
 _TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")

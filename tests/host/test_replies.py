@@ -10,7 +10,7 @@ import pytest
 
 from spots.errors import SpotsError
 from spots.link.board import Board
-from tactile import PROTOCOL
+from spots_device import PROTOCOL
 from test_frames import encoded
 
 _TEXT = 3

@@ -19,7 +19,7 @@ import pytest
 from bench import canned
 from viper import need_viper
 
-import tactile
+import spots_device
 from spots.deploy.staging import KERNEL, KERNEL_VIPER
 from spots_sim.vm import micropython_command
 
@@ -40,12 +40,12 @@ class Machine:
         self.folder = folder
         clean = shutil.ignore_patterns("__pycache__")
         shutil.copytree(HERE / "scripts", folder, ignore=clean, dirs_exist_ok=True)
-        shutil.copytree(Path(tactile.__file__).parent, folder / "tactile", ignore=clean)
+        shutil.copytree(Path(spots_device.__file__).parent, folder / "spots_device", ignore=clean)
         shutil.copy(canned.__file__, folder)
 
     def slip(self, module: str, code: str) -> None:
         """Add code to the end of one of the firmware's modules, for this machine alone."""
-        path = self.folder / "tactile" / f"{module}.py"
+        path = self.folder / "spots_device" / f"{module}.py"
         path.write_text(path.read_text(encoding="utf-8") + code, encoding="utf-8")
 
     def run(self, script: str, given: dict | None = None) -> list[str]:
@@ -105,7 +105,7 @@ class Viper64(Unix64):
     def __init__(self, folder: Path):
         need_viper()
         super().__init__(folder)
-        (folder / "tactile" / KERNEL_VIPER).replace(folder / "tactile" / KERNEL)
+        (folder / "spots_device" / KERNEL_VIPER).replace(folder / "spots_device" / KERNEL)
 
 
 class Wasm32(Machine):

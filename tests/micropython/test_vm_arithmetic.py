@@ -9,11 +9,17 @@ import random
 
 import pytest
 
-from tactile import contact
-from tactile.calibration import KNOTS_MAX, ONE_Q13, WEIGHT_SUM_MAX, Calibration, CalibrationError
-from tactile.frame import HEADER_SIZE, TEXT_MAX
-from tactile.kernel import CRC_SIZE
-from tactile.layout import (
+from spots_device import contact
+from spots_device.calibration import (
+    KNOTS_MAX,
+    ONE_Q13,
+    WEIGHT_SUM_MAX,
+    Calibration,
+    CalibrationError,
+)
+from spots_device.frame import HEADER_SIZE, TEXT_MAX
+from spots_device.kernel import CRC_SIZE
+from spots_device.layout import (
     CONSUMER,
     KEYBOARD,
     MOMENTARY,
@@ -22,8 +28,8 @@ from tactile.layout import (
     action,
     default_lines,
 )
-from tactile.log2 import LIMIT, ONE
-from tactile.settings import LIMITS
+from spots_device.log2 import LIMIT, ONE
+from spots_device.settings import LIMITS
 
 CHANNELS = 6
 LOG_MAX = 24 * ONE

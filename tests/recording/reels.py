@@ -9,7 +9,7 @@ from spots.link.clockmap import ClockMap
 from spots.link.frames import Decoder
 from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
-from tactile import PROTOCOL
+from spots_device import PROTOCOL
 
 INFO = {
     "re": "hello",

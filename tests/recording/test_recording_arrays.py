@@ -20,7 +20,7 @@ from spots.link.frames import ENCODED_MAX, checked
 from spots.recording import arrays
 from spots.recording.columns import SIZE_MAX, payloads
 from spots.recording.note import note
-from tactile import frame
+from spots_device import frame
 from test_decoder_proof import damaged
 from test_frames import encoded, stream, touch
 

@@ -14,7 +14,7 @@ from reels import record
 from spots.cli import main
 from spots.link.frames import Key, Spectrum, Text, Touch
 from spots.recording import export as exports
-from tactile.frame import TEXT_MAX
+from spots_device.frame import TEXT_MAX
 from test_frames import encoded, stream
 
 KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "text": Text}
@@ -187,5 +187,5 @@ def test_without_the_package_mcap_a_sentence(tmp_path, capsys, monkeypatch):
     record(tmp_path / "run.spots", stream(5))
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
     assert main(["export", str(tmp_path / "run.spots"), "--to", "mcap"]) == 2
-    assert "pip install 'spots[export]'" in capsys.readouterr().err
+    assert "pip install 'spots-tactile[export]'" in capsys.readouterr().err
     assert len(list(tmp_path.iterdir())) == 1

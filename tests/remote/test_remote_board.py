@@ -23,8 +23,8 @@ from spots.remote import zenoh_session as session_module
 from spots.remote.answers import Answers
 from spots.remote.publish import Publisher
 from spots.remote.zenoh_link import ZenohLink
-from tactile import PROTOCOL
-from tactile.settings import checksum
+from spots_device import PROTOCOL
+from spots_device.settings import checksum
 
 READ_ONLY = {"hello", "get", "sync", "stream touch spectrum"}
 HOSTILE = ("set gain=3", "keys on", "save", "reboot", "cal clear", "stream2", "layout clear")

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable
 
 from spots.link.frames import Decoder, Frame, Touch
 from spots.outputs.usages import MODIFIERS, MODIFIERS_FROM
+from spots_device.decode import LED_OFF
 from spots_sim.files import ScenarioFile
-from tactile.decode import LED_OFF
 
 # What interrupts readings. What begins while they have not come back yet belongs to the same
 # outage.

@@ -17,7 +17,7 @@ from spots.controller.controller_settings import (
 from spots.controller.gamepad_engine import Controller
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, State
-from tactile.decode import (
+from spots_device.decode import (
     DROPPED,
     LED_OFF,
     MISFIT,

@@ -24,12 +24,12 @@ from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, PrintedGamepad, State
 from spots.outputs.uinput import UInputGamepad
+from spots_device.decode import TOO_DARK, TOUCHING
 from spots_sim import demo, demo_applications, virtual
 from spots_sim.controller_score import ControllerScore
 from spots_sim.files import ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
-from tactile.decode import TOO_DARK, TOUCHING
 
 LENGTH_UM = 85_000
 

@@ -19,13 +19,13 @@ from spots.link.frames import Touch
 from spots.outputs.devices import Keyboard
 from spots.wearable import gestures as g
 from spots.wearable.wearable import DEFAULT, Mapping, play
+from spots_device.decode import LED_OFF
 from spots_sim.files import ScenarioFile
 from spots_sim.files import Touch as Finger
 from spots_sim.files import load as load_scenario
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 from spots_sim.typist import TypedText, Typist, typing
-from tactile.decode import LED_OFF
 
 HELD_S = 2.0  # a finger comes down on the key 5 at this time, and stays
 HELD = ScenarioFile(

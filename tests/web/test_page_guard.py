@@ -358,4 +358,4 @@ def test_what_is_not_installed_is_told(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     monkeypatch.delitem(sys.modules, "spots.web.serve", raising=False)
     assert main(["serve"]) == 2
-    assert "pip install 'spots[web]'" in capsys.readouterr().err
+    assert "pip install 'spots-tactile[web]'" in capsys.readouterr().err

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import msgspec
 
-from tactile.calibration import Calibration, CalibrationError
-from tactile.settings import checksum
+from spots_device.calibration import Calibration, CalibrationError
+from spots_device.settings import checksum
 
 from .. import atomic, toml
 from ..bounded import read_text
@@ -92,7 +92,7 @@ class CalibrationFile(_Struct, kw_only=True):
         One for each strain.
     joint : Joint or None
     lines : tuple of str
-        The board's, see `tactile.calibration`.
+        The board's, see `spots_device.calibration`.
     """
 
     date: datetime

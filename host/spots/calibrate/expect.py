@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from tactile.calibration import ONE_Q13, Calibration
-from tactile.log2 import ONE as ONE_Q20
-from tactile.smux import CHANNELS
+from spots_device.calibration import ONE_Q13, Calibration
+from spots_device.log2 import ONE as ONE_Q20
+from spots_device.smux import CHANNELS
 
 _DEGREE = 7
 _PLACES = 65
@@ -30,7 +30,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     lines : sequence of str
-        See `tactile.calibration`.
+        See `spots_device.calibration`.
     strain_ppm : int
 
     Returns
@@ -43,7 +43,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
     Raises
     ------
-    tactile.calibration.CalibrationError
+    spots_device.calibration.CalibrationError
         If the lines are no calibration, or do not go up to that strain.
     """
     made = Calibration(lines, strain_ppm)

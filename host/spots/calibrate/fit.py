@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from tactile.calibration import ONE_Q13
-from tactile.log2 import ONE as ONE_Q20
+from spots_device.calibration import ONE_Q13
+from spots_device.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
 from .monotone import monotone
@@ -37,7 +37,7 @@ _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 def fit(
     along: dict[int, Presses], pressed: Presses, noise: Noise, conditions: Conditions
 ) -> list[str]:
-    """Return the lines of a calibration, see `tactile.calibration`.
+    """Return the lines of a calibration, see `spots_device.calibration`.
 
     Parameters
     ----------

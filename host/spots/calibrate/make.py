@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tactile.calibration import Calibration, CalibrationError
-from tactile.decode import Decode
+from spots_device.calibration import Calibration, CalibrationError
+from spots_device.decode import Decode
 
 from ..errors import SpotsError
 from . import calibration_file as file

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile.decode import DARK_SAMPLES, LED_OFF, SATURATED
+from spots_device.decode import DARK_SAMPLES, LED_OFF, SATURATED
 
 from ..errors import SpotsError
 from ..link.board import Board

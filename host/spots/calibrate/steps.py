@@ -11,8 +11,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from tactile.exposure import full_scale, registers
-from tactile.settings import checksum
+from spots_device.exposure import full_scale, registers
+from spots_device.settings import checksum
 
 from ..errors import SpotsError
 from ..link.frames import Touch

@@ -8,7 +8,7 @@ import os
 import sys
 from importlib.metadata import entry_points
 
-from tactile import __version__
+from spots_device import __version__
 
 from ..errors import SpotsError
 from . import applications, boards, calibrations, look, recordings, remote

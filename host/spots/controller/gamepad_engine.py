@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from tactile import decode
+from spots_device import decode
 
 from ..link.frames import Touch
 from ..outputs.devices import AXIS_MAX, REST, State

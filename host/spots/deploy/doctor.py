@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import islice, pairwise
 from typing import NamedTuple
 
-from tactile import __version__, decode
+from spots_device import __version__, decode
 
 from ..errors import SpotsError, printable
 from ..link.board import Board

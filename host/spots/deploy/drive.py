@@ -174,7 +174,7 @@ def drives() -> list[str]:
         import psutil
     except ImportError:
         raise SpotsError(
-            "finding a drive needs psutil: pip install 'spots[flash]', or name its folder with "
+            "finding a drive needs psutil: pip install 'spots-tactile[flash]', or name its folder with "
             "--port"
         ) from None
     return sorted(

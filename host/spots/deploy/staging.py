@@ -11,7 +11,7 @@ from typing import Literal
 
 import msgspec
 
-import tactile
+import spots_device
 
 from .. import toml
 from ..bounded import read_text
@@ -19,7 +19,7 @@ from ..errors import SpotsError
 
 # An installed package carries both folders inside itself; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
-_CHECKOUT = Path(tactile.__file__).resolve().parents[2]
+_CHECKOUT = Path(spots_device.__file__).resolve().parents[2]
 _ROOT = _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
 BOARDS = _ROOT / "boards"
 
@@ -34,7 +34,7 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The two forms of tactile's kernel: every board knows the one it has by the first one's name.
+# The two forms of the firmware's kernel: every board knows the one it has by the first one's name.
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 
 
@@ -126,7 +126,7 @@ def names(runtime: str) -> set[str]:
 
     Boards that got them from ``mip`` or a copy of sources have no manifest that lists them.
     """
-    firmware = Path(tactile.__file__).parent
+    firmware = Path(spots_device.__file__).parent
     modules = [path.relative_to(firmware.parent) for path in firmware.rglob("*.py")]
     forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}
     return {*ENTRIES[runtime], CONFIG, *forms}
@@ -144,15 +144,15 @@ def stage(board: str, folder: Path) -> None:
     for library in LIBRARIES[device.runtime]:
         _copy_library(library, folder / "lib")
     (others,) = set(ENTRIES) - {device.runtime}
-    firmware = Path(tactile.__file__).parent
+    firmware = Path(spots_device.__file__).parent
     shutil.copytree(
         firmware,
-        folder / "tactile",
+        folder / "spots_device",
         ignore=shutil.ignore_patterns("__pycache__", f"*{others}.py", KERNEL_VIPER),
         dirs_exist_ok=True,
     )
     if device.viper:
-        shutil.copy(firmware / KERNEL_VIPER, folder / "tactile" / KERNEL)
+        shutil.copy(firmware / KERNEL_VIPER, folder / "spots_device" / KERNEL)
     for entry in ENTRIES[device.runtime]:
         shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
     config = "".join(f"{name} = {value!r}\n" for name, value in device.config.items())
@@ -162,7 +162,7 @@ def stage(board: str, folder: Path) -> None:
 def _copy_library(name: str, folder: Path) -> None:
     spec = importlib.util.find_spec(name)
     if spec is None:
-        raise SpotsError(f"CircuitPython needs {name} on the board: pip install 'spots[flash]'")
+        raise SpotsError(f"CircuitPython needs {name} on the board: pip install 'spots-tactile[flash]'")
     origin = Path(spec.origin)
     folder.mkdir(exist_ok=True)
     if spec.submodule_search_locations:

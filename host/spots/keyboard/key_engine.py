@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tactile.contact import TICK_US, TICKS
-from tactile.decode import DROPPED, LED_OFF
-from tactile.keypad import Keypad
-from tactile.layout import Layout
+from spots_device.contact import TICK_US, TICKS
+from spots_device.decode import DROPPED, LED_OFF
+from spots_device.keypad import Keypad
+from spots_device.layout import Layout
 
 from ..link.calibrated import LOST_S
 from ..link.frames import Touch
@@ -14,7 +14,7 @@ from .layout import KeyLayout
 
 
 class KeyEngine:
-    """Turns readings into key events as a board does, see `tactile.keypad`.
+    """Turns readings into key events as a board does, see `spots_device.keypad`.
 
     Parameters
     ----------

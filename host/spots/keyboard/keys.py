@@ -7,8 +7,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from tactile import layout as lines_of
-from tactile.settings import checksum
+from spots_device import layout as lines_of
+from spots_device.settings import checksum
 
 from ..errors import printable
 from ..link.board import Board

@@ -15,8 +15,8 @@ from typing import Annotated, Literal, Optional, Union
 
 import msgspec
 
-from tactile import layout as lines_of
-from tactile.layout import FULL, LIMITS
+from spots_device import layout as lines_of
+from spots_device.layout import FULL, LIMITS
 
 from .. import toml
 from ..errors import SpotsError
@@ -87,7 +87,7 @@ class PlacedKey:
     label : str
         What stands on it.
     actions : dict of str to int
-        By the names of `SLOTS`, as `tactile.layout.action` makes them.
+        By the names of `SLOTS`, as `spots_device.layout.action` makes them.
     """
 
     low: float
@@ -106,7 +106,7 @@ class KeyLayout:
     layers : dict of str to list of PlacedKey
         In the order of the file.
     lines : list of str
-        As the board holds it, see `tactile.layout`.
+        As the board holds it, see `spots_device.layout`.
     """
 
     name: str

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from tactile import PROTOCOL
-from tactile.command import LINE_MAX, NAME_MAX
-from tactile.decode import DROPPED
+from spots_device import PROTOCOL
+from spots_device.command import LINE_MAX, NAME_MAX
+from spots_device.decode import DROPPED
 
 from ..errors import PortLostError, RefusedError, SpotsError
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync

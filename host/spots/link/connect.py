@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactile.calibration import Calibration, CalibrationError
-from tactile.settings import checksum
+from spots_device.calibration import Calibration, CalibrationError
+from spots_device.settings import checksum
 
 from ..errors import SpotsError
 from .board import Board
@@ -106,7 +106,7 @@ def upload(board: Board, calibration) -> None:
     ----------
     board : Board
     calibration : sequence of str
-        Lines, see `tactile.calibration`.
+        Lines, see `spots_device.calibration`.
 
     Raises
     ------

@@ -13,8 +13,8 @@ from typing import NamedTuple, Union
 import msgspec
 from cobs import cobs
 
-from tactile import decode, frame
-from tactile.kernel import CRC_SIZE
+from spots_device import decode, frame
+from spots_device.kernel import CRC_SIZE
 
 _HEADER = struct.Struct(frame.HEADER)
 _TOUCH = struct.Struct("<" + frame.TOUCH_BODY)
@@ -51,7 +51,7 @@ class Touch(NamedTuple):
     t_us : int
         Board time of the middle of the integration, modulo 2**32.
     flags : int
-        Bits of `tactile.decode`.
+        Bits of `spots_device.decode`.
     contrast_q20, brightness_q20 : int
         log2 units times 2**20; see the properties.
     position_um : int

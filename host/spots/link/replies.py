@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from tactile.smux import CHANNELS
+from spots_device.smux import CHANNELS
 
 from ..errors import printable
 

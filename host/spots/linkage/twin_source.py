@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from tactile.settings import checksum
+from spots_device.settings import checksum
 
 from ..calibrate.calibration_file import CalibrationFile
 from ..errors import SpotsError

@@ -18,12 +18,12 @@ from ..errors import SpotsError
 from ..signals import SECTION
 from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, USAGES, Usage, name_of
 
-AXIS_MAX = 32_767  # as in the reports of `tactile.hid`
+AXIS_MAX = 32_767  # as in the reports of `spots_device.hid`
 BUTTONS = 16
 
 
 class State(NamedTuple):
-    """Axes and buttons of a gamepad, as in the reports of `tactile.hid`.
+    """Axes and buttons of a gamepad, as in the reports of `spots_device.hid`.
 
     Attributes
     ----------

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactile import frame
-from tactile.kernel import CRC_SIZE
+from spots_device import frame
+from spots_device.kernel import CRC_SIZE
 
 from ..link.frames import ENCODED_MAX, NOTE, PARSERS, Decoder, LinkStats, Note, Text, checked
 from .columns import SIZE_MAX, payloads
@@ -44,7 +44,7 @@ class _Table:
     Parameters
     ----------
     body : str
-        The layout of `tactile.frame`.
+        The layout of `spots_device.frame`.
     columns : list
         Names and types of the body's values, in the order of the wire.
     """
@@ -222,8 +222,8 @@ class Arrays:
     """Frames of a recording, or of a block of it, as structured arrays.
 
     Integers are those of the frames, also where a reading is not to be trusted: see ``flags``,
-    bits of `tactile.decode`. Rows are in the order in which the frames arrived. All three begin
-    with the same columns:
+    bits of `spots_device.decode`. Rows are in the order in which the frames arrived. All three
+    begin with the same columns:
 
     ========== === =============================================================
     time_s     f8  when it was measured, on the host's monotonic clock; NaN where

@@ -9,7 +9,7 @@ import zlib
 
 import numpy as np
 
-from tactile.kernel import CRC_SIZE
+from spots_device.kernel import CRC_SIZE
 
 # A longer piece may have groups without a zero behind them, for which one byte count is too small.
 SIZE_MAX = 254

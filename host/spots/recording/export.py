@@ -188,7 +188,7 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
         from mcap.writer import Writer
     except ImportError:
         raise SpotsError(
-            "exporting to MCAP needs another package: pip install 'spots[export]'"
+            "exporting to MCAP needs another package: pip install 'spots-tactile[export]'"
         ) from None
     from .foxglove import LOG_SCHEMA, log_message, schema
 

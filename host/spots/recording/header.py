@@ -9,7 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from tactile import PROTOCOL
+from spots_device import PROTOCOL
 
 from ..errors import SpotsError
 from ..link.frames import Decoder, Note

@@ -8,7 +8,7 @@ import zlib
 
 from cobs import cobs
 
-from tactile.frame import HEADER
+from spots_device.frame import HEADER
 
 from ..link.frames import NOTE
 
@@ -24,7 +24,7 @@ def note(since_us: int, content: dict | None = None) -> bytes:
     since_us : int
         Host time since the recording began, 0 to 2**48 - 1.
     content : dict, optional
-        At most `tactile.frame.TEXT_MAX` bytes as JSON.
+        At most `spots_device.frame.TEXT_MAX` bytes as JSON.
     """
     low, high, sequence = (since_us >> shift & 0xFFFF for shift in (0, 16, 32))
     payload = _HEADER.pack(NOTE, sequence, low, high)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from tactile.settings import checksum
+from spots_device.settings import checksum
 
 from ..calibrate import calibration_file as file
 from ..errors import SpotsError, printable

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from tactile import __version__
+from spots_device import __version__
 
 from ..errors import SpotsError
 from ..link.frames import whole

@@ -6,5 +6,5 @@ try:
     import zenoh  # noqa: F401
 except ImportError:
     raise SpotsError(
-        "boards on other machines need another package: pip install 'spots[zenoh]'"
+        "boards on other machines need another package: pip install 'spots-tactile[zenoh]'"
     ) from None

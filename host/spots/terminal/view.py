@@ -11,7 +11,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from tactile import decode
+from spots_device import decode
 
 from ..errors import printable
 from ..link.board import CONNECTED

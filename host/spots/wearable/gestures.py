@@ -10,9 +10,9 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from tactile.contact import TICK_US, TICKS, Contact
-from tactile.decode import DROPPED, LED_OFF
-from tactile.layout import Layout, default_lines
+from spots_device.contact import TICK_US, TICKS, Contact
+from spots_device.decode import DROPPED, LED_OFF
+from spots_device.layout import Layout, default_lines
 
 from ..link.calibrated import LOST_S
 from ..link.frames import Touch

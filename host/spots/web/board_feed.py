@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from statistics import median
 
-from tactile.smux import CHANNELS
+from spots_device.smux import CHANNELS
 
 from ..errors import RefusedError, SpotsError
 from ..guarded import Guarded

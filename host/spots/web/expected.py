@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from tactile.calibration import CalibrationError
-from tactile.decode import DARK_SAMPLES
-from tactile.settings import checksum
+from spots_device.calibration import CalibrationError
+from spots_device.decode import DARK_SAMPLES
+from spots_device.settings import checksum
 
 from ..calibrate.expect import expected
 from ..link.board import Board

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
-from tactile import decode
-from tactile.layout import action
+from spots_device import decode
+from spots_device.layout import action
 
 from ..controller.controller import controller_for
 from ..controller.controller_settings import load as load_controller

@@ -27,7 +27,7 @@ try:
     from .app import LOG, App
     from .guard import Guard
 except ImportError:
-    raise SpotsError("the page needs aiohttp: pip install 'spots[web]'") from None
+    raise SpotsError("the page needs aiohttp: pip install 'spots-tactile[web]'") from None
 
 LOOPBACK = "127.0.0.1"
 _WATCH_EVERY_S = 0.5

@@ -13,8 +13,8 @@ from binascii import hexlify
 from locked import locked
 
 import canned
-from tactile.calibration import Calibration
-from tactile.settings import save_lines
+from spots_device.calibration import Calibration
+from spots_device.settings import save_lines
 
 _ASTATUS = 0x94
 _ASAT = 0x80

@@ -3,12 +3,12 @@
 from array import array
 
 from canned import Clock
-from tactile import kernel
-from tactile.frame import Time32
-from tactile.keypad import Keypad
-from tactile.layout import Layout
-from tactile.log2 import log2_q20
-from tactile.pacing import Pacing
+from spots_device import kernel
+from spots_device.frame import Time32
+from spots_device.keypad import Keypad
+from spots_device.layout import Layout
+from spots_device.log2 import log2_q20
+from spots_device.pacing import Pacing
 
 _BURST_US = 390
 _CLEAR_US = 73

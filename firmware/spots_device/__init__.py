@@ -5,5 +5,5 @@ joins them and ``runtime`` holds all that differs between MicroPython and
 CircuitPython.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 PROTOCOL = 2

@@ -196,8 +196,8 @@ def main():
     if _asked_to_stay(board_config):
         print("the button is held: the application was not started")
         return
-    from tactile.app import App
-    from tactile.as7341 import AS7341
+    from spots_device.app import App
+    from spots_device.as7341 import AS7341
 
     bus = Bus(board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ)
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
