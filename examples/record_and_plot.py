@@ -1,7 +1,7 @@
 """Record a board and plot it meanwhile: python examples/record_and_plot.py FILE.spots [PORT].
 
-Needs matplotlib (pip install 'spots-tactile[plots]'). Closing the window ends the recording; then try
-spots info FILE.spots, spots replay FILE.spots, spots export FILE.spots --to npz.
+Needs matplotlib (pip install 'spots-tactile[plots]'). Closing the window ends the recording; then
+try spots info FILE.spots, spots replay FILE.spots, spots export FILE.spots --to npz.
 """
 
 import sys

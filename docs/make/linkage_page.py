@@ -116,8 +116,8 @@ spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 
 From what the encoders told at some places and where the terminal was by a grid or machine laid
 anyhow, this finds the four bars, the base, the joints' offsets and gains and the frame of the
-grid, by robust least squares (`pip install 'spots-tactile[kinematics]'`). It names points that do not
-fit, gives standard errors, and says which parameters these places do not tell apart: a picture
+grid, by robust least squares (`pip install 'spots-tactile[kinematics]'`). It names points that do
+not fit, gives standard errors, and says which parameters these places do not tell apart: a picture
 of unknown scale, for example, tells ratios of lengths only. `--place-sigma-mm` is how well the
 places are known. The table may come from elsewhere: its columns are `x_mm`, `y_mm`, `joint1_deg`,
 `joint2_deg`, `sigma1_deg` and `sigma2_deg`, the joints by their own calibrations.

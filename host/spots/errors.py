@@ -1,5 +1,8 @@
 """What a user can put right."""
 
+# As `pip` knows the project: `spots` alone is somebody else's.
+DISTRIBUTION = "spots-tactile"
+
 # Characters of a sentence; it may quote a file.
 _LONGEST = 2000
 
@@ -25,6 +28,22 @@ class SpotsError(Exception):
 
     def __init__(self, text: str):
         super().__init__(_shortened(printable(text)))
+
+
+def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsError:
+    """Return the error of an optional package that is not installed.
+
+    Parameters
+    ----------
+    what : str
+        What needs it, with its verb.
+    package : str
+    extra : str
+        Of the distribution, which brings it.
+    instead : str, optional
+        What else one can do.
+    """
+    return SpotsError(f"{what} {package}: pip install '{DISTRIBUTION}[{extra}]'{instead}")
 
 
 class PortLostError(SpotsError):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from spots import atomic
-from spots.errors import SpotsError
+from spots.errors import SpotsError, missing
 
 # Okabe and Ito's colours, which are told apart with any colour vision; markers differ as well.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -20,7 +20,7 @@ _DPI = 110
 def require() -> None:
     """Raise SpotsError if figures cannot be drawn here."""
     if find_spec("matplotlib") is None:
-        raise SpotsError("drawing figures needs matplotlib: pip install 'spots-tactile[plots]'")
+        raise missing("drawing figures needs", "matplotlib", "plots")
 
 
 def folder(path: str | Path) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -13,9 +12,9 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent / room) for room in (".", "host", "recording")]
 
+import kept  # noqa: E402
 from targets import TARGETS  # noqa: E402
 
-CORPUS = HERE / "corpus"
 FOUND = HERE.parents[1] / "build" / "fuzz"
 FILES_MAX = 90
 BYTES_MAX = 16_000
@@ -40,13 +39,13 @@ def main() -> int:
 
 
 def _fuzz(target: str, seconds: int, seed: int) -> int:
-    corpus = CORPUS / target
-    corpus.mkdir(parents=True, exist_ok=True)
     FOUND.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        new, least = Path(folder, "new"), Path(folder, "least")
-        new.mkdir()
-        least.mkdir()
+        new, least, corpus = (Path(folder, name) for name in ("new", "least", "corpus"))
+        for path in (new, least, corpus):
+            path.mkdir()
+        for name, data in kept.kept(target).items():
+            (corpus / name).write_bytes(data)
         told = _engine(
             target,
             *(f"-max_total_time={seconds}", f"-seed={seed}", f"-artifact_prefix={FOUND}/{target}-"),
@@ -60,7 +59,7 @@ def _fuzz(target: str, seconds: int, seed: int) -> int:
             print(f"run it again: {sys.executable} {HERE}/engine.py {target} {' '.join(found)}")
             return _FOUND
         _engine(target, "-merge=1", least, corpus, new)
-        _keep(corpus, least)
+        _keep(target, least)
     return 0
 
 
@@ -69,26 +68,19 @@ def _engine(target: str, *arguments) -> str:
     return subprocess.run(command, stderr=subprocess.STDOUT, stdout=-1, text=True).stdout
 
 
-def _keep(corpus: Path, least: Path) -> None:
-    """Put the smallest files into the corpus in place of the last ones; those with a name stay."""
-    named = [path for path in corpus.iterdir() if not _made(path)]
-    room_files = FILES_MAX - len(named)
-    room_bytes = BYTES_MAX - sum(path.stat().st_size for path in named)
-    known = {path.read_bytes() for path in named}
-    for path in corpus.iterdir():
-        if _made(path):
-            path.unlink()
-    for path in sorted(least.iterdir(), key=lambda path: (path.stat().st_size, path.name)):
+def _keep(target: str, least: Path) -> None:
+    """Keep the smallest inputs in place of those of the last time, within the bounds."""
+    known = kept.named(target).values()
+    room_files, room_bytes = FILES_MAX - len(known), BYTES_MAX - sum(map(len, known))
+    chosen = []
+    for data in sorted((path.read_bytes() for path in least.iterdir()), key=lambda d: (len(d), d)):
         room_files -= 1
-        room_bytes -= path.stat().st_size
+        room_bytes -= len(data)
         if room_files < 0 or room_bytes < 0:
             break
-        if path.read_bytes() not in known:
-            shutil.copy(path, corpus)
-
-
-def _made(path: Path) -> bool:
-    return re.fullmatch(r"[0-9a-f]{40}", path.name) is not None
+        if data not in known:
+            chosen.append(data)
+    kept.keep(target, chosen)
 
 
 if __name__ == "__main__":

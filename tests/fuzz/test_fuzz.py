@@ -1,36 +1,34 @@
-"""Every target with every file that fuzzing kept, and with what hypothesis makes of them."""
-
-from pathlib import Path
+"""Every target with every input that fuzzing kept, and with what hypothesis makes of them."""
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import desk
+import kept
 from spots.link.frames import Text, Touch
 from spots_device.command import LINE_MAX
 from targets import TARGETS, run
 
-CORPUS = Path(__file__).parent / "corpus"
-FILES = {name: sorted((CORPUS / name).iterdir()) for name in TARGETS}
+INPUTS = {name: kept.kept(name) for name in TARGETS}
 
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_what_was_kept(name):
-    assert FILES[name]
-    for path in FILES[name]:
+    assert INPUTS[name]
+    for title, data in INPUTS[name].items():
         try:
-            run(name, path.read_bytes())
+            run(name, data)
         except Exception as error:
-            raise AssertionError(f"{path} breaks it") from error
+            raise AssertionError(f"{title} breaks {name}") from error
 
 
 @st.composite
-def changed(draw, files):
-    """Pieces of files one after the other, some bytes between them."""
+def changed(draw, inputs):
+    """Pieces of inputs one after the other, some bytes between them."""
     data = b""
     for _ in range(draw(st.integers(1, 3))):
-        whole = draw(st.sampled_from(files)).read_bytes()
+        whole = draw(st.sampled_from(inputs))
         begin = draw(st.integers(0, len(whole)))
         data += draw(st.binary(max_size=6))
         data += whole[begin : draw(st.integers(begin, len(whole)))] if data else whole[:begin]
@@ -52,7 +50,7 @@ def test_a_flood_lets_readings_have_their_turn(flood):
 def test_any_bytes(name):
     # Derandomized: chance is for 'make fuzz'.
     @settings(max_examples=25, derandomize=True)
-    @given(st.one_of(st.binary(max_size=200), changed(FILES[name])))
+    @given(st.one_of(st.binary(max_size=200), changed([*INPUTS[name].values()])))
     def check(data):
         run(name, data)
 
@@ -65,4 +63,4 @@ def test_a_target_can_fail(name, good, monkeypatch):
 
     monkeypatch.setattr(targets, "_draw", lambda picture: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        run(name, (CORPUS / name / good).read_bytes())
+        run(name, INPUTS[name][good])

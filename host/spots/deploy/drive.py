@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..errors import SpotsError
+from ..errors import SpotsError, missing
 from .nofollow import Tree
 from .prompt import Prompt
 
@@ -173,9 +173,8 @@ def drives() -> list[str]:
     try:
         import psutil
     except ImportError:
-        raise SpotsError(
-            "finding a drive needs psutil: pip install 'spots-tactile[flash]', or name its folder with "
-            "--port"
+        raise missing(
+            "finding a drive needs", "psutil", "flash", ", or name its folder with --port"
         ) from None
     return sorted(
         mounted.mountpoint

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import serial
 
-from ..errors import SpotsError
+from ..errors import SpotsError, missing
 from ..link.serial_link import SerialLink
 from ..link.udev import with_rule
 
@@ -109,7 +109,7 @@ class Prompt:
             from mpremote.transport import TransportError, TransportExecError
             from mpremote.transport_serial import SerialTransport
         except ImportError:
-            raise SpotsError("flashing needs mpremote: pip install 'spots-tactile[flash]'") from None
+            raise missing("flashing needs", "mpremote", "flash") from None
         self.port = port
         self._refused = TransportExecError
         # What comes out of mpremote when the cable is pulled depends on where it was.

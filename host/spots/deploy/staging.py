@@ -15,7 +15,7 @@ import spots_device
 
 from .. import toml
 from ..bounded import read_text
-from ..errors import SpotsError
+from ..errors import SpotsError, missing
 
 # An installed package carries both folders inside itself; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
@@ -162,7 +162,7 @@ def stage(board: str, folder: Path) -> None:
 def _copy_library(name: str, folder: Path) -> None:
     spec = importlib.util.find_spec(name)
     if spec is None:
-        raise SpotsError(f"CircuitPython needs {name} on the board: pip install 'spots-tactile[flash]'")
+        raise missing("a CircuitPython board needs", name, "flash")
     origin = Path(spec.origin)
     folder.mkdir(exist_ok=True)
     if spec.submodule_search_locations:

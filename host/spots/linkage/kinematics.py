@@ -10,7 +10,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ..errors import SpotsError
+from ..errors import SpotsError, missing
 from .fivebar import Linkage
 
 # What is unknown about each parameter beforehand: the scale in which parameters of different units
@@ -175,7 +175,7 @@ def calibrate(
         unknowns, or the angles and places have nothing to do with each other.
     """
     if find_spec("scipy") is None:
-        raise SpotsError("kinematic calibration needs scipy: pip install 'spots-tactile[kinematics]'")
+        raise missing("kinematic calibration needs", "scipy", "kinematics")
     angles, places = _checked(angles_rad, x_mm, y_mm, free)
     angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
     if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):

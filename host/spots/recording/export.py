@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..atomic import replacing, sync
-from ..errors import SpotsError
+from ..errors import SpotsError, missing
 from .header import Header
 from .recording import Recording
 from .table import Table, rows
@@ -187,9 +187,7 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
     try:
         from mcap.writer import Writer
     except ImportError:
-        raise SpotsError(
-            "exporting to MCAP needs another package: pip install 'spots-tactile[export]'"
-        ) from None
+        raise missing("exporting to MCAP needs", "mcap", "export") from None
     from .foxglove import LOG_SCHEMA, log_message, schema
 
     begun_ns = round(1e9 * header.utc_s)

@@ -1,10 +1,8 @@
 """Boards on other machines, over Zenoh; see docs/zenoh.md."""
 
-from ..errors import SpotsError
+from ..errors import missing
 
 try:
     import zenoh  # noqa: F401
 except ImportError:
-    raise SpotsError(
-        "boards on other machines need another package: pip install 'spots-tactile[zenoh]'"
-    ) from None
+    raise missing("boards on other machines need", "Zenoh", "zenoh") from None

@@ -11,7 +11,7 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from ..errors import SpotsError
+from ..errors import SpotsError, missing
 from ..guarded import Guarded
 from ..keyboard.layout import load
 from ..linkage.twin_source import is_recording, linkage_of
@@ -27,7 +27,7 @@ try:
     from .app import LOG, App
     from .guard import Guard
 except ImportError:
-    raise SpotsError("the page needs aiohttp: pip install 'spots-tactile[web]'") from None
+    raise missing("the page needs", "aiohttp", "web") from None
 
 LOOPBACK = "127.0.0.1"
 _WATCH_EVERY_S = 0.5
