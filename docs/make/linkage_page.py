@@ -205,7 +205,7 @@ def _workspace(surveys: list[Survey], linkage: LinkageFile, mechanism: Mechanism
     text = f"""
 ## Over the workspace
 
-A **simulated** linkage (`host/spots/sim/data/linkages/default.toml`): bars of {bar:g} mm on a
+A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`): bars of {bar:g} mm on a
 base of {base:g} mm, as drawn; as it came out, bars off by up to {off} and joints mounted up to
 {turned} off. Each joint moves an indenter with play along a default strip of its own, over
 {travel}. Each strip is read through the real firmware in simulated time, calibrated, and its
@@ -232,7 +232,7 @@ def _path(runs: dict[int, list[Run]]) -> str:
     text = f"""
 ## On a path
 
-A hand that trembles guides the terminal along "SUST" (`host/spots/sim/data/paths/sust.toml`);
+A hand that trembles guides the terminal along "SUST" (`host/spots_sim/data/paths/sust.toml`);
 the twin knows the true lengths. Seeds {min(SEEDS)} to {max(SEEDS)}, in mm:
 
 | exposure | terminals a second | mean error | 95 % below | at most | rms | rms expected |
