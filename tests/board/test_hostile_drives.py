@@ -343,7 +343,7 @@ def test_a_plain_drive_is_flashed_twice_and_erased(tmp_path, built, monkeypatch,
     own["spots_device/hers.py"] = b"a user's own, among ours"
     assert run(sandbox, COMMANDS[0]) == 0
     assert files_of(sandbox.drive) == built | own
-    assert not (sandbox.drive / "old_package" / "app.py").exists()
+    assert not (sandbox.drive / "old_package").exists()
     assert run(sandbox, COMMANDS[0]) == 0
     assert files_of(sandbox.drive) == built | own
     (sandbox.drive / "board_config.py").write_bytes(b"SDA_PIN = 'mine'\n")
