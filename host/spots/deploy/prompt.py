@@ -111,7 +111,9 @@ class Prompt:
             from mpremote.transport import TransportError, TransportExecError
             from mpremote.transport_serial import SerialTransport
         except ImportError:
-            raise SpotsError("flashing needs mpremote: pip install 'spots-tactile[flash]'") from None
+            raise SpotsError(
+                "flashing needs mpremote: pip install 'spots-tactile[flash]'"
+            ) from None
         self.port = port
         self._refused = TransportExecError
         # What comes out of mpremote when the cable is pulled depends on where it was.
