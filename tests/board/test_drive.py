@@ -14,6 +14,7 @@ from spots.deploy import drive, nofollow, place
 from spots.deploy.build import build, files_of
 from spots.deploy.staging import device_of
 from spots.link import serial_link as link
+from spots_sim import virtual
 
 ABOUT = "Adafruit CircuitPython {} on 2026-01-01; Some board\nBoard ID:{}\nUID:0123AB\n"
 RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
@@ -54,7 +55,7 @@ def test_onto_a_blank_board_which_then_says_hello_and_off_it_again(tmp_path, cap
     (folder / "notes.py").write_text("the user's own")
     wanted = files_of(build("virtual_circuitpython", tmp_path / "build"))
     with (
-        place.virtual_board(folder, device_of("virtual_circuitpython")) as there,
+        virtual.virtual_board(folder, device_of("virtual_circuitpython")) as there,
         pytest.MonkeyPatch.context() as patch,
     ):
         patch.setattr(place, "_on_drive", lambda name: there)
@@ -78,9 +79,9 @@ def test_a_virtual_drive_is_awaited_until_it_describes_its_board(tmp_path, monke
     about = tmp_path / "boot_out.txt"
     about.write_text("")  # as a slow machine leaves it for a moment
     start = {"port": "/dev/a", "console": "/dev/b"}
-    monkeypatch.setattr(place, "start_simulator", lambda *arguments: (start, lambda: None))
-    monkeypatch.setattr(place.time, "sleep", lambda s: about.write_text(ABOUT.format(*RIGHT)))
-    with place.virtual_board(tmp_path, device_of("virtual_circuitpython")) as there:
+    monkeypatch.setattr(virtual, "start_simulator", lambda *arguments: (start, lambda: None))
+    monkeypatch.setattr(virtual.time, "sleep", lambda s: about.write_text(ABOUT.format(*RIGHT)))
+    with virtual.virtual_board(tmp_path, device_of("virtual_circuitpython")) as there:
         assert there.open().facts["version"] == (9, 2, 1)
 
 

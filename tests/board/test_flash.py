@@ -7,6 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 from boards import refused, virtual_board
+from mpremote.transport import TransportError
+from mpremote.transport_serial import SerialTransport
 
 import spots
 from spots.cli import main
@@ -107,6 +109,26 @@ class _Closer:
 
     def close(self):
         self._context.__exit__(None, None, None)
+
+
+def test_a_late_answer_of_the_prompt_is_not_taken_for_the_answer_to_a_later_try(empty, monkeypatch):
+    enter, tries = SerialTransport.enter_raw_repl, []
+
+    def late(transport, **options):
+        tries.append(options)
+        if len(tries) == 1:  # the board hears it, and answers after the time is over
+            transport.serial.write(b"\r\x03\r\x01")
+            raise TransportError("could not enter raw repl")
+        enter(transport, **options)
+
+    monkeypatch.setattr(SerialTransport, "enter_raw_repl", late)
+    with virtual_board(empty) as port:
+        for _ in range(10):
+            tries.clear()
+            prompt = Prompt(port)
+            assert prompt.facts["runtime"] == "micropython"
+            assert prompt.run("print(6 * 7)").strip() == "42"
+            prompt.close()
 
 
 def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):

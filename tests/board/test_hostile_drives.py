@@ -31,7 +31,7 @@ ABOUT = (
 # What the home folder next to the drive holds: also what a flash would write, and erase remove.
 HOME = (".ssh/id_ed25519", "thesis.txt", "app.py", "code.py", "runtime/__init__.py", "i2c_bit.py")
 LINKED = "linked.txt"  # what a hard link on the drive is another name of
-NAMES = released.FILES["circuitpython"] | stage.names("circuitpython") | {"spots.sha256"}
+NAMES = frozenset({"spots.sha256", *released.FILES["circuitpython"], *stage.names("circuitpython")})
 # Where something odd lies: in the way of a flash, beside it, and under a user's own names.
 PLACES = (
     "spots_device",
@@ -220,9 +220,24 @@ def run(sandbox, command, before_call=lambda: None):
     return code
 
 
-def is_in_the_way(sandbox, path, command, state):
+def listed(sandbox, state):
+    """Return the paths that the manifest of an older version names, while it is on the drive."""
+    files = older() if state == "older" else {}
+    manifest = sandbox.drive / "spots.sha256"
+    if not files or manifest.is_symlink() or not manifest.is_file():
+        return set()
+    return set(files) if manifest.read_bytes() == files["spots.sha256"] else set()
+
+
+def is_a_boards(sandbox):
+    """Whether the drive describes its board; what is no plain file describes nothing."""
+    about = sandbox.drive / "boot_out.txt"
+    return stat.S_ISREG(about.lstat().st_mode) and about.read_bytes() == ABOUT.encode()
+
+
+def is_in_the_way(sandbox, path, command, listed):
     """Whether what lies there keeps a command from reaching its files without a link."""
-    wanted = NAMES | (set(older()) if state == "older" else set())
+    wanted = NAMES | listed
     wanted |= {name + ".part" for name in wanted} | {"boot_out.txt"}
     if command[0] == "erase":
         wanted |= set(USER_FILES)
@@ -248,14 +263,20 @@ def is_in_the_way(sandbox, path, command, state):
 @example("flashed", [("code.py.part", "hard_link")], COMMANDS[0], True)
 @example("blank", [("boot_out.txt", "fifo")], COMMANDS[0], True)
 @example("older", [("spots_device/mine.py", "file_link")], COMMANDS[0], False)
+@example("blank", [("settings.txt", "folder_link")], COMMANDS[0], True)
+@example("blank", [("boot_out.txt", "hard_link"), ("boot_out.txt", "file")], COMMANDS[0], True)
+@example("older", [("spots.sha256", "hard_link")], COMMANDS[0], True)
+@example("older", [("spots.sha256", "hard_link")], COMMANDS[1], False)
+@example("older", [("spots.sha256", "hard_link"), ("notes.py", "fifo")], COMMANDS[0], True)
 def test_a_drive_is_done_completely_or_refused_untouched(built, state, traps, command, by_handle):
     with tempfile.TemporaryDirectory() as root, pytest.MonkeyPatch.context() as patch:
         patch.setattr(nofollow, "_BY_HANDLE", by_handle)
         sandbox = Sandbox(Path(root), built, state)
         for path, kind in traps:
             sandbox.trap(path, kind)
-        refused = "boot_out.txt" in dict(traps) and dict(traps)["boot_out.txt"] == "hard_link"
-        refused |= any(is_in_the_way(sandbox, path, command, state) for path, _ in traps)
+        of_older = listed(sandbox, state)
+        refused = not is_a_boards(sandbox)
+        refused |= any(is_in_the_way(sandbox, path, command, of_older) for path, _ in traps)
         home, drive = snapshot(sandbox.home), snapshot(sandbox.drive, times=False)
         code = run(sandbox, command)
         assert snapshot(sandbox.home) == home
@@ -266,9 +287,7 @@ def test_a_drive_is_done_completely_or_refused_untouched(built, state, traps, co
             return
         assert code == 0
         flashed = command[0] == "flash"
-        ours = (
-            NAMES | {path for path in older() if path != "notes.py"} if state == "older" else NAMES
-        )
+        ours = NAMES | of_older - {"notes.py"}
         ours |= {name + ".part" for name in ours}
         ours |= set() if flashed else set(USER_FILES)
         for path in set(drive) - ours:  # a user's own
@@ -324,7 +343,7 @@ def test_a_plain_drive_is_flashed_twice_and_erased(tmp_path, built, monkeypatch,
     own["spots_device/hers.py"] = b"a user's own, among ours"
     assert run(sandbox, COMMANDS[0]) == 0
     assert files_of(sandbox.drive) == built | own
-    assert not (sandbox.drive / "old_package" / "app.py").exists()
+    assert not (sandbox.drive / "old_package").exists()
     assert run(sandbox, COMMANDS[0]) == 0
     assert files_of(sandbox.drive) == built | own
     (sandbox.drive / "board_config.py").write_bytes(b"SDA_PIN = 'mine'\n")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import sys
-from pathlib import PurePosixPath
 
 from ..errors import SpotsError, printable
-from .flash import USER_FILES, Known
+from .flash import USER_FILES, Known, remove_folders
 from .manifest import MANIFEST
 from .place import place
 from .staging import ENTRIES, device_of
@@ -40,8 +39,7 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             order = {entry: 0, MANIFEST: 2}
             for path in sorted(ours, key=lambda path: (order.get(path, 1), path)):
                 target.remove(path)
-            for folder in sorted(_folders(ours), reverse=True):
-                target.remove_folder(folder)
+            remove_folders(target, ours)
             target.reset()
         print(
             f"{len(ours)} files removed from {printable(there.name)}"
@@ -51,10 +49,6 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
         if changed:
             names = printable(", ".join(changed))
             print(f"these were changed since they were flashed, and stay: {names}")
-
-
-def _folders(paths: set[str]) -> set[str]:
-    return {parent.as_posix() for path in paths for parent in PurePosixPath(path).parents} - {"."}
 
 
 def _ask(port: str) -> None:

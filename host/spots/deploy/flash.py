@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from rich.progress import track
 
@@ -216,12 +216,20 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
         )
     for path in plan.remove:
         target.remove(path)
+    remove_folders(target, plan.remove)
     if plan.claim:
         target.write(MANIFEST, plan.claim)
     hidden = not sys.stdout.isatty()
     for path in track(plan.copy, "copying", disable=hidden, transient=True):
         target.write(path, files[path])
     print(f"{len(plan.copy)} files copied" if plan.copy else "nothing to copy")
+
+
+def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
+    """Remove the folders of removed files, as far as nothing else is in them."""
+    folders = {str(parent) for path in removed for parent in PurePosixPath(path).parents} - {"."}
+    for folder in sorted(folders, reverse=True):  # what is inside a folder sorts after it
+        target.remove_folder(folder)
 
 
 def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:

@@ -16,7 +16,9 @@ from ..link.serial_link import SerialLink
 from ..link.udev import with_rule
 
 _TIMEOUT_S = 10.0
-_ENTER_TRIES, _ENTER_S = 3, 3.0
+# Timeouts of the tries to enter the prompt: a board that is just starting does not hear the first.
+_ENTER_S = (2.0, 4.0, 8.0)
+_GARBLED = (SyntaxError, ValueError, TypeError)  # of what is not the facts
 _CHUNK = 512
 _PATHS = 50  # asked for at once; a longer list takes memory that a board may not have
 _DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
@@ -121,26 +123,15 @@ class Prompt:
         self._transport = None
         try:
             self._transport = SerialTransport(port)
-            self._enter()
-        except self._failures:
+            self.facts = self._enter()
+        except (*self._failures, *_GARBLED):
             self.close()
             raise SpotsError(
                 f"no MicroPython prompt on {port}: install MicroPython on the board, or replug it"
             ) from None
-        try:
-            said = ast.literal_eval(self.run(_FACTS))
         except BaseException:
             self.close()
             raise
-        name, version, mpy, platform, block, free = said
-        self.facts = {
-            "runtime": name,
-            "version": version,
-            "mpy": (mpy & 0xFF, mpy >> 10 & 15),
-            "platform": platform,
-            "block": block,
-            "free": free,
-        }
         self._has_tools = False
 
     def __enter__(self) -> Prompt:
@@ -236,19 +227,21 @@ class Prompt:
                 pass  # it is gone already
             self._transport = None
 
-    def _enter(self) -> None:
-        self._transport.serial.write_timeout = _TIMEOUT_S
-        self._transport.serial.timeout = 1.0
+    def _enter(self) -> dict:
+        """Enter the raw prompt and return the facts that the board prints there."""
+        serial_port = self._transport.serial
+        serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints what it did not like
-            # A board that is just starting does not hear the first one.
-            for left in reversed(range(_ENTER_TRIES)):
+            for within_s in _ENTER_S:
                 try:
-                    self._transport.enter_raw_repl(soft_reset=False, timeout_overall=_ENTER_S)
-                    break
-                except self._failures:
-                    if not left:
+                    serial_port.timeout = 1.0
+                    self._transport.enter_raw_repl(soft_reset=False, timeout_overall=within_s)
+                    serial_port.timeout = _TIMEOUT_S
+                    # What was entered may be an earlier try's late answer: only facts are proof.
+                    return _facts(self._transport.exec(_FACTS))
+                except (*self._failures, *_GARBLED):
+                    if within_s == _ENTER_S[-1]:
                         raise
-        self._transport.serial.timeout = _TIMEOUT_S
 
     def _tool(self, program: str):
         self._load_tools()
@@ -258,3 +251,15 @@ class Prompt:
         if not self._has_tools:
             self.run(_TOOLS)
             self._has_tools = True
+
+
+def _facts(printed: bytes) -> dict:
+    name, version, mpy, platform, block, free = ast.literal_eval(printed.decode())
+    return {
+        "runtime": name,
+        "version": version,
+        "mpy": (mpy & 0xFF, mpy >> 10 & 15),
+        "platform": platform,
+        "block": block,
+        "free": free,
+    }

@@ -1,0 +1,110 @@
+"""What 0.1.0 wrote loads in this version and means the same."""
+
+import hashlib
+import json
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from spots import RecordingBlocks, read_arrays
+from spots.calibrate import calibration_file
+from spots.calibrate.session import Session
+from spots.cli import main
+from spots.controller import controller_settings
+from spots.keyboard import layout
+from spots.link.frames import Touch
+from spots.linkage import mounted
+from spots.recording.recording import Recording
+from spots.recording.replay import open_recording
+
+DATA = Path(__file__).parents[1] / "data" / "0.1.0"
+# As 0.1.0 itself read these files.
+EXPECTED = json.loads((DATA / "expected.json").read_text())
+RUN = DATA / "run.spots"
+
+
+@pytest.mark.parametrize(
+    ("load", "name"),
+    [
+        (calibration_file.load, "calibration"),
+        (calibration_file.load, "joint"),
+        (controller_settings.load, "controller"),
+        (mounted.load, "linkage"),
+    ],
+)
+def test_a_file_of_settings_means_the_same(load, name):
+    found = json.loads(msgspec.json.encode(load(DATA / f"{name}.toml")))
+    assert found == EXPECTED[name]
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [
+        (calibration_file, "calibration"),
+        (calibration_file, "joint"),
+        (controller_settings, "controller"),
+        (mounted, "linkage"),
+    ],
+)
+def test_a_file_of_settings_survives_being_written_again(tmp_path, module, name):
+    loaded = module.load(DATA / f"{name}.toml")
+    module.save(loaded, tmp_path / "again.toml")
+    assert module.load(tmp_path / "again.toml") == loaded
+
+
+def test_the_calibrations_of_a_linkage_are_found_beside_it():
+    path = DATA / "linkage.toml"
+    strips = mounted.load(path).strips(path)
+    assert strips == [calibration_file.load(DATA / "joint.toml")] * 2
+
+
+def test_a_layout_compiles_to_the_same_lines():
+    assert list(layout.load(DATA / "layout.toml").lines) == EXPECTED["layout"]
+
+
+def test_a_session_has_all_its_points():
+    points = Session(DATA / "calibration.jsonl").points
+    *first, count = EXPECTED["points"]
+    assert len(points) == count
+    assert json.loads(msgspec.json.encode(points[: len(first)])) == first
+
+
+def test_a_session_gives_the_same_calibration(tmp_path):
+    session = tmp_path / "calibration.jsonl"
+    session.write_bytes((DATA / "calibration.jsonl").read_bytes())
+    # Nothing is left to press: the session is fitted as it is.
+    for kind, places in (("position", "12"), ("force", "14")):
+        command = ["calibrate", kind, "--port", "virtual", "--session", str(session)]
+        assert main([*command, "--places", places]) == 0
+    again = json.loads(msgspec.json.encode(calibration_file.load(tmp_path / "calibration.toml")))
+    assert again["lines"] == EXPECTED["calibration"]["lines"]
+
+
+def test_a_recording_is_summarised_as_before(capsys, monkeypatch):
+    monkeypatch.chdir(DATA)
+    assert main(["info", "run.spots", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == EXPECTED["info"]
+
+
+def test_a_recording_is_exported_to_the_same_bytes(tmp_path):
+    assert main(["export", str(RUN), "--to", "csv", "--out", str(tmp_path / "run.csv")]) == 0
+    found = {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in tmp_path.iterdir()
+    }
+    assert found == EXPECTED["exported_sha256"]
+
+
+def test_a_recording_is_read_by_every_reader():
+    wanted = EXPECTED["info"]["frames"]
+    frames = [frame for _, frame in Recording(RUN)]
+    assert Counter(type(frame).__name__.lower() for frame in frames) == wanted
+    arrays = read_arrays(RUN)
+    sizes = len(arrays.touches), len(arrays.spectra), len(arrays.keys), len(arrays.texts)
+    assert sizes == tuple(wanted[kind] for kind in ("touch", "spectrum", "key", "text"))
+    assert sum(len(block.touches) for block in RecordingBlocks(RUN)) == wanted["touch"]
+    with open_recording(RUN, speed=float("inf")) as board:
+        assert board.info["firmware"] == "0.1.0"
+        replayed = [frame for frame in board.frames() if isinstance(frame, Touch)]
+    assert replayed == [frame for frame in frames if isinstance(frame, Touch)]
