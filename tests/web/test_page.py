@@ -241,7 +241,7 @@ def test_whatever_is_wrong_with_a_board_has_words(name, serve, open_page):
 def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
     sensor, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(reader, "_SILENCE_S", 0.3)
+    monkeypatch.setattr(reader, "SEARCH_S", 0.3)
     path = tmp_path / "run.spots"
     board = Board(LockstepLink(sensor, Held()))
     with board, board.record(path):
@@ -277,7 +277,7 @@ def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
 
 
 def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_page, monkeypatch):
-    monkeypatch.setattr(reader, "_SILENCE_S", 3600.0)  # or it is looked for, if this takes long
+    monkeypatch.setattr(reader, "SEARCH_S", 3600.0)  # or it is looked for, if this takes long
     held = Held()
     one = bench(held)
     page = open_page(serve(one.state).url)
