@@ -19,7 +19,8 @@ from test_frames import stream
 WRITER = """
 import os, sys
 from pathlib import Path
-from spots import atomic, build
+from spots import atomic
+from spots.deploy import build
 def wait(*_):
     print("ready", flush=True)
     sys.stdin.read()
