@@ -32,9 +32,14 @@ def calibration(sensor):
 
 @pytest.fixture(scope="session", autouse=True)
 def signals():
-    """Let programs that tests start hear signals, also where nohup or a shell's & hears none."""
+    """Let programs that tests start get every signal, whatever nohup or a shell's & ignores.
+
+    A process inherits which signals are ignored, and a program of ours leaves those alone.
+    """
+    for number in signal.valid_signals() - {signal.SIGPIPE, signal.SIGXFSZ}:  # as Python has them
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture

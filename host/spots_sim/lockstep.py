@@ -122,6 +122,13 @@ class LockstepLink:
                 return received
             self._step()
 
+    def sleep(self, duration_s: float) -> None:
+        """Let the board run unplugged: nobody reads what it sends meanwhile."""
+        end_us = self.clock.now_us() + 1e6 * duration_s
+        while self.clock.now_us() < end_us:
+            self._step()
+        self._received()
+
     def write(self, data: bytes) -> None:
         """Put bytes where the board finds them at its next look; if they do not fit, let it run."""
         if not self._open:

@@ -27,5 +27,12 @@ class PacedLink(Through):
 
     def read(self, timeout_s: float) -> bytes:
         """Wait until the board's time has come, then let it run as the link it is does."""
-        time.sleep(max(self.now_s() - (time.monotonic() - self._epoch_s), 0.0))
+        self._wait()
         return self._link.read(timeout_s)
+
+    def sleep(self, duration_s: float) -> None:
+        self._wait()
+        self._link.sleep(duration_s)
+
+    def _wait(self) -> None:
+        time.sleep(max(self.now_s() - (time.monotonic() - self._epoch_s), 0.0))

@@ -209,19 +209,22 @@ def _end_of_parent() -> int:
     """Return a descriptor that ends with the parent.
 
     A thread of its own notices it, and ends the process if the rest of it does not in time; the
-    virtual machine's keeper then ends that.
+    virtual machine's keeper then ends that. The thread is not guarded: its failure ends the process
+    too, which nobody could end any more.
     """
     parent, stdin = os.getppid(), sys.stdin.fileno()
     gone, there = os.pipe()
 
     def watch():
-        # A copy of the pipe that somebody else inherited keeps it open after the parent's end.
-        while os.getppid() == parent:
-            if select.select([stdin], [], [], _PARENT_EVERY_S)[0] and not os.read(stdin, 1):
-                break
-        os.close(there)
-        time.sleep(_END_S)
-        os._exit(1)
+        try:
+            # A copy of the pipe that somebody else inherited keeps it open after the parent's end.
+            while os.getppid() == parent:
+                if select.select([stdin], [], [], _PARENT_EVERY_S)[0] and not os.read(stdin, 1):
+                    break
+        finally:
+            os.close(there)
+            time.sleep(_END_S)
+            os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
     return gone

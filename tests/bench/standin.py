@@ -52,6 +52,9 @@ class StandIn:
     def now_s(self) -> float:
         return time.monotonic()
 
+    def sleep(self, duration_s: float) -> None:
+        time.sleep(duration_s)
+
     def read(self, timeout_s: float) -> bytes:
         if not self._port.out:
             due_s = self._due_s if self._streams else float("inf")

@@ -36,15 +36,19 @@ class StandIn:
         self.booted_s = 0.0
         self._due = b""
         self.gone = 0  # so many tries find no port
+        self.tries_s = []
         self.closed = False
         self.board_id = None
         self.exposure_us = 10_000
 
     def now_s(self):
-        self.time_s += 0.001 * bool(self.gone or self.closed)  # nothing is read meanwhile
         return self.time_s
 
+    def sleep(self, duration_s):
+        self.time_s += duration_s
+
     def reopen(self):
+        self.tries_s.append(self.time_s)
         self.gone = max(0, self.gone - 1)
         if self.gone:
             raise SpotsError("there is no such port")
@@ -242,11 +246,21 @@ def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
     assert board.read_latest(5.0).position_um == 42_000
 
 
+def test_a_lost_port_is_looked_for_by_the_clock_of_its_link():
+    link, board = streaming()
+    lost_s, link.gone = link.now_s(), 1_000_000
+    with pytest.raises(SpotsError, match="no such port"):
+        list(board.frames())
+    tries_s = [round(try_s - lost_s, 3) for try_s in link.tries_s]
+    assert tries_s == [0.0, 0.1, 0.3, 0.7, *(1.5 + i for i in range(10))]
+    assert board.patience_s == 10.0
+
+
 def test_a_board_that_restarts_is_told_again_to_follow_its_untouched_strip():
     link = StandIn(0)
     board = Board(link)
     told = []
-    for i, touches in enumerate(ticks(board, 6.0, 0.02)):
+    for i, touches in enumerate(ticks(board, 6.0, 0.02, pytest.fail)):
         for _ in touches:
             pass
         if i == 20:
@@ -263,7 +277,7 @@ def test_a_board_that_restarts_is_told_again_to_follow_its_untouched_strip():
 
 
 def test_a_port_that_does_not_come_back_is_told(monkeypatch):
-    monkeypatch.setattr(module, "_GONE_S", 0.0)
+    monkeypatch.setattr(module, "PATIENCE_S", 0.0)
     link, board = streaming()
     link.gone = 1000
     with pytest.raises(SpotsError, match="no such port"):

@@ -13,9 +13,9 @@ from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
-from spots.link.calibrated import LOST_S
 from spots.link.connect import prepare
 from spots.link.frames import Touch
+from spots.link.timeouts import RELEASE_S
 from spots_sim.faults import FaultyLink, of_scenario
 from spots_sim.files import ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
@@ -122,7 +122,7 @@ def test_no_key_that_no_finger_pressed_and_none_stays(run):
         else:
             began_s = down.pop(usage)
             ends_s = [touch.points[-1][0] for touch in run.touches if touch.points[0][0] <= began_s]
-            assert now_s - ends_s[-1] < LOST_S + LATE_S, (began_s, now_s)
+            assert now_s - ends_s[-1] < RELEASE_S + LATE_S, (began_s, now_s)
     assert not down
 
 

@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 import os
 import re
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import Future
@@ -32,7 +34,7 @@ from spots.web.recordings import START, Recordings
 from spots.web.serve import Server
 from spots.web.state import State
 
-HOST = Path(spots.__file__).parent
+HOST = Path(spots.__file__).parents[1]
 ERRORS = ValueError, RecursionError, MemoryError
 
 
@@ -259,25 +261,52 @@ def test_a_board_that_is_published_in_a_measurement(fault):
     assert closed.done()
 
 
+def test_the_watch_over_a_parent_ends_the_virtual_board():
+    """Without the thread nobody would end it any more."""
+    program = """
+import time
+from spots_sim import realtime
+def fail(*arguments): raise OSError("put in by a test")
+realtime.select.select, realtime._END_S = fail, 0.0
+realtime._end_of_parent()
+time.sleep(10)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], stdin=subprocess.PIPE)
+    assert ended.returncode == 1
+
+
 @pytest.mark.parametrize(
     ("made_by", "modules"),
     [
         # Another thread or callback needs a case above, and its line here.
-        (r"\bThread\(", {"web/reader.py", "recording/disk.py", "bench/remote.py"}),
-        (r"handlers\.Callback\(", {"remote/session.py"}),
-        (r"declare_subscriber\(", {"remote/session.py", "remote/link.py", "remote/subscribe.py"}),
-        (r"declare_queryable\(", {"remote/answers.py"}),
-        (r"create_task\(|call_soon", {"web/app.py"}),
-        (r"\.on_change = ", {"web/app.py", "web/state.py"}),
-        (r"add_signal_handler\(", {"web/serve.py"}),
-        (r"signal\.signal\(", {"uses/outputs.py"}),
+        (
+            r"\bThread\(",
+            {"spots/web/board_feed.py", "spots/recording/disk.py", "spots_sim/realtime.py"},
+        ),
+        (r"handlers\.Callback\(", {"spots/remote/zenoh_session.py"}),
+        (
+            r"declare_subscriber\(",
+            {
+                "spots/remote/zenoh_session.py",
+                "spots/remote/zenoh_link.py",
+                "spots/remote/subscribe.py",
+            },
+        ),
+        (r"declare_queryable\(", {"spots/remote/answers.py"}),
+        (r"create_task\(|call_soon", {"spots/web/app.py"}),
+        (r"\.on_change = ", {"spots/web/app.py", "spots/web/state.py"}),
+        (r"add_signal_handler\(", {"spots/web/serve.py"}),
+        # In the main thread, where an exception ends the program as any other does.
+        (r"signal\.signal\(", {"spots/signals.py"}),
         (r"atexit|Timer\(|Executor\(|run_in_executor|excepthook|weakref\.finalize", set()),
+        (r"to_thread\(|ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
     ],
 )
 def test_there_are_no_others(made_by, modules):
     found = {
-        str(path.relative_to(HOST))
-        for path in HOST.rglob("*.py")
+        path.relative_to(HOST).as_posix()
+        for package in ("spots", "spots_sim")
+        for path in (HOST / package).rglob("*.py")
         if re.search(made_by, path.read_text(encoding="utf-8"))
     }
-    assert found - {"bench/remote.py"} == modules - {"bench/remote.py"}
+    assert found == modules

@@ -141,7 +141,7 @@ def test_a_publisher_that_is_gone_is_a_lost_port_and_may_come_back(net):
 
 
 def test_a_publisher_that_stays_away_ends_the_reading(net, monkeypatch):
-    monkeypatch.setattr(board_module, "_GONE_S", 0.3)
+    monkeypatch.setattr(board_module, "PATIENCE_S", 0.3)
     with spots_open_while(net) as (board, publisher_ends):
         touches = board.touches()
         next(touches)

@@ -44,7 +44,7 @@ def test_a_ledger_that_does_not_add_up_is_no_result():
 
 
 def test_a_publisher_killed_outright_and_back(net, monkeypatch):
-    monkeypatch.setattr(board_module, "_GONE_S", DEADLINE_S)
+    monkeypatch.setattr(board_module, "PATIENCE_S", DEADLINE_S)
     with running("") as start:
         port = start["port"]
         publisher = spawn(net.hub, "publish", "--port", port)

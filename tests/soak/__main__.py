@@ -9,18 +9,19 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from soak.soak import run
+from spots.cli.arguments import hours, seed
 from spots.errors import SpotsError
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one soak."""
     parser = argparse.ArgumentParser(prog="make soak", description=__doc__)
-    parser.add_argument("--hours", type=arguments.hours, default=1.0, help="of simulated time (1)")
+    parser.add_argument("--hours", type=hours, default=1.0, help="of simulated time (1)")
     parser.add_argument(
         *("--faults", "--scenario"), default="fire", metavar="FILE", help="scenario file or name"
     )
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
-    parser.add_argument("--seed", type=arguments.seed, default=0, help="of noise and faults")
+    parser.add_argument("--seed", type=seed, default=0, help="of noise and faults")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     options = parser.parse_args(arguments)
     try:

@@ -18,6 +18,7 @@ from spots.signals import on_console_event, released_by_signals
 DEADLINE_S = 60
 if sys.platform == "win32":
     pytest.skip("Windows has no such signals", allow_module_level=True)
+IGNORED = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTSTP)
 
 # Plays as fast as it can, so that signals come in the middle of everything.
 PLAYS = """
@@ -97,6 +98,12 @@ def until(condition):
         time.sleep(0.005)
 
 
+def ignore_signals():
+    """As nohup does, and a shell's background without job control."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+
+
 def stopped_by(process):
     _, status = os.waitpid(process.pid, os.WUNTRACED)
     assert os.WIFSTOPPED(status), status
@@ -170,21 +177,28 @@ def test_what_a_stop_without_a_handler_held_is_released_when_it_goes_on(start):
 
 
 def test_ignored_signals_stay_ignored(start):
-    """As nohup has it, and a shell's background without job control."""
-    ignored = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTSTP)
-
-    def ignore():
-        for number in ignored:
-            signal.signal(number, signal.SIG_IGN)
-
-    process, devices = start(HOLDS, ignore)
-    for number in ignored:
+    process, devices = start(HOLDS, ignore_signals)
+    for number in IGNORED:
         process.send_signal(number)
     time.sleep(0.2)
     assert process.poll() is None
     assert devices.held()
     process.send_signal(signal.SIGTERM)
     assert process.wait(DEADLINE_S) == -signal.SIGTERM
+
+
+def test_no_signal_is_ignored_here():
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGTSTP", "SIGTTIN", "SIGTTOU")
+    numbers = [getattr(signal, name) for name in names]
+    assert [one for one in numbers if signal.getsignal(one) == signal.SIG_IGN] == []
+
+
+def test_nor_where_the_tests_were_started_with_signals_ignored():
+    """As nohup and a shell's background start them."""
+    test = f"{__file__}::{test_no_signal_is_ignored_here.__name__}"
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", test]
+    ran = subprocess.run(command, preexec_fn=ignore_signals, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout
 
 
 def test_a_console_event_of_windows_waits_until_all_is_released():
@@ -229,6 +243,13 @@ def test_an_end_that_is_caught_in_the_block_is_no_end():
 
 
 # In a shell with job control, as people do it.
+
+# A tap every second. The demonstration's pauses are for people.
+TAPS = """
+seconds = 1.0
+[[touch]]
+points = [[0.20, 42.5, 0], [0.25, 42.5, 3000], [0.75, 42.5, 3000], [0.80, 42.5, 0]]
+"""
 
 
 class Shell:
@@ -275,7 +296,9 @@ def test_a_strip_is_played_stopped_and_played_again(shell, tmp_path, use):
 
         until(looked)
 
-    shell.type(f"{sys.executable} -m spots {use} --port virtual\n")
+    taps = tmp_path / "taps.toml"
+    taps.write_text(TAPS)
+    shell.type(f"{sys.executable} -m spots {use} --port virtual --scenario {taps}\n")
     for _ in range(3):
         before = len(devices.lines())
         now(lambda: len(devices.lines()) > before + 2 and devices.held())  # noqa: B023

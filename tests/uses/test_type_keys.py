@@ -13,9 +13,9 @@ from spots.keyboard.keyboard import type_on
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.board import Board
-from spots.link.calibrated import LOST_S
 from spots.link.connect import prepare
 from spots.link.frames import Touch
+from spots.link.timeouts import RELEASE_S
 from spots.outputs.devices import Keyboard
 from spots.wearable import gestures as g
 from spots.wearable.wearable import DEFAULT, Mapping, play
@@ -97,9 +97,9 @@ def test_a_board_that_falls_silent_holds_no_key(board):
         if isinstance(frame, Touch):
             engine.take(frame, board.now_s())
     heard_s = board.now_s()
-    engine.tick(heard_s + LOST_S - 0.01)
+    engine.tick(heard_s + RELEASE_S - 0.01)
     assert computer.typed.down
-    engine.tick(heard_s + LOST_S + 0.01)
+    engine.tick(heard_s + RELEASE_S + 0.01)
     assert not computer.typed.down
 
 

@@ -12,34 +12,31 @@ from spots.errors import PortLostError, SpotsError
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots.link.serial_link import Through
 from spots.web.board_feed import Reader
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import State
 from spots_sim.lockstep import LockstepLink
+from spots_sim.paced import PacedLink
 
 
-class PacedLink(Through):
+class Cable(PacedLink):
     """A link in simulated time that never runs ahead of the real one, with a cable to pull."""
 
     def __init__(self, link):
-        super().__init__(link)
-        self._ahead_s = link.now_s() - time.monotonic()
+        super().__init__(link, 0.0)
+        self.pace()
         self.plugged = True
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
         self.written = []
 
     def pace(self):
         """Keep to the clock from here on."""
-        self._ahead_s = self.now_s() - time.monotonic()
+        self._epoch_s = time.monotonic() - self.now_s()
 
     def read(self, timeout_s):
         self._check()
-        early_s = self.now_s() - time.monotonic() - self._ahead_s
-        if early_s > 0:
-            time.sleep(early_s)
-        return self._link.read(timeout_s)
+        return super().read(timeout_s)
 
     def write(self, data):
         self._check()
@@ -48,7 +45,6 @@ class PacedLink(Through):
 
     def reopen(self):
         self._check()
-        self.pace()
 
     def _check(self):
         if not self.plugged:
@@ -60,7 +56,7 @@ class Bench:
 
     Attributes
     ----------
-    link : PacedLink or None
+    link : Cable or None
         Of the board that is plugged in.
     """
 
@@ -78,7 +74,7 @@ class Bench:
         self.asked_for.append(board_id)
         if not self.there:
             raise SpotsError("no board found, plug one in")
-        link = PacedLink(LockstepLink(self._sensor, self._scenario))
+        link = Cable(LockstepLink(self._sensor, self._scenario))
         board = Board(link)
         if self._calibration:
             prepare(board, self._calibration)

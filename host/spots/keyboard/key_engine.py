@@ -7,8 +7,8 @@ from spots_device.decode import DROPPED, LED_OFF
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
 
-from ..link.calibrated import LOST_S
 from ..link.frames import Touch
+from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from .layout import KeyLayout
 
@@ -58,8 +58,8 @@ class KeyEngine:
             self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:
-        """Let go of all, and forget what is pending, if no reading has come for `LOST_S`."""
-        if self._heard_s is not None and now_s - self._heard_s > LOST_S:
+        """Let go of all, and forget what is pending, if no reading has come for `RELEASE_S`."""
+        if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             if self._pad.contact.touched:
                 self.release()

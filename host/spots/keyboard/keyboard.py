@@ -7,8 +7,9 @@ import math
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.calibrated import LOST_S, hello_often, tell_rest, ticks
+from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
+from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..signals import released_by_signals
@@ -50,7 +51,7 @@ def type_on(
     SpotsError
         If the board has no calibration, is too slow or lost, or the keyboard takes no more.
     """
-    length_um = hello_often(board, LOST_S)["length_um"]
+    length_um = hello_often(board, RELEASE_S)["length_um"]
     engine = KeyEngine(layout, length_um, keyboard)
     board.patience_s = math.inf  # no key is down meanwhile
     try:

@@ -18,7 +18,7 @@ from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
 from .replies import made_sure
 from .serial_link import Link, Tap
-from .timeouts import Away, Silence
+from .timeouts import ANSWER_S, PATIENCE_S, WHO_S, WHO_TRIES, Away, Silence
 
 # Commands whose reply comes when the work is done; the others answer at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
@@ -28,12 +28,7 @@ _HELLO_TRIES = 3
 _POLL_S = 0.1
 _SYNC_TIMEOUT_S = 0.5
 _SYNC_TRIES = 4
-_ANSWER_S = 0.1  # of a board that may have restarted
 _STREAM_TRIES = 3
-# So long may its port be gone; a board takes some seconds to be a USB device again.
-_GONE_S = 10.0
-_WHO_S = 0.3  # to hear who answers on a port that came back
-_WHO_TRIES = 5
 # A consumer that falls behind by more than this many frames loses the oldest.
 _QUEUE_FRAMES = 1 << 16
 
@@ -97,7 +92,7 @@ class Board:
         self._told_state = CONNECTED
         self.calibration: list[str] | None = None
         self.log: deque[dict] = deque(maxlen=100)
-        self.patience_s = _GONE_S
+        self.patience_s = PATIENCE_S
         try:
             self._connect()
         except BaseException:
@@ -358,7 +353,7 @@ class Board:
         except PortLostError:
             if not self._streams:
                 raise
-            self._away = Away()
+            self._away = Away(self.now_s())
 
     def _tell_state(self) -> None:
         state = self.state
@@ -374,27 +369,29 @@ class Board:
     def _reconnect(self, timeout_s: float) -> None:
         # A try, no more: who holds keys down has to be back in time to let go of them.
         away = self._away
-        if away.waits(timeout_s):
+        due_in_s = away.due_in_s(self.now_s())
+        if due_in_s > 0:
+            self._link.sleep(min(timeout_s, due_in_s))
             return
         try:
             if not away.is_open:
                 self._link.reopen()
                 away.is_open, away.asked = True, 0
                 self._decoder.feed(b"\0")  # the frame that was cut off ends here
-            reply = self._exchange("hello", _WHO_S)
+            reply = self._exchange("hello", WHO_S)
             away.asked += 1
-            if reply is None and away.asked < _WHO_TRIES:
+            if reply is None and away.asked < WHO_TRIES:
                 return  # its firmware may be starting
             self.info = self._recognised(self._checked(reply))
             self._take_settings(self.info)
         except SpotsError as error:
-            if away.for_s >= self.patience_s:
+            if away.for_s(self.now_s()) >= self.patience_s:
                 raise
             refused = isinstance(error, RefusedError)
             if refused and not away.refused:  # once, not a flood
                 self.log.append({"log": "error", "text": str(error)})
             away.refused = refused
-            away.look_later()
+            away.look_later(self.now_s())
             return
         self._away = None
         self._silence.ask_s = self.now_s()  # whether it has begun anew
@@ -415,7 +412,7 @@ class Board:
         if self.now_s() < silence.ask_s:
             return
         silence.asking(self.now_s())
-        reply = self._exchange("sync", _ANSWER_S)
+        reply = self._exchange("sync", ANSWER_S)
         if reply is None:
             silence.unanswered(self.now_s())
             return  # nobody there, or damaged
@@ -427,7 +424,7 @@ class Board:
             self._begin_anew(silence.first_asked_s, told["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
-                self.command("stream " + " ".join(self._streams), _ANSWER_S)
+                self.command("stream " + " ".join(self._streams), ANSWER_S)
                 return
             except SpotsError:
                 silence.ask_s = self.now_s()  # damaged, either way

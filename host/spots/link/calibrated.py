@@ -10,10 +10,9 @@ from ..errors import SpotsError
 from ..signals import resumed
 from .board import Board
 from .frames import Touch
+from .timeouts import ANSWER_S
 
 _FOLLOW = "set baseline=1"
-_ANSWER_S = 0.1
-LOST_S = 0.3  # without a reading for so long, nobody knows of a finger any more
 
 
 def hello_calibrated(board: Board) -> dict:
@@ -110,7 +109,7 @@ def ticks(
         if board.stats.restarts != restarts and not board.read_only:
             told = board.stats.restarts
             with contextlib.suppress(SpotsError):  # damaged, either way: at the next tick
-                board.command(_FOLLOW, _ANSWER_S)
+                board.command(_FOLLOW, ANSWER_S)
                 restarts = told
         if resumed():
             forget()

@@ -42,6 +42,9 @@ class Link(Protocol):
     def write(self, data: bytes) -> None:
         """Send bytes."""
 
+    def sleep(self, duration_s: float) -> None:
+        """Let time pass by its clock while its port is away; only of links that `reopen`."""
+
     def reopen(self) -> None:
         """Open again the port that raised PortLostError; only of links that do.
 
@@ -83,6 +86,9 @@ class Through:
 
     def write(self, data: bytes) -> None:
         self._link.write(data)
+
+    def sleep(self, duration_s: float) -> None:
+        self._link.sleep(duration_s)
 
     def reopen(self) -> None:
         self._link.reopen()
@@ -180,6 +186,9 @@ class SerialLink:
 
     def now_s(self) -> float:
         return time.monotonic()
+
+    def sleep(self, duration_s: float) -> None:
+        time.sleep(duration_s)
 
     def read(self, timeout_s: float) -> bytes:
         """Raises PortLostError if the port went away, SpotsError if it was closed."""

@@ -43,6 +43,9 @@ class ZenohLink:
     def now_s(self) -> float:
         return time.monotonic()
 
+    def sleep(self, duration_s: float) -> None:
+        time.sleep(duration_s)
+
     def listen(self, on: bool) -> None:
         """Let frames come from now on, or no more."""
         if self._frames is not None and not on:

@@ -14,8 +14,8 @@ from spots_device.contact import TICK_US, TICKS, Contact
 from spots_device.decode import DROPPED, LED_OFF
 from spots_device.layout import Layout, default_lines
 
-from ..link.calibrated import LOST_S
 from ..link.frames import Touch
+from ..link.timeouts import RELEASE_S
 
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"
 SQUEEZE = "squeeze"
@@ -107,8 +107,8 @@ class Gestures:
         return found
 
     def tick(self, now_s: float) -> None:
-        """Forget the touch and what is pending, if no reading has come for `LOST_S`."""
-        if self._heard_s is not None and now_s - self._heard_s > LOST_S:
+        """Forget the touch and what is pending, if no reading has come for `RELEASE_S`."""
+        if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             self.release()
 

@@ -14,8 +14,9 @@ from rich.console import Console
 from .. import toml
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.calibrated import LOST_S, hello_often, tell_rest, ticks
+from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
+from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
@@ -110,7 +111,7 @@ def play(
     mapping : Mapping
     """
     gestures, found = Gestures(), []
-    length_um = hello_often(board, LOST_S)["length_um"]
+    length_um = hello_often(board, RELEASE_S)["length_um"]
     pace, touch = Pace(), None
     with live(Console()) if drawing else nullcontext() as display:
         for touches in ticks(board, seconds, _TICK_S, gestures.release):

@@ -17,6 +17,7 @@ from ..link.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
 from ..link.connect import find, open
 from ..link.frames import Key, Spectrum, Touch
 from ..link.ports import scheme
+from ..link.timeouts import SEARCH_S, silent_s
 from ..recording.replay import Replay
 from .expected import expected_shown
 from .feel import Feel, layout_shown
@@ -27,9 +28,6 @@ _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
 _HEALTH_EVERY_S = 0.5
 _RATE_OVER = 4  # times the link is looked at
-# Without readings for so long, and for so many of them, a board is asked anew who it is.
-_SILENCE_S = 2.0
-_SILENT_READINGS = 3
 _WHY = {
     STALLED: "no readings come",
     LOST: "the board was disconnected",
@@ -179,7 +177,7 @@ class Reader:
     def _patience_s(self) -> float:
         known = self._known
         every_s = (known.get("exposure_us") or 0) * (known.get("average") or 1) / 1e6
-        return max(_SILENCE_S, _SILENT_READINGS * every_s)
+        return silent_s(SEARCH_S, every_s)
 
     def _say(self, state: str, message: str) -> None:
         said = state, message, self._known.get("port")
