@@ -123,7 +123,7 @@ places are known. The table may come from elsewhere: its columns are `x_mm`, `y_
 `joint2_deg`, `sigma1_deg` and `sigma2_deg`, the joints by their own calibrations.
 
 ```python
-from spots.uses import kinematics
+from spots.linkage import kinematics
 
 found = kinematics.calibrate(
     angles_rad, x_mm, y_mm, start=spots.Linkage(100, 80), angle_sigma_rad=2e-4, place_sigma_mm=0.02

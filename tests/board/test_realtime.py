@@ -146,7 +146,7 @@ STATES = {
 }
 STARTER = """
 import os, sys, time
-from spots.link.connect import start_simulator
+from spots_sim.virtual import start_simulator
 start, end = start_simulator("default", "demo", 0)
 port = os.open(start["port"], os.O_RDWR | os.O_NOCTTY)
 os.set_blocking(port, False)
