@@ -104,9 +104,14 @@ def test_touches_on_the_stretched_strip_are_where_they_are(sensor, full):
     with Touched(sensor, full.out) as touched:
         touched.stage.held.strain = STRAIN_PPM * 1e-6
         touched.board.command(f"set strain_ppm={STRAIN_PPM}")
-        for position_um in np.linspace(3000, 90_000, 7):
-            pairs = touched.readings(position_um, 5000.0, 10)
-            assert abs(np.mean([t.position_um for t, _ in pairs]) - position_um) < 100
+        positions_um = np.linspace(3000, 90_000, 7)
+        errors_um = []
+        for _ in range(3):  # near the far end a dark frame alone is worth up to 100 um
+            touched.board.command("dark", timeout_s=5)
+            for position_um in positions_um:
+                pairs = touched.readings(position_um, 5000.0, 10)
+                errors_um.append(np.mean([t.position_um for t, _ in pairs]) - position_um)
+        assert np.all(abs(np.reshape(errors_um, (3, -1)).mean(axis=0)) < 100)
 
 
 def test_the_file_tells_what_was_measured(sensor, full):

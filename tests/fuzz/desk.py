@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import random
 import tempfile
 from array import array
@@ -10,7 +11,6 @@ from types import SimpleNamespace
 
 from smallint import small
 
-import spots_device.app
 from spots.link.frames import Decoder, Touch
 from spots_device.contact import TICKS
 from spots_device.decode import MISFIT, TOO_DARK, TOUCHING
@@ -24,11 +24,20 @@ _COUNTS = (900, 1200, 2000, 2500, 3000, 1500)
 _LENGTH_UM = 85_000
 
 _STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
-for _name in ("SETTINGS_FILE", "CALIBRATION_FILE", "LAYOUT_FILE"):
-    setattr(spots_device.app, _name, f"{_STORE.name}/{_name}")
 
 
-spots_device.app.gc = SimpleNamespace(collect=lambda: None)  # CPython's costs more than all else
+def _own_app():
+    """Return a copy of the module that no other test sees: with files of its own, and no gc."""
+    spec = importlib.util.find_spec("spots_device.app")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for name in ("SETTINGS_FILE", "CALIBRATION_FILE", "LAYOUT_FILE"):
+        setattr(module, name, f"{_STORE.name}/{name}")
+    module.gc = SimpleNamespace(collect=lambda: None)  # CPython's costs more than all else
+    return module
+
+
+_app = _own_app()
 
 
 class _Clock:
@@ -111,9 +120,7 @@ class Board:
             path.unlink()
         clock, self._serial = _Clock(), _Serial()
         board = SimpleNamespace(NAME="virtual", LED_MAX_MA=100)
-        self.app = spots_device.app.App(
-            board, "cpython", "00ff", _Sensor(clock), clock, self._serial
-        )
+        self.app = _app.App(board, "cpython", "00ff", _Sensor(clock), clock, self._serial)
         self._decoder = Decoder()
         self.settle()
         self.said()

@@ -66,8 +66,9 @@ def test_the_page_tells_what_was_measured(files, found, run):
         assert f"(fivebar/{name}.png)" in text
     for part in (found.given, found.calibrated):
         assert f"{part.max_mm:.3f} to {part.max_mm:.3f}" in text
-    mean = run.summary()["error_mm"]["mean"]
-    assert f"| 30 ms | 67 | {mean:.3f} to {mean:.3f} |" in text
+    figures = run.summary()
+    mean = figures["error_mm"]["mean"]
+    assert f"| 30 ms | {figures['rate_hz']:.0f} | {mean:.3f} to {mean:.3f} |" in text
     assert f"| base (mm) | 80 | 80.72 | {found.kinematics.values['base_mm']:.2f} |" in text
     assert not re.search(r"\{|nan", text)
 

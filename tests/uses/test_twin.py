@@ -174,8 +174,9 @@ def test_sust_is_followed(run, files):
     assert 60 < figures["rate_hz"] < 70  # two boards at 30 ms
     assert figures["error_mm"]["mean"] < 0.1
     assert figures["error_mm"]["max"] < 0.4
-    # What the twin says of its own error is about what it is.
-    assert figures["error_mm"]["rms"] == pytest.approx(figures["expected_rms_mm"], rel=0.3)
+    # What the twin says of its own error leaves out that of each board's dark frame and of each
+    # calibration, which last for a run: of 16 runs with other noise one had 2.03 times as much.
+    assert 0.7 < figures["error_mm"]["rms"] / figures["expected_rms_mm"] < 2
 
 
 def test_the_subtle_vibrations_are_in_the_twin(files):

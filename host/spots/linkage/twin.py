@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> None:
             )
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
-        print(printable(str(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))))
+        print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
     elif simulated:
         machine = simulated(
             options.sensor, options.linkage, options.path, options.seed, options.exposure_us

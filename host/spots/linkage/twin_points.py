@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from ..bounded import POINTS_MAX_BYTES, read_bytes, read_text
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from . import mounted
 from .encoder import Angle, Encoder
 from .kinematics import Kinematics, calibrate
@@ -70,7 +70,7 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     if out is None:
         return f"{report}\nnothing was written: --out arm.toml writes a linkage file"
     mounted.save(_moved(known, linkage, out), out, report)
-    return f"{report}\n{out} holds this linkage"
+    return f"{report}\n{printable(str(out))} holds this linkage"
 
 
 def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tell=print) -> int:
@@ -206,7 +206,7 @@ def _number(path: Path, line: int, name: str, text: str | None) -> float:
 
 def _report(found: Kinematics, points: Path, lines: list[int]) -> str:
     named = replace(found, outliers=tuple(lines[i] for i in found.outliers))
-    text = f"from {len(lines)} points of {points}\n{named.report()}"
+    text = f"from {len(lines)} points of {printable(str(points))}\n{named.report()}"
     return text.replace("places that do not fit:", "points that do not fit, by line of the file:")
 
 
