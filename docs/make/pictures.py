@@ -18,8 +18,8 @@ from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
 from spots.link.calibrated import length_of
 from spots.link.frames import Touch
-from spots.linkage.twin_view import View as TwinView
-from spots.terminal.view import View
+from spots.linkage.twin_view import TwinView
+from spots.terminal.view import StripView
 from spots.wearable import wearable_view
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping
@@ -74,7 +74,7 @@ def demo() -> Path:
     score = Score(truth, 0.0)
     with board:
         board.command("stream touch spectrum")
-        view = View(board.command("hello"), board.port)
+        view = StripView(board.command("hello"), board.port)
         for frame in board.frames():
             view.take(frame)
             if isinstance(frame, Touch):
@@ -109,7 +109,7 @@ def controller() -> Path:
     settings = load_controller()
     with board, NoGamepad() as gamepad:
         made = play.controller_for(board, settings)
-        view = play.View(board, made, settings)
+        view = play.ControllerView(board, made, settings)
         play.play(board, made, gamepad, HARD_S - board.now_s(), on_state=view.sent)
         picture = view.picture()
     return _drawn(picture, "controller.svg", 'make demo ARGS="--use controller"')

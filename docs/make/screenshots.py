@@ -9,7 +9,7 @@ from pathlib import Path
 from playwright.async_api import Browser, async_playwright
 
 from spots.keyboard.layout import load
-from spots.web.board_feed import Reader, finder
+from spots.web.board_feed import BoardReader, finder
 from spots.web.serve import Server
 from spots.web.state import State
 from spots.web.twin_feed import machine_readers
@@ -42,7 +42,7 @@ async def main() -> None:
 async def strip(browser: Browser) -> None:
     """Take the page of a strip."""
     state = State()
-    reader = Reader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
+    reader = BoardReader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
     async with Server(state) as server:
         reader.start()
         for name, options in _PICTURES.items():  # one at a time: drawing takes processors too

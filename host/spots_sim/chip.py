@@ -50,7 +50,7 @@ class Quirks:
 
 
 @dataclass(frozen=True)
-class Noise:
+class ChipNoise:
     """Noise of the converter, in counts of the six ADCs.
 
     Attributes
@@ -75,14 +75,14 @@ class AS7341:
     ----------
     light : object
         See the module's text.
-    noise : Noise
+    noise : ChipNoise
     rng : numpy.random.Generator
     quirks : Quirks
     """
 
     address = 0x39
 
-    def __init__(self, light, noise: Noise, rng, quirks: Quirks = Quirks()):
+    def __init__(self, light, noise: ChipNoise, rng, quirks: Quirks = Quirks()):
         self._light = light
         self._noise = noise
         self._rng = rng

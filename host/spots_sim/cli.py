@@ -103,6 +103,8 @@ def _characterize(options: argparse.Namespace) -> None:
 
 
 def _design(options: argparse.Namespace) -> None:
-    from .design import run
+    from .design import design_command
 
-    run(options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out)
+    design_command(
+        options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out
+    )

@@ -157,7 +157,7 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     seed : int
         Of the noise.
     """
-    from spots.web.board_feed import Reader, finder
+    from spots.web.board_feed import BoardReader, finder
     from spots.web.browser import show
     from spots.web.serve import LOOPBACK, serve
     from spots.web.state import State
@@ -167,5 +167,5 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     if use == FIVEBAR:
         readers = machine_readers(endless(sensor, seed=seed), layout, state)
     else:
-        readers = [Reader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
+        readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
     serve(state, LOOPBACK, 0, readers, show)

@@ -7,7 +7,7 @@ from contextlib import nullcontext, suppress
 
 from rich.console import Console
 
-from spots.controller.controller import View, controller_for, show
+from spots.controller.controller import ControllerView, controller_for, show
 from spots.controller.controller_settings import load as load_settings
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
@@ -39,7 +39,7 @@ def play_controller(
     view = None
     gamepad: Gamepad = NoGamepad()
     if Console().is_terminal and not quiet:
-        view = View(board, controller, settings)
+        view = ControllerView(board, controller, settings)
     elif not quiet:
         gamepad = _Sampled(board.now_s)
     with suppress(KeyboardInterrupt), gamepad:

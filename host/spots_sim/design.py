@@ -238,7 +238,7 @@ def _assignment(name: str, value: float | bool) -> str:
     return f"{name} = {str(value).lower()}"
 
 
-def run(
+def design_command(
     length_mm: float, resolution_um: float, rate_hz: float, as_json: bool, out: str | None
 ) -> None:
     """Find a design, print it and write its files.

@@ -21,8 +21,7 @@ import numpy as np
 from spots.link.serial_link import Link, Through
 
 from .bus import Bus
-from .files import Faults as FaultsFile
-from .files import Moments, ScenarioFile, SerialFaults
+from .files import FaultsFile, Moments, ScenarioFile, SerialFaults
 
 # Keeps these generators apart from those that others seed with the same number.
 _OWN = 0xFA017

@@ -57,7 +57,7 @@ class Dye(_Struct):
     clear_per_mm: NotNegative
 
 
-class Contact(_Struct):
+class ContactFile(_Struct):
     """How force becomes contact area, see `world.coupling`."""
 
     threshold_mN: NotNegative
@@ -67,7 +67,7 @@ class Contact(_Struct):
 
 
 class Converter(_Struct):
-    """Noise of the chip, see `as7341.Noise`, and what its documents leave open, see `Quirks`."""
+    """Noise of the chip, see `chip.ChipNoise`, and what its documents leave open, see `Quirks`."""
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive
@@ -94,7 +94,7 @@ class Surroundings(_Struct):
     flicker_hz: Positive = 100.0
 
 
-class Joint(_Struct):
+class JointFile(_Struct):
     """A sliding indenter that a joint moves along the strip."""
 
     radius_mm: Positive = 25.0
@@ -108,14 +108,14 @@ class SensorFile(_Struct):
     length_mm: Positive
     led: Led
     dye: Dye
-    contact: Contact
+    contact: ContactFile
     converter: Converter
     stretch: Stretch = Stretch()
     surroundings: Surroundings = Surroundings()
-    joint: Joint = Joint()
+    joint: JointFile = JointFile()
 
 
-class Touch(_Struct):
+class Finger(_Struct):
     """One finger: points of (time s, position mm, force mN), joined by straight lines."""
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
@@ -200,7 +200,7 @@ class ClockFaults(_Struct):
     stalls: Moments = Moments()
 
 
-class Faults(_Struct):
+class FaultsFile(_Struct):
     """What goes wrong in a scenario, from `from_s` of the run on; see `faults`."""
 
     from_s: Time = 0.0
@@ -236,9 +236,9 @@ class ScenarioFile(_Struct):
     strain: list[tuple[Time, Strain]] = []
     bend: list[tuple[Time, Bend]] = []
     leak: list[tuple[Time, Annotated[float, msgspec.Meta(ge=0, le=1)], Place]] = []
-    touch: list[Touch] = []
+    touch: list[Finger] = []
     ambient: Ambient | None = None
-    faults: Faults | None = None
+    faults: FaultsFile | None = None
 
     def __post_init__(self):
         if any(touch.points[-1][0] > self.seconds for touch in self.touch):

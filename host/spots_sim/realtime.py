@@ -130,7 +130,7 @@ class Console(SerialPort):
             self.to_board.write(bytes((_RAW_PROMPT,)))
 
 
-class Noise:
+class PortNoise:
     """Damages the bytes between a board and the port for its frames, as a scenario says.
 
     The board writes into a pipe and, where the port is not its console, reads from another one.
@@ -178,7 +178,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     noise = board_faults = None
     faults = of_scenario(file, seed)
     if faults:
-        noise, board_faults = Noise(faults, clock, data or console), BoardFaults(faults)
+        noise, board_faults = PortNoise(faults, clock, data or console), BoardFaults(faults)
         bus = FaultyBus(bus, faults)
     frames_out = noise.board_out if noise else (data or console).board_end
     machine = Machine(
@@ -237,7 +237,7 @@ def _serve(
     usb: UsbHost,
     console: Console,
     data: SerialPort | None,
-    noise: Noise | None,
+    noise: PortNoise | None,
     board_faults: BoardFaults | None,
 ) -> None:
     # From whom, to whom, and how. A passage whose end takes no more is not read from.

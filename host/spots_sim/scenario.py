@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass
 
-from .files import Ambient, ScenarioFile, Touch
+from .files import Ambient, Finger, ScenarioFile
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def flicker(percent: float, frequency_hz: float, start_s: float, end_s: float) -
     return 1 + percent / 100 * swing
 
 
-def _between(touch: Touch, i: int, time_s: float) -> Press:
+def _between(touch: Finger, i: int, time_s: float) -> Press:
     (t0, x0, f0), (t1, x1, f1) = touch.points[i - 1], touch.points[i]
     share = (time_s - t0) / (t1 - t0)
     return Press(x0 + share * (x1 - x0), f0 + share * (f1 - f0), touch.width_mm)

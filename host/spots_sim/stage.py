@@ -8,7 +8,7 @@ import numpy as np
 
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
-from spots.calibrate.spectra import Reader
+from spots.calibrate.spectra import SpectrumReader
 from spots.link.board import Board
 
 from .files import SensorFile
@@ -41,7 +41,7 @@ class Stage:
         self.board = Board(LockstepLink(sensor, self.held, seed, started_s=_WARM_S))
         if settings:
             self.board.command("set " + settings)
-        self.reader = Reader(self.board)
+        self.reader = SpectrumReader(self.board)
 
     def __enter__(self) -> Stage:
         return self

@@ -6,7 +6,7 @@ import numpy as np
 
 from spots.calibrate.presser import LEAST_MARGIN
 from spots.calibrate.session import Wanted
-from spots.calibrate.spectra import Reader
+from spots.calibrate.spectra import SpectrumReader
 
 from .stage import Stage
 
@@ -36,7 +36,7 @@ class StagePresser:
     def release(self) -> None:
         self._stage.release()
 
-    def least_mN(self, wanted: Wanted, reader: Reader) -> float:
+    def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         low_mN, high_mN = 1.0, wanted.force_mN
         while high_mN > LEAST_MARGIN * low_mN:
             middle_mN = (low_mN * high_mN) ** 0.5

@@ -11,7 +11,7 @@ from spots.keyboard.layout import KeyLayout
 from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
 from spots_device import layout as lines_of
 
-from .files import ScenarioFile, Touch
+from .files import Finger, ScenarioFile
 
 _SHIFT = 0x22  # either one's bit
 _SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
@@ -91,7 +91,7 @@ class Typist:
         # A compiled layout names them all, each in a line.
         said = (line.split() for line in layout.lines)
         self._limits = {words[0]: int(words[1]) for words in said if words[0] in lines_of.LIMITS}
-        self.touches: list[Touch] = []
+        self.touches: list[Finger] = []
         self.seconds = start_s
 
     def type(self, text: str) -> None:
@@ -135,7 +135,7 @@ class Typist:
         times = (0, _RISE_S, held_s, held_s + _RISE_S)
         forces = (0, force_mN, force_mN, 0)
         points = [(start_s + after_s, x_mm, force) for after_s, force in zip(times, forces)]
-        self.touches.append(Touch(points=points))
+        self.touches.append(Finger(points=points))
         self.seconds = points[-1][0]
 
     def scenario(self) -> ScenarioFile:

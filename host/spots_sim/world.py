@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from .chip import AS7341, Noise, Quirks
-from .files import Contact, SensorFile
+from .chip import AS7341, ChipNoise, Quirks
+from .files import ContactFile, SensorFile
 from .optics import Optics
 from .scenario import flicker
 
@@ -15,7 +15,7 @@ from .scenario import flicker
 _STEP_US = 2_500.0
 
 
-def coupling(contact: Contact, force_mN: float) -> float:
+def coupling(contact: ContactFile, force_mN: float) -> float:
     """Return the share of full contact at a force: 0 below the threshold, towards 1 above it.
 
     Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A). A
@@ -92,7 +92,7 @@ def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
     c = sensor.converter
     return AS7341(
         World(sensor, scenario, rng),
-        Noise(c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x),
+        ChipNoise(c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x),
         rng,
         Quirks(
             c.auto_zero_at_every_start,

@@ -35,21 +35,21 @@ def run() -> dict:
     sensor = load(SensorFile, "default")
     _say("boards: what the firmware takes of each")
     calibration = firmware.for_canned_board(calibrate(sensor))
-    boards = space.run(calibration)
+    boards = space.measure(calibration)
     _say("driver: our firmware and Adafruit's driver on the simulated sensor")
-    on_the_bus = driver.run(sensor)
+    on_the_bus = driver.measure(sensor)
     _say("firmware: integers and floats in MicroPython")
-    on_the_board, stream = firmware.run(sensor, calibration)
+    on_the_board, stream = firmware.measure(sensor, calibration)
     _say("host: frames and lines of JSON")
-    on_the_host = host.run(stream)
-    on_the_host["arrays"] = arrays.run(stream)
+    on_the_host = host.measure(stream)
+    on_the_host["arrays"] = arrays.measure(stream)
     _say("linkage: arrays and loops")
     return {
         "driver": on_the_bus,
         "firmware": on_the_board,
         "boards": boards,
         "host": on_the_host,
-        "linkage": linkage.run(),
+        "linkage": linkage.measure(),
     }
 
 

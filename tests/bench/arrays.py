@@ -27,7 +27,7 @@ _HEADER = Header(
 )
 
 
-def run(stream: bytes) -> dict:
+def measure(stream: bytes) -> dict:
     """Time `read_arrays` of a recording and `json.loads` of the same readings, round by round.
 
     Parameters

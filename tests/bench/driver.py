@@ -53,7 +53,7 @@ class _Moment:
         return cls(bus.clock.now_us(), bus.chip.integrating_us, replace(bus.ledger))
 
 
-def run(sensor: SensorFile) -> dict:
+def measure(sensor: SensorFile) -> dict:
     """Return the cost of a reading, ours and theirs, at each of `EXPOSURES_US`."""
     return {"integrations": [_compare(sensor, exposure_us) for exposure_us in EXPOSURES_US]}
 

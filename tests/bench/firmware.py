@@ -41,7 +41,7 @@ _RATIOS = {
 }
 
 
-def run(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
+def measure(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
     """Measure the paths in MicroPython.
 
     Parameters

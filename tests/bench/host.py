@@ -14,7 +14,7 @@ _COPIES = 16
 _PIECE_BYTES = 4096
 
 
-def run(stream: bytes) -> dict:
+def measure(stream: bytes) -> dict:
     """Time both decoders over the same readings, round by round, in pieces of the same size.
 
     Parameters

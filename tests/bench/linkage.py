@@ -16,7 +16,7 @@ _ROUNDS = 5
 _BAR_MM, _BASE_MM = 100.0, 80.0
 
 
-def run() -> dict:
+def measure() -> dict:
     """Time `Linkage.forward` over an array, and two loops in Python, round by round.
 
     Returns

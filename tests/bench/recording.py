@@ -76,7 +76,7 @@ def _describe() -> dict:
     return {"info": _INFO, "clock": _CLOCK}
 
 
-def run() -> dict:
+def measure() -> dict:
     """Record, read and export the same readings, and return what that costs."""
     with TemporaryDirectory() as folder:
         return {
@@ -146,4 +146,4 @@ def _export(path: Path, kind: str) -> int:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json.dumps(measure(), indent=2))

@@ -34,7 +34,7 @@ _TURN_S = 0.1
 _DEADLINE_S = 60.0
 
 
-def run(
+def measure(
     boards: int = 20,
     publishers: int = 4,
     readers: int = 3,
@@ -381,4 +381,4 @@ def _parser(mode: str) -> Callable[[bytes], Iterator[tuple]]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json.dumps(measure(), indent=2))

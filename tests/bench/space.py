@@ -22,7 +22,7 @@ _PACKAGES = ("spots_device", "spots_device.runtime")
 _RUNTIME = "spots_device/runtime/micropython.mpy"  # what stands for it was loaded instead
 
 
-def run(calibration: list[str]) -> dict:
+def measure(calibration: list[str]) -> dict:
     """Return, for every board that takes .mpy files, ``mpy_bytes``, ``started_bytes`` and
     ``calibrated_bytes``, the latter two of its heap.
 

@@ -29,7 +29,7 @@ def test_arithmetic_and_framing_are_several_times_faster_by_viper(results, senso
         ratios.append(figures["spots_viper"]["vm_time_ratio_of_portable_from_sums"])
         if ratios[-1] >= 5:
             break
-        figures, _ = firmware.run(sensor, firmware.for_canned_board(calibration))
+        figures, _ = firmware.measure(sensor, firmware.for_canned_board(calibration))
     assert max(ratios) >= 5
 
 

@@ -46,7 +46,7 @@ def test_readings_are_counted_and_weighed(results):
 
 
 def test_lines_hold_the_fields_of_the_frames(stream):
-    figures = host.run(stream)
+    figures = host.measure(stream)
     touches = Decoder().feed(stream)
     assert len(touches) == 32
     line = host.line(touches[5])
@@ -62,7 +62,7 @@ def test_a_decoder_that_drops_readings_gets_no_rate(stream, monkeypatch):
 
     monkeypatch.setattr(host, "_decode", lambda pieces: sum(len(Lossy().feed(p)) for p in pieces))
     with pytest.raises(AssertionError, match="readings decoded of"):
-        host.run(stream)
+        host.measure(stream)
 
 
 def test_arrays_have_ten_times_the_rate_of_json(results):
@@ -77,7 +77,7 @@ def test_arrays_have_ten_times_the_rate_of_json(results):
 
 def test_arrays_without_some_readings_get_no_rate(stream, monkeypatch):
     monkeypatch.setattr(arrays, "_READINGS", 1000)
-    assert arrays.run(stream)["readings_per_s"] > 0
+    assert arrays.measure(stream)["readings_per_s"] > 0
     monkeypatch.setattr(of_recordings._Growing, "whole", lambda self: self._array[1 : self._size])
     with pytest.raises(AssertionError, match="readings decoded of"):
-        arrays.run(stream)
+        arrays.measure(stream)

@@ -16,7 +16,7 @@ def small(monkeypatch):
 
 
 def test_a_million_at_once_are_fifty_times_faster_than_one_by_one(small):
-    figures = linkage.run()
+    figures = linkage.measure()
     assert linkage._SAMPLES == 10**6
     assert figures["rate_ratio_over_calls"] > 50
 
@@ -25,11 +25,11 @@ def test_another_formula_gets_no_rate(small, monkeypatch):
     monkeypatch.setattr(linkage, "_SAMPLES", 4000)
     monkeypatch.setattr(linkage, "_by_math", lambda theta1, theta2: (theta1, theta2))
     with pytest.raises(AssertionError, match="'math' are others"):
-        linkage.run()
+        linkage.measure()
 
 
 def test_its_table_shows_every_way(small):
-    figures = linkage.run()
+    figures = linkage.measure()
     text = _text(_linkage(figures))
     for name in ("array", "calls", "math"):
         assert f"{figures[name]['terminals_per_s']:,}" in text

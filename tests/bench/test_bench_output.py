@@ -68,7 +68,7 @@ def test_the_report_shows_both_sides_of_every_part(results, monkeypatch, capsys)
 @pytest.fixture
 def nothing_may_be_measured(monkeypatch):
     # A sentence after half a minute of work would be one too late.
-    monkeypatch.setattr(driver, "run", lambda sensor: pytest.fail("measured before it looked"))
+    monkeypatch.setattr(driver, "measure", lambda sensor: pytest.fail("measured before it looked"))
 
 
 @pytest.mark.usefixtures("nothing_may_be_measured")

@@ -5,8 +5,7 @@ import pytest
 
 from spots.link.frames import Touch
 from spots_sim.faults import Faults
-from spots_sim.files import BusFaults, ClockFaults, Moments, PowerFaults
-from spots_sim.files import Faults as FaultsFile
+from spots_sim.files import BusFaults, ClockFaults, FaultsFile, Moments, PowerFaults
 
 BOARDS = ["virtual", "virtual_circuitpython"]
 PLACE_UM = 42_000

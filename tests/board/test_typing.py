@@ -16,8 +16,7 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
-from spots_sim.files import Ambient, ScenarioFile
-from spots_sim.files import Touch as Finger
+from spots_sim.files import Ambient, Finger, ScenarioFile
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 from spots_sim.stage import Stage

@@ -9,7 +9,7 @@ from rich.console import Console
 from spots import SpotsError
 from spots.calibrate.guide import Guide
 from spots.calibrate.session import Wanted
-from spots.calibrate.spectra import Reader
+from spots.calibrate.spectra import SpectrumReader
 from spots.calibrate.take import BadPressError, Taker
 from spots_sim.scenario import Press
 from spots_sim.stage import Stage
@@ -40,7 +40,7 @@ def test_a_board_that_averages_is_read_sample_by_sample_and_averages_again(stage
     expected = stage.reader.read(200).variance.sum()
     stage.held.press = None
     stage.board.command("set average=8")
-    reader = Reader(stage.board)
+    reader = SpectrumReader(stage.board)
     stage.held.press = PRESS
     assert reader.read(200).variance.sum() == pytest.approx(expected, rel=0.3)
     reader.give_back()

@@ -153,10 +153,10 @@ def test_a_soak_that_breaks_a_promise_ends_with_a_sentence(monkeypatch, worse, s
     assert len(list(broken_promises({**FINE, **worse}))) == (said is not None)
     monkeypatch.setattr(soak, "soak", lambda *arguments: {**FINE, **worse})
     if said is None:
-        soak.run(1.0, "fire", 0, "default", True)
+        soak.soak_command(1.0, "fire", 0, "default", True)
     else:
         with pytest.raises(SpotsError, match=said):
-            soak.run(1.0, "fire", 0, "default", True)
+            soak.soak_command(1.0, "fire", 0, "default", True)
 
 
 def recovered(spells, arrivals_s):

@@ -18,7 +18,7 @@ from spots.link import timeouts as absence
 from spots.link.board import CONNECTED, LOST, REFUSED
 from spots.link.serial_link import SerialLink
 from spots.terminal.monitor import watch
-from spots.web.board_feed import Reader, finder
+from spots.web.board_feed import BoardReader, finder
 from spots.web.state import State
 from spots_sim import files
 from spots_sim.faults import Faults, FaultyLink
@@ -87,7 +87,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     links = [Stopping(SerialLink(name)) for name in names[:2]]
     watched, typed = (spots.Board(link) for link in links)
     keys, state = Pressed(), State()
-    reader = Reader(finder(names[2], "default", "demo", 0), load("digits"), state, 0.01)
+    reader = BoardReader(finder(names[2], "default", "demo", 0), load("digits"), state, 0.01)
     threads = [
         in_thread(watch, watched, None, False),
         in_thread(type_on, typed, load("digits"), keys),

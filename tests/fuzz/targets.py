@@ -32,7 +32,7 @@ from spots.linkage import mounted, twin_points
 from spots.recording.export import EXPORTS, export
 from spots.recording.info import report, summary
 from spots.remote import subscribe
-from spots.terminal.view import View, plain
+from spots.terminal.view import StripView, plain
 from spots.wearable import wearable
 from spots.web.app import _ACK_MAX, _add_headers, _Drawn
 from spots.web.feel import layout_shown
@@ -284,7 +284,7 @@ def recording(data: bytes) -> None:
 
 def _use(path: Path) -> None:
     with _refusing(), spots.open_recording(path, math.inf) as board:
-        view = View(board.info, board.port)
+        view = StripView(board.info, board.port)
         for frame in board.frames():
             view.take(frame)
             if isinstance(frame, Touch):

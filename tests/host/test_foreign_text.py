@@ -14,7 +14,7 @@ from spots.link import serial_link as link
 from spots.link.frames import LinkStats
 from spots.linkage import twin_view
 from spots.outputs.devices import REST
-from spots.terminal.view import View
+from spots.terminal.view import StripView
 
 EVIL = "a\x1b]0;x\x07\x1b[31m\x9b2J\r\n\u202eb\u2066\u200f[red]r[/red][link=http://x]y[/link]\x7f"
 DANGER = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -93,9 +93,11 @@ def test_a_layout_of_a_hostile_name_is_checked_and_shown_harmlessly(tmp_path, ca
 
 
 PICTURES = {
-    "monitor": lambda: View({"board": "b", "runtime": "r", "plan": []}, EVIL).picture(LinkStats()),
+    "monitor": lambda: StripView({"board": "b", "runtime": "r", "plan": []}, EVIL).picture(
+        LinkStats()
+    ),
     "controller": lambda: stick.picture(REST, title=EVIL),
-    "twin": lambda: twin_view.View(
+    "twin": lambda: twin_view.TwinView(
         SimpleNamespace(trail=[], silence=lambda now_s: ""), [EVIL]
     ).picture([], 0.0),
 }

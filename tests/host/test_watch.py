@@ -10,9 +10,8 @@ from spots.errors import SpotsError
 from spots.link import connect
 from spots.link import serial_link as link
 from spots.link.frames import LinkStats, Spectrum, Touch
-from spots.terminal.view import View, plain
-from spots_sim.files import ScenarioFile
-from spots_sim.files import Touch as Finger
+from spots.terminal.view import StripView, plain
+from spots_sim.files import Finger, ScenarioFile
 from spots_sim.scenario import Scenario
 from spots_sim.score import Score
 
@@ -30,7 +29,7 @@ def text(view, score=None):
 
 
 def test_the_picture_tells_place_force_counts_and_link():
-    view = View(INFO, "/dev/x")
+    view = StripView(INFO, "/dev/x")
     view.take(reading())
     view.take(Spectrum(0, 0, 0, 1, 9, (500, 1000)))
     drawn = text(view)
@@ -39,7 +38,7 @@ def test_the_picture_tells_place_force_counts_and_link():
 
 
 def test_without_a_touch_the_picture_claims_none():
-    view = View(INFO, "/dev/x")
+    view = StripView(INFO, "/dev/x")
     assert "mm " not in text(view).split("position")[1].splitlines()[0]
     view.take(reading(flags=1 << 6))
     assert "not calibrated" in text(view)

@@ -10,7 +10,7 @@ from spots.link.board import Board
 from spots.link.frames import Spectrum
 from spots_device import exposure
 from spots_sim.bus import Bus, SimulatedClock
-from spots_sim.chip import AS7341, DIODES, GAIN, Noise, Quirks
+from spots_sim.chip import AS7341, DIODES, GAIN, ChipNoise, Quirks
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held
 from spots_sim.world import chip
@@ -18,7 +18,7 @@ from spots_sim.world import chip
 LOW = ("F1", "F2", "F3", "F4", "CLEAR", "NIR")
 HIGH = ("F5", "F6", "F7", "F8", "CLEAR", "NIR")
 LED_OFF = 1 << 7
-SILENT = Noise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
+SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
 GAIN_1X_OF_64 = 7  # the one gain that the datasheet's table gives as a round number
 WRAP = 1 << 32
 PATIENCE_S = 10.0  # of simulated time: for a dark window and some tens of samples

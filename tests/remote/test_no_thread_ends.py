@@ -29,7 +29,7 @@ from spots.remote import zenoh_session as session_module
 from spots.remote.zenoh_link import ZenohLink
 from spots.web import app as app_module
 from spots.web import serve as serve_module
-from spots.web.board_feed import Reader
+from spots.web.board_feed import BoardReader
 from spots.web.recordings import START, Recordings
 from spots.web.serve import Server
 from spots.web.state import State
@@ -76,7 +76,7 @@ def fault(request, capfd):
 
 def reading(open_board, state=None, **options):
     state = state or State()
-    return Reader(open_board, load("digits"), state, 0.01, **options), state
+    return BoardReader(open_board, load("digits"), state, 0.01, **options), state
 
 
 def shown(state):
@@ -128,12 +128,12 @@ def test_a_reader_that_cannot_show_its_state(fault):
 
 
 def test_who_watches_readers(fault, monkeypatch):
-    fault.patch(monkeypatch, Reader, "watch")
+    fault.patch(monkeypatch, BoardReader, "watch")
     monkeypatch.setattr(serve_module, "_WATCH_EVERY_S", 0.01)
     reader, state = reading(open_stand_in)
     watched = []
-    watch = Reader.watch
-    monkeypatch.setattr(Reader, "watch", lambda self: (watched.append(1), watch(self)))
+    watch = BoardReader.watch
+    monkeypatch.setattr(BoardReader, "watch", lambda self: (watched.append(1), watch(self)))
     ended = asyncio.Event()
     monkeypatch.setattr(serve_module, "_ended_by_sigterm", lambda: ended)
 
@@ -235,7 +235,7 @@ def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):
     with publishing(net.hub, stand_in()):
         fault.patch(monkeypatch, mailbox.Mailbox, "put")
         options = SimpleNamespace(expression="spots/**", json=False, seconds=1.0)
-        subscribe.run(options)
+        subscribe.subscribe_command(options)
         out, err = capfd.readouterr()
         assert " 42.500 mm" in out
         os.write(2, err.encode())

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from spots_sim.bus import Bus, SimulatedClock
-from spots_sim.chip import AS7341, AUTO_ZERO_US, DIODES, Noise, Quirks
+from spots_sim.chip import AS7341, AUTO_ZERO_US, DIODES, ChipNoise, Quirks
 
 ADDRESS = 0x39
-SILENT = Noise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
+SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
 
 
 class Lamp:
@@ -234,7 +234,7 @@ def test_samples_follow_each_other_without_a_gap():
 
 
 def test_noise_has_the_size_that_is_asked_for():
-    noise = Noise(read_counts=3.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
+    noise = ChipNoise(read_counts=3.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
     bench = Bench(noise=noise)
     bench.run(F1_F4)
     bench.wait(AUTO_ZERO_US)
@@ -246,7 +246,7 @@ def test_noise_has_the_size_that_is_asked_for():
 
 
 def test_shot_noise_is_the_root_of_the_electrons():
-    noise = Noise(read_counts=0.0, electrons_per_count_1x=32.0, dark_counts_512x=0.0)
+    noise = ChipNoise(read_counts=0.0, electrons_per_count_1x=32.0, dark_counts_512x=0.0)
     bench = Bench(Lamp(0.5), noise=noise)
     bench.run(F1_F4)  # at 32x a count is one electron
     bench.wait(AUTO_ZERO_US)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from soak.soak import run
+from soak.soak import soak_command
 from spots.cli.arguments import hours, seed
 from spots.errors import SpotsError
 
@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="one JSON object")
     options = parser.parse_args(arguments)
     try:
-        run(options.hours, options.faults, options.seed, options.sensor, options.json)
+        soak_command(options.hours, options.faults, options.seed, options.sensor, options.json)
     except SpotsError as error:
         print(f"soak: {error}", file=sys.stderr)
         return 2

@@ -191,7 +191,7 @@ def soak(
     }
 
 
-def run(hours: float, scenario: str, seed: int, sensor: str, as_json: bool) -> None:
+def soak_command(hours: float, scenario: str, seed: int, sensor: str, as_json: bool) -> None:
     """Print the ledger.
 
     Raises

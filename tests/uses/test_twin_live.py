@@ -24,11 +24,10 @@ from spots.link.frames import LinkStats
 from spots.linkage import mounted, twin_source
 from spots.linkage import twin as twin_command
 from spots.linkage.mounted import Mounted, Mounting
-from spots.linkage.twin_view import View
+from spots.linkage.twin_view import TwinView
 from spots_sim import linkage_demo
 from spots_sim.faults import Faults
-from spots_sim.files import Faults as FaultsFile
-from spots_sim.files import LinkageFile, Moments, PathFile, PowerFaults, load
+from spots_sim.files import FaultsFile, LinkageFile, Moments, PathFile, PowerFaults, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.mechanism import Mechanism, guided
 from spots_sim.simulated_linkage import START_S, calibrated
@@ -254,7 +253,7 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
 def test_the_picture_names_what_is_wrong():
     linkage = Linkage((100, 45, 45, 100), 80)
     twin = Twin(linkage, (Encoder(JOINT), Encoder(JOINT)))
-    view = View(twin, ["here", "there"])
+    view = TwinView(twin, ["here", "there"])
 
     def seen(now_s=0.1):
         console = Console(width=90, record=True, file=io.StringIO())

@@ -20,8 +20,7 @@ from spots.outputs.devices import Keyboard
 from spots.wearable import gestures as g
 from spots.wearable.wearable import DEFAULT, Mapping, play
 from spots_device.decode import LED_OFF
-from spots_sim.files import ScenarioFile
-from spots_sim.files import Touch as Finger
+from spots_sim.files import Finger, ScenarioFile
 from spots_sim.files import load as load_scenario
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario

@@ -12,7 +12,7 @@ from spots.errors import PortLostError, SpotsError
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots.web.board_feed import Reader
+from spots.web.board_feed import BoardReader
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import State
@@ -67,7 +67,9 @@ class Bench:
         self.link = None
         self.there = True
         self.asked_for = []
-        self.reader = Reader(self._open, load(layout), self.state, 0.05, recordings=self.recordings)
+        self.reader = BoardReader(
+            self._open, load(layout), self.state, 0.05, recordings=self.recordings
+        )
         self.reader.start()
 
     def _open(self, board_id):

@@ -14,7 +14,7 @@ from spots.link.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
 from spots.link.frames import Touch
 from spots.recording.replay import open_recording
 from spots.web import board_feed as reader
-from spots.web.board_feed import Reader
+from spots.web.board_feed import BoardReader
 from spots.web.state import State
 from spots_sim.demo import open_fast
 from spots_sim.files import ScenarioFile, load
@@ -264,7 +264,7 @@ def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
             shown.append(value["time_s"])
 
     state.put = keep
-    one = Reader(open_board, load_layout("digits"), state, search_every_s=0.01)
+    one = BoardReader(open_board, load_layout("digits"), state, search_every_s=0.01)
     one.start()
     try:
         end_s = time.monotonic() + 60
@@ -328,7 +328,7 @@ def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
         opened.append(board_id)
         return open_recording(path)
 
-    reader = Reader(open_board, load_layout("digits"), state)
+    reader = BoardReader(open_board, load_layout("digits"), state)
     reader.start()
     try:
         page = open_page(serve(state).url)

@@ -15,7 +15,7 @@ import pytest
 from serving import eventually, until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
-from spots.web.board_feed import Reader
+from spots.web.board_feed import BoardReader
 from spots.web.state import Cursor, State
 from spots_sim.demo import open_fast
 from spots_sim.files import ScenarioFile
@@ -49,7 +49,7 @@ def played(path):
         boards.append(open_recording(path))
         return boards[-1]
 
-    reader = Reader(open_board, load("digits"), state)
+    reader = BoardReader(open_board, load("digits"), state)
     reader.start()
     yield state, boards
     reader.stop(30)

@@ -12,13 +12,13 @@ from ..link.ports import offered
 from .guide import Guide
 from .presser import PersonPresser
 from .session import Session
-from .spectra import Reader
+from .spectra import SpectrumReader
 from .steps import COUNTS, LEAST_COUNTS, Setup, calibrate
 
 _LENGTH_MM = 85.0
 
 
-def run(options: argparse.Namespace) -> None:
+def calibrate_command(options: argparse.Namespace) -> None:
     """Run ``spots calibrate`` with the options that `cli` parsed."""
     count = COUNTS[options.kind] if options.places is None else options.places
     if count < LEAST_COUNTS[options.kind]:
@@ -42,13 +42,13 @@ def run(options: argparse.Namespace) -> None:
         calibrate(setup, options.kind, count, options.strain_percent, options)
 
 
-def _give_back(reader: Reader) -> None:
+def _give_back(reader: SpectrumReader) -> None:
     with suppress(SpotsError):  # of a board that is gone another error tells
         reader.give_back()
 
 
 def _by_hand(options, session: Session, out: Path, guide: Guide) -> Setup:
-    reader = Reader(open(options.port))
+    reader = SpectrumReader(open(options.port))
     told_um = options.length_mm and 1000 * options.length_mm
     length_um = told_um or session.length_um or 1000 * _LENGTH_MM
     return Setup(reader, PersonPresser(guide), guide, session, length_um, out)

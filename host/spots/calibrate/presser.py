@@ -7,7 +7,7 @@ from typing import Protocol
 from .guide import Guide
 from .presses import FIRM_MN
 from .session import Wanted
-from .spectra import Reader
+from .spectra import SpectrumReader
 
 LEAST_MARGIN = 1.05
 
@@ -35,7 +35,7 @@ class Presser(Protocol):
     def release(self) -> None:
         """End it."""
 
-    def least_mN(self, wanted: Wanted, reader: Reader) -> float:
+    def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         """Find a force, as small as may be, under which every channel sees light there."""
 
     def turn(self, direction: int, share: float) -> Wanted:
@@ -68,7 +68,7 @@ class PersonPresser:
     def release(self) -> None:
         self._guide.say("let go")
 
-    def least_mN(self, wanted: Wanted, reader: Reader) -> float:
+    def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         place = f"{wanted.place_um / 1000:.1f} mm"
         force_N = self._guide.ask_number(
             f"press at {place} as lightly as still lights every channel; what does the scale say, "

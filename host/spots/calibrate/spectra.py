@@ -44,7 +44,7 @@ class Reading:
         return bool((self.counts < 1).any())
 
 
-class Reader:
+class SpectrumReader:
     """Reads spectra from a board. Call `set_up` again after a change of its settings.
 
     Each is of one sample, whatever the board averages over: see `give_back`.

@@ -25,7 +25,7 @@ from .make import make
 from .presser import Presser
 from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise
 from .session import Point, Session, Wanted, point, presses
-from .spectra import Reader
+from .spectra import SpectrumReader
 from .take import Taker, judge_force, judge_place
 
 _END_UM = 100  # places are in steps of 0.1 mm
@@ -50,7 +50,7 @@ _NOISE_POINTS = 6
 class Setup:
     """A board, whoever presses it, and what is known so far."""
 
-    reader: Reader
+    reader: SpectrumReader
     presser: Presser
     guide: Guide
     session: Session

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import SpotsError
 from .presses import Noise, Presses
 from .session import Wanted
-from .spectra import Reader, Reading
+from .spectra import Reading, SpectrumReader
 
 _TRIES = 5
 _WINDOW_S = 0.24
@@ -28,7 +28,7 @@ class Taker:
 
     Parameters
     ----------
-    reader : Reader
+    reader : SpectrumReader
     presser : presser.Presser
     guide : guide.Guide
 
@@ -38,7 +38,7 @@ class Taker:
         Of the sensor, as soon as it is known.
     """
 
-    def __init__(self, reader: Reader, presser, guide):
+    def __init__(self, reader: SpectrumReader, presser, guide):
         self.reader = reader
         self.noise: Noise | None = None
         self._presser = presser

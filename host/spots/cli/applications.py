@@ -79,24 +79,24 @@ def _keys(options: argparse.Namespace) -> None:
 
 
 def _keyboard(options: argparse.Namespace) -> None:
-    from ..keyboard.keyboard import run
+    from ..keyboard.keyboard import keyboard_command
 
-    run(options)
+    keyboard_command(options)
 
 
 def _wearable(options: argparse.Namespace) -> None:
-    from ..wearable.wearable import run
+    from ..wearable.wearable import wearable_command
 
-    run(options)
+    wearable_command(options)
 
 
 def _controller(options: argparse.Namespace) -> None:
-    from ..controller.controller import run
+    from ..controller.controller import controller_command
 
-    run(options)
+    controller_command(options)
 
 
 def _twin(options: argparse.Namespace) -> None:
-    from ..linkage.twin import run
+    from ..linkage.twin import twin_command
 
-    run(options)
+    twin_command(options)

@@ -23,6 +23,6 @@ def add(commands) -> None:
 
 
 def _calibrate(options: argparse.Namespace) -> None:
-    from ..calibrate.calibrate import run
+    from ..calibrate.calibrate import calibrate_command
 
-    run(options)
+    calibrate_command(options)

@@ -33,6 +33,6 @@ def _monitor(options: argparse.Namespace) -> None:
 
 
 def _serve(options: argparse.Namespace) -> None:
-    from ..web.serve import run
+    from ..web.serve import serve_command
 
-    run(options)
+    serve_command(options)

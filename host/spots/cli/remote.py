@@ -29,12 +29,12 @@ def add(commands) -> None:
 
 
 def _publish(options: argparse.Namespace) -> None:
-    from ..remote.publish import run
+    from ..remote.publish import publish_command
 
-    run(options)
+    publish_command(options)
 
 
 def _subscribe(options: argparse.Namespace) -> None:
-    from ..remote.subscribe import run
+    from ..remote.subscribe import subscribe_command
 
-    run(options)
+    subscribe_command(options)

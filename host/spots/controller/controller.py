@@ -29,7 +29,7 @@ _TICK_S = 0.005  # how late a state may be that no reading asks for
 _READINGS_BRIDGED = 1.5
 
 
-def run(options: argparse.Namespace) -> None:
+def controller_command(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
     settings = None if options.calibrate else load(options.settings or DEFAULT)
     with released_by_signals(), open_named(options) as board:
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
                 "'spots command gamepad off' first"
             )
         drawing = Console().is_terminal and not options.dry_run
-        view = View(board, controller, settings) if drawing else None
+        view = ControllerView(board, controller, settings) if drawing else None
         with open_gamepad(options.dry_run) as gamepad:
             show(board, controller, gamepad, options.seconds, view)
 
@@ -122,7 +122,7 @@ class Judge(Protocol):
         """Count a state that is sent."""
 
 
-class View:
+class ControllerView:
     """The picture of a controller that is being played."""
 
     def __init__(self, board: Board, controller: Controller, settings: Settings):
@@ -149,7 +149,7 @@ def show(
     controller: Controller,
     gamepad: Gamepad,
     seconds: float | None,
-    view: View | None = None,
+    view: ControllerView | None = None,
     judge: Judge | None = None,
 ) -> None:
     """Play as `play` does, with a picture."""

@@ -19,7 +19,7 @@ from .layout import KeyLayout, load
 _TICK_S = 0.02
 
 
-def run(options: argparse.Namespace) -> None:
+def keyboard_command(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
     with released_by_signals(), open_named(options) as board:

@@ -18,12 +18,12 @@ from .digital_twin import Terminal
 from .mounted import is_mounted
 from .twin_points import fit, measure
 from .twin_source import Source, driven, is_recording, linkage_of, opened, paced
-from .twin_view import View
+from .twin_view import TwinView
 
 _LINES_PER_S = 4
 
 
-def run(options: argparse.Namespace) -> None:
+def twin_command(options: argparse.Namespace) -> None:
     """Run ``spots twin`` with the options that `cli` parsed.
 
     Raises
@@ -94,7 +94,7 @@ def show(
     console = Console()
     drawing = console.is_terminal and tell is None
     tell = tell or Lines()
-    view = View(source.twin, source.names)
+    view = TwinView(source.twin, source.names)
     count = 0
     pairs = source.readings(seconds)
     pairs = paced(pairs) if played and drawing else pairs

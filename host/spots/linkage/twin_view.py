@@ -24,7 +24,7 @@ _BRAILLE = 0x2800
 Point = tuple[float, float]
 
 
-class View:
+class TwinView:
     """The picture of a twin; its frame grows with what was seen.
 
     Parameters

@@ -127,7 +127,7 @@ class Publisher:
             self._health.put(encode({"utc_s": time.time(), **asdict(self._board.stats)}))
 
 
-def run(options: argparse.Namespace) -> None:
+def publish_command(options: argparse.Namespace) -> None:
     """Run ``spots publish`` with the options that `cli` parsed."""
     with released_by_signals(), open_session() as session, open_named(options) as board:
         publisher = Publisher(board, session)

@@ -22,7 +22,7 @@ from .zenoh_session import direct, open_session
 _NAMES_MAX = 256
 
 
-def run(options: argparse.Namespace) -> None:
+def subscribe_command(options: argparse.Namespace) -> None:
     """Run ``spots subscribe`` with the options that `cli` parsed."""
     try:
         expression = zenoh.KeyExpr(options.expression)

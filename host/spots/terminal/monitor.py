@@ -9,7 +9,7 @@ from rich.console import Console
 
 from ..link.board import Board
 from ..link.frames import Touch
-from .view import Judge, Pace, View, live, plain
+from .view import Judge, Pace, StripView, live, plain
 
 PLAIN_LINES_PER_S = 4
 
@@ -22,7 +22,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
     console = Console()
     drawing = console.is_terminal and not quiet
     board.command("stream touch spectrum" if drawing else "stream touch")
-    view = View(board.command("hello"), board.port)
+    view = StripView(board.command("hello"), board.port)
     started_s = board.now_s()
     pace = Pace() if drawing else Pace(PLAIN_LINES_PER_S)
     board.patience_s = math.inf

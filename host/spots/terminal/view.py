@@ -47,7 +47,7 @@ class Judge(Protocol):
         """Return what to show: ``link``, more of the link's row, and ``rows``, more rows."""
 
 
-class View:
+class StripView:
     """State of the picture, and the picture.
 
     Parameters

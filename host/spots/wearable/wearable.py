@@ -78,7 +78,7 @@ class Mapping:
                 keyboard.key(*self.keys[gesture.name], pressed)
 
 
-def run(options: argparse.Namespace) -> None:
+def wearable_command(options: argparse.Namespace) -> None:
     """Run ``spots wearable`` with the options that `cli` parsed."""
     mapping = Mapping(options.gestures or DEFAULT)
     with (

@@ -35,7 +35,7 @@ _WHY = {
 }
 
 
-class Reader:
+class BoardReader:
     """Reads a board into a state until it is stopped.
 
     Parameters
@@ -238,7 +238,7 @@ class _Health:
 def finder(
     port: str | None, sensor: str, scenario: str, seed: int
 ) -> Callable[[str | None], Board]:
-    """Return a function as `Reader` takes it; arguments as for `spots.open`.
+    """Return a function as `BoardReader` takes it; arguments as for `spots.open`.
 
     Raises
     ------

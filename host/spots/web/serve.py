@@ -15,7 +15,7 @@ from ..errors import SpotsError, missing
 from ..guarded import Guarded
 from ..keyboard.layout import load
 from ..linkage.twin_source import is_recording, linkage_of
-from .board_feed import Reader, finder
+from .board_feed import BoardReader, finder
 from .browser import print_address
 from .recordings import Recordings
 from .state import State
@@ -102,7 +102,7 @@ class Server:
         await self._runner.cleanup()
 
 
-def run(options: argparse.Namespace) -> None:
+def serve_command(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     state, layout, ports = State(), load(options.layout), options.port
     recordings = _recordings(options, state)
@@ -111,7 +111,7 @@ def run(options: argparse.Namespace) -> None:
             raise SpotsError("one --port is shown; a linkage has two, and a --linkage FILE")
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
-        readers = [Reader(open_board, layout, state, recordings=recordings)]
+        readers = [BoardReader(open_board, layout, state, recordings=recordings)]
     elif simulated := linkage_of(ports):
         machine = simulated(
             options.sensor, options.linkage, "sust", options.seed, _LINKAGE_EXPOSURE_US
@@ -134,7 +134,7 @@ def serve(
     state: State,
     address: str,
     port: int,
-    readers: list[Reader],
+    readers: list[BoardReader],
     on_start: Callable[[str], None],
     recordings: Recordings | None = None,
 ) -> None:
@@ -146,7 +146,7 @@ def serve(
     address : str
     port : int
         As for `Server`.
-    readers : list of Reader
+    readers : list of BoardReader
         Of the state.
     on_start : callable
         Told the URL.

@@ -17,7 +17,7 @@ from ..linkage import mounted
 from ..linkage.digital_twin import Terminal, Twin
 from ..linkage.twin_source import Machine, check, give
 from ..terminal.view import Pace
-from .board_feed import Reader, finder
+from .board_feed import BoardReader, finder
 from .state import State
 
 _SHOWN_PER_S = 20
@@ -106,7 +106,7 @@ class _Aside(State):
 
 def linkage_readers(
     linkage: str, ports: list[str], layout: KeyLayout, state: State
-) -> list[Reader]:
+) -> list[BoardReader]:
     """Return a reader for each board of a linkage file; the first one's strip is shown, too.
 
     Parameters
@@ -131,7 +131,9 @@ def linkage_readers(
     feed = TwinFeed(Twin(arm.linkage, arm.encoders(strips)), state)
     if len(ports) == 1:
         found = finder(ports[0], "default", "demo", 0)
-        return [Reader(found, layout, state, on_touch=lambda touch: feed.take(touch.sensor, touch))]
+        return [
+            BoardReader(found, layout, state, on_touch=lambda touch: feed.take(touch.sensor, touch))
+        ]
     # One after the other: a board that is being asked who it is is busy for everyone else.
     searching = threading.Lock()
 
@@ -155,7 +157,7 @@ def linkage_readers(
     return _readers(feed, [opener(joint) for joint in (0, 1)], layout, state)
 
 
-def machine_readers(machine: Machine, layout: KeyLayout, state: State) -> list[Reader]:
+def machine_readers(machine: Machine, layout: KeyLayout, state: State) -> list[BoardReader]:
     """Return readers of the two boards of a machine.
 
     Parameters
@@ -171,8 +173,8 @@ def machine_readers(machine: Machine, layout: KeyLayout, state: State) -> list[R
 
 def _readers(
     feed: TwinFeed, openers: list[Opener], layout: KeyLayout, state: State
-) -> list[Reader]:
-    def reader(joint: int, of_board: State) -> Reader:
-        return Reader(openers[joint], layout, of_board, on_touch=partial(feed.take, joint))
+) -> list[BoardReader]:
+    def reader(joint: int, of_board: State) -> BoardReader:
+        return BoardReader(openers[joint], layout, of_board, on_touch=partial(feed.take, joint))
 
     return [reader(0, state), reader(1, _Aside(feed, 1))]
