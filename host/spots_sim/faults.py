@@ -329,7 +329,7 @@ class Faults:
 
     Parameters
     ----------
-    file : files.Faults
+    file : files.FaultsFile
     seconds : float
         Length of the scenario.
     seed : int

@@ -26,7 +26,7 @@ ADDRESS = 0x39
 
 
 def faults(seed=0, seconds=60.0, **parts):
-    return Faults(files.Faults(**parts), seconds, seed)
+    return Faults(files.FaultsFile(**parts), seconds, seed)
 
 
 def everything(data, damage, step=26, step_us=10_000.0):

@@ -134,7 +134,7 @@ def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path
     start, end = start_simulator("default", "demo", 0)
     there[start["port"]] = "number"
     names = [start["port"]]
-    nothing_wrong = Faults(files.Faults(), seconds=1.0)
+    nothing_wrong = Faults(files.FaultsFile(), seconds=1.0)
     with spots.Board(FaultyLink(SerialLink(start["port"]), nothing_wrong)) as board:
         board.patience_s = DEADLINE_S
         board.record(tmp_path / "run.spots")

@@ -43,7 +43,7 @@ def test_nothing_couples_below_the_threshold_and_more_force_couples_more(sensor)
 
 def test_a_scenario_repeats_and_moves_its_fingers_in_straight_lines():
     file = ScenarioFile(
-        seconds=4.0, touch=[files.Touch(points=[(1.0, 10.0, 0), (2.0, 20.0, 1000)])]
+        seconds=4.0, touch=[files.Finger(points=[(1.0, 10.0, 0), (2.0, 20.0, 1000)])]
     )
     scenario = Scenario(file)
     for start_s in (0, 4, 400):
