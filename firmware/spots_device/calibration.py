@@ -25,7 +25,7 @@ from array import array
 from .smux import CHANNELS, PIXELS
 
 ONE_Q13 = 1 << 13
-# Keeps every sum of kernel.project inside 31 bits.
+# Keeps every weighted sum of `kernel.estimate` inside 31 bits.
 WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
@@ -54,7 +54,7 @@ class Segment:
     contrasts, positions_um, fits, offsets : array of int
         The knots.
     weights, columns : tuple of array
-        The same, as `kernel.project` and `kernel.look_up` take them.
+        The same, as `kernel.estimate` takes them.
     """
 
     def __init__(self, weights, knots):

@@ -169,11 +169,11 @@ class Damage:
 
 
 class FaultyLink(Through):
-    """A `link.Link` whose bytes are damaged in both directions.
+    """A `link.serial_link.Link` whose bytes are damaged in both directions.
 
     Parameters
     ----------
-    link : link.Link
+    link : serial_link.Link
     faults : Faults
     """
 

@@ -2,7 +2,7 @@
 
 Nothing runs but what a read lets run: MicroPython is always held at a bus request while the host
 thinks, so that one sensor, scenario and seed give the same bytes every time, as fast as the
-machine allows. It is a link as `link.SerialLink` is one.
+machine allows. It is a link as `link.serial_link.SerialLink` is one.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
         The PNG file.
     step_deg : int
         From line to line.
-    mechanism : sim.linkage.Mechanism, optional
+    mechanism : spots_sim.mechanism.Mechanism, optional
         Whose joints' travel bounds the workspace.
 
     Raises

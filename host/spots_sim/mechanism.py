@@ -1,6 +1,6 @@
 """A five-bar linkage with play and wrong lengths, that moves an indenter along each of two strips.
 
-The truth to compare a twin with. It shares no formula with `uses.fivebar`.
+The truth to compare a twin with. It shares no formula with `linkage.fivebar`.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def driver_on(bus: Bus, driver: type | None = None) -> Iterator:
 
     Parameters
     ----------
-    bus : sim.bus.Bus
+    bus : spots_sim.bus.Bus
     driver : type, optional
         A class derived from the published one, in its place.
     """

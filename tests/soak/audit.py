@@ -131,7 +131,7 @@ class Recoveries:
     Parameters
     ----------
     spells : list of (str, float, float)
-        Of a `sim.faults.Ledger`; those that were taken are removed.
+        Of a `spots_sim.faults.Ledger`; those that were taken are removed.
 
     Attributes
     ----------
@@ -219,7 +219,7 @@ class Keys:
 
     Parameters
     ----------
-    file : sim.files.ScenarioFile
+    file : spots_sim.files.ScenarioFile
         Whose fingers press.
     now_s : callable
         Returns the time, from the scenario's begin.
@@ -240,7 +240,7 @@ class Keys:
         self.presses = self.releases = self.stuck = 0
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Take an event, as `uses.keyboard.KeySink` says."""
+        """Take an event, as `keyboard.key_engine.KeySink` says."""
         if pressed:
             self.presses += 1
             self._down[page, usage] = self._leaves_s() + _LATE_S

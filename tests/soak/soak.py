@@ -42,9 +42,9 @@ class Watch:
     Parameters
     ----------
     board : board.Board
-    bare : sim.lockstep.LockstepLink
-    faults : sim.faults.Faults
-    file : sim.files.ScenarioFile
+    bare : spots_sim.lockstep.LockstepLink
+    faults : spots_sim.faults.Faults
+    file : spots_sim.files.ScenarioFile
     mark_s : float
         When memory is what it should be at the end.
     """

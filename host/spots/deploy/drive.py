@@ -29,7 +29,7 @@ _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 
 class Drive:
-    """A mounted CIRCUITPY drive, as `prompt.Prompt` is a board's file system.
+    """A mounted CIRCUITPY drive, as `deploy.prompt.Prompt` is a board's file system.
 
     Nothing outside it is ever read, written or removed: no link on it is followed.
 

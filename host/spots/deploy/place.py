@@ -23,7 +23,7 @@ class Place:
     name : str
         A serial port, or where a drive is mounted.
     open : callable
-        Opens its file system: a `prompt.Prompt` or a `drive.Drive`.
+        Opens its file system: a `deploy.prompt.Prompt` or a `deploy.drive.Drive`.
     ports : callable
         Returns the serial ports on which the board may answer now.
     """
@@ -39,7 +39,7 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
 
     Parameters
     ----------
-    device : stage.Device
+    device : staging.Device
         What is to go there.
     port : str, optional
         A serial port, or the folder of a CircuitPython drive; the one that there is, if not given.

@@ -47,7 +47,7 @@ class Board:
 
     Parameters
     ----------
-    link : link.Link
+    link : serial_link.Link
         Taken over; closed with the board.
 
     Attributes

@@ -4,7 +4,7 @@ A scheme is a module. It enters itself as an entry point of the group ``spots.po
 the word before the colon, ``zenoh`` in ``zenoh:ID``. It has
 
 ``open_port(rest, *, sensor, scenario, seed)``
-    Returns a `board.Board`; `rest` is what follows the colon, and the others describe a simulated
+    Returns a `Board`; `rest` is what follows the colon, and the others describe a simulated
     board. Raises SpotsError.
 
 and may have

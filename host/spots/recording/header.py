@@ -30,7 +30,7 @@ _Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
 
 
 class Clock(msgspec.Struct, frozen=True):
-    """State of the `clockmap.ClockMap` when the recording began; see its `state`."""
+    """State of the `link.clockmap.ClockMap` when the recording began; see its `state`."""
 
     last_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)]
     low_s: _Clock_s

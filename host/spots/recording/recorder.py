@@ -30,7 +30,7 @@ class Recorder(Through):
 
     Parameters
     ----------
-    link : link.Link
+    link : serial_link.Link
         The link that is recorded.
     path : str or Path
         A file that is not there yet.

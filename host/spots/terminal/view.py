@@ -60,7 +60,7 @@ class StripView:
     Attributes
     ----------
     state : str
-        Of the link, see `board.Board.state`; shown where it is not connected.
+        Of the link, see `link.board.Board.state`; shown where it is not connected.
     """
 
     def __init__(self, info: dict, port: str):
