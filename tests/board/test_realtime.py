@@ -145,23 +145,33 @@ STATES = {
     "the machine is stopped": "stopped",
 }
 STARTER = """
-import os, sys, time
+import os, select, sys, time
 from spots_sim.virtual import start_simulator
+
+def until(wanted, asked=b""):
+    heard = b""
+    while wanted not in heard:
+        os.write(port, asked)
+        if select.select([port], [], [], 0.05)[0]:
+            heard += os.read(port, 4096)
+
 start, end = start_simulator("default", "demo", 0)
 port = os.open(start["port"], os.O_RDWR | os.O_NOCTTY)
 os.set_blocking(port, False)
-time.sleep(1.0)
+until(b"protocol", b"hello\\n")
 if sys.argv[1] == "flood":
-    for _ in range(2000):
+    full = 0
+    while full < 100:
         try:
             os.write(port, b"hello\\n" * 50)
         except BlockingIOError:
+            full += 1
             time.sleep(0.001)
 if sys.argv[1] == "busy":
     os.write(port, b"\\r\\x03\\x03")
-    time.sleep(1.0)
+    until(b">>>")
     os.write(port, b"while True: pass\\r\\n\\r\\n")
-    time.sleep(0.5)
+    until(b"pass")
 if sys.argv[2] == "copied" and os.fork() == 0:
     time.sleep(60)
 print("ready", flush=True)

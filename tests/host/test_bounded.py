@@ -10,7 +10,9 @@ import pytest
 from spots import SpotsError, toml
 from spots.cli import main
 from spots.deploy import staging as stage
+from spots.link import connect
 from spots.linkage import mounted
+from spots_sim import virtual
 
 # Far below what reading the file would take, and no more than the interpreter and NumPy need.
 MEMORY_BYTES = 2 << 30
@@ -103,6 +105,23 @@ def test_a_huge_file_is_refused_unread(tmp_path, command):
     path = tmp_path / "odd.toml"
     special("huge", path)
     assert "is larger than" in refused(command, path, tmp_path)
+
+
+@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"zenoh", "scenario"}))
+def test_a_wrong_file_is_refused_before_a_board_is_opened(tmp_path, capsys, monkeypatch, command):
+    def opened(*arguments, **options):
+        raise AssertionError("a board was opened")
+
+    monkeypatch.setattr(connect, "Board", opened)
+    monkeypatch.setattr(virtual, "start_simulator", opened)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drawn.toml").write_text(DRAWN)
+    path = tmp_path / "odd.toml"
+    path.write_text("=\n")
+    assert main(COMMANDS[command].format(path).split()) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert path.name in error
 
 
 @pytest.mark.parametrize("kind", DEEP)

@@ -1,99 +1,387 @@
-"""Text that devices, files and other machines chose does nothing to a terminal."""
+"""Text that devices, files and other machines chose does nothing to a terminal.
 
+A foreign text is one that this program did not write: what a board replies, what a USB device is
+called, names and contents of files, names on a network, the environment. `SHOWN` has each source
+with each command that shows it. Every case runs on a terminal and off it.
+"""
+
+import contextlib
+import io
+import json
+import os
+import pty
 import re
+import threading
+import tty
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from rich.console import Console
 
+from fault_streams import encoded
+from net import Net, session
+from plugs import Hub, Plug
+from spots.calibrate.guide import Guide
+from spots.calibrate.session import Point
 from spots.cli import main
-from spots.controller import stick
+from spots.controller import controller_setup, stick
+from spots.deploy import flash
 from spots.keyboard import layout
 from spots.link import serial_link as link
 from spots.link.frames import LinkStats
 from spots.linkage import twin_view
 from spots.outputs.devices import REST
+from spots.recording.note import note
 from spots.terminal.view import StripView
 
-EVIL = "a\x1b]0;x\x07\x1b[31m\x9b2J\r\n\u202eb\u2066\u200f[red]r[/red][link=http://x]y[/link]\x7f"
+# Markup, a title (OSC), a question that a terminal answers (DSR), C1, line ends, bidi, DEL. Short:
+# a reply of a board has few bytes.
+MARK = "[red]r"
+EVIL = MARK + "[/red]\x1b]0;x\x07\x1b[6n\x9b2J\r\n\u202e\u2066\x7f"
+NAME = EVIL.replace("/", "")  # as a file or a key of Zenoh may be called
 DANGER = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+# What rich and the progress of a recording write to a terminal; `EVIL` has none of it but \r.
+OURS = re.compile(r"\x1b\[(?:[0-9;]*m|[0-9]*[AK]|\?25[lh])|\r")
 
 
-def harmless(text, lines=1):
-    """Whether no character of a foreign text acts on a terminal, and markup is shown as it is."""
-    return not DANGER.search(text) and text.count("\n") <= lines
+class Screen:
+    """What commands print, on a terminal or into a pipe, from this process."""
+
+    def __init__(self, monkeypatch, terminal):
+        self._terminal = terminal
+        self._reader, writer = pty.openpty() if terminal else os.pipe()
+        if terminal:
+            tty.setraw(writer)  # no \r of its own
+        self._file = open(writer, "w", encoding="utf-8", buffering=1)
+        self._data = b""
+        self._thread = threading.Thread(target=self._drain, daemon=True)
+        self._thread.start()
+        monkeypatch.setenv("TERM", "xterm-256color")
+        monkeypatch.setenv("COLUMNS", "300")
+
+    def _drain(self):
+        try:
+            while data := os.read(self._reader, 1 << 16):
+                self._data += data
+        except OSError:
+            pass  # how a terminal ends
+
+    @contextlib.contextmanager
+    def on(self):
+        """Print on it."""
+        with contextlib.redirect_stdout(self._file), contextlib.redirect_stderr(self._file):
+            yield
+
+    def run(self, *arguments):
+        """Run a command, whatever its end: what it prints is looked at."""
+        with self.on():
+            try:
+                return main([str(one) for one in arguments])
+            except SystemExit as end:  # of argparse
+                return end.code
+
+    def text(self):
+        """Return all that was printed, without what this program itself says to a terminal."""
+        self._file.close()
+        self._thread.join(30)
+        os.close(self._reader)
+        text = self._data.decode()
+        return OURS.sub("", text) if self._terminal else text
+
+
+@pytest.fixture(params=[True, False], ids=["terminal", "pipe"])
+def screen(request, monkeypatch):
+    return Screen(monkeypatch, request.param)
+
+
+def assert_shown(text, shown=True):
+    """What is printed has the foreign text, and nothing in it acts on a terminal."""
+    assert not (found := DANGER.search(text)), text[max(0, found.start() - 200) :][:300]
+    assert (MARK in text) == shown, text
+
+
+class Evil(Plug):
+    """A board whose every text is foreign; `error` and `fault` where they are wanted."""
+
+    error = False
+    fault = None
+
+    def _answer(self, name, *words):
+        if self.error and name != "hello":
+            self._send(3, {"re": name, "error": EVIL})
+        else:
+            self._send(3, {"log": EVIL})
+            super()._answer(name, *words)
+
+    def _send(self, kind, body):
+        if kind == 3:
+            body = body if isinstance(body, dict) else json.loads(body)
+            if body.get("re") == "hello":
+                body |= dict.fromkeys(("board", "runtime", "firmware", "id", "layout"), EVIL)
+                body["plan"][0] = EVIL
+            elif body.get("re") == "get":
+                body |= {"fault": self.fault and EVIL, "exposure_us": 1000}
+            elif body.get("re") == "dark":
+                body["dark"] = [0] * 6
+            elif "re" in body and body["re"] not in ("sync", "stream"):
+                body |= {"note": EVIL, EVIL: EVIL}
+            body = json.dumps(body, ensure_ascii=False).encode()
+        super()._send(kind, body)
+
+
+@pytest.fixture
+def evil_board():
+    """The port of a board that answers with foreign texts, and the board."""
+    with Hub(0) as hub:
+        board = Evil("evil")
+        board.plug()
+        hub.plugs.append(board)
+        yield board
 
 
 @pytest.fixture
 def evil_usb(monkeypatch):
     """A USB device whose descriptors are written by somebody else."""
     usb = SimpleNamespace(
-        device="/dev/tty" + EVIL, description=EVIL, product=EVIL, manufacturer=EVIL,
+        device="/dev/tty" + NAME, description=EVIL, product=EVIL, manufacturer=EVIL,
         serial_number=EVIL, vid=1, pid=2, location="1-1", interface=EVIL, hwid=EVIL, name=EVIL,
     )  # fmt: skip
     monkeypatch.setattr(link.list_ports, "comports", lambda *_: [usb])
     return usb
 
 
-def test_ports_prints_no_descriptor_raw(evil_usb, capsys):
-    assert main(["ports"]) == 0
-    told = capsys.readouterr()
-    assert "[red]r[/red][link=http://x]y[/link]" in told.out
-    assert harmless(told.out)
-    assert harmless(told.err)
+BOARD = {
+    "ports": (["ports"], True),
+    "ports as JSON": (["ports", "--json"], True),
+    "monitor": (["monitor", "--port", "{}", "--seconds", "0.5"], None),
+    "hello": (["command", "--port", "{}", "hello"], True),
+    "get": (["command", "--port", "{}", "get"], False),
+    "an unknown reply": (["command", "--port", "{}", "unheard"], True),
+    "record": (["record", "{new}", "--port", "{}", "--seconds", "0.5"], True),
+    "keys push": (["keys", "push", "mini", "--port", "{}"], True),
+    "keyboard": (["keyboard", "--dry-run", "--port", "{}", "--seconds", "0.5"], None),
+    "wearable": (["wearable", "--port", "{}", "--seconds", "0.5"], None),
+    "controller": (["controller", "--dry-run", "--port", "{}", "--seconds", "0.5"], None),
+    "calibrate": (["calibrate", "position", "--port", "{}", "--session", "{session}"], True),
+    "publish": (["publish", "--port", "{}", "--seconds", "0.5"], None),
+    "doctor": (["doctor", "--port", "{}"], True),
+}
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["ports", "--json"], ["doctor"], ["command", "hello"], ["flash", "pico"], ["monitor"]],
-)
-def test_a_hostile_device_writes_nothing_raw(evil_usb, capsys, arguments):
-    main(arguments)
-    told = capsys.readouterr()
-    assert harmless(told.out, lines=9)
-    assert harmless(told.err)
+@pytest.mark.parametrize("wrong", ["", "error", "fault"])
+@pytest.mark.parametrize("case", BOARD)
+def test_what_a_board_replies(screen, evil_board, tmp_path, monkeypatch, case, wrong):
+    arguments, shown = BOARD[case]
+    evil_board.error, evil_board.fault = wrong == "error", wrong == "fault" or None
+    monkeypatch.setattr(link.list_ports, "comports", lambda *_: [listed(evil_board)])
+    monkeypatch.setenv("ZENOH_CONFIG", str(Net(tmp_path).hub))
+    (tmp_path / "session.jsonl").write_bytes(a_session())
+    places = {"{}": evil_board.name, "{new}": tmp_path / NAME}
+    places["{session}"] = tmp_path / "session.jsonl"
+    screen.run(*(places.get(one, one) for one in arguments))
+    assert_shown(text := screen.text(), MARK in text if shown is None or wrong else shown)
+    if arguments[0] == "command" and not wrong:
+        assert isinstance(json.loads(text), dict)  # and not escaped so that it is none
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["info", "{}"],
-        ["replay", "{}"],
-        ["export", "{}", "--to", "csv"],
-        ["keys", "check", "{}.toml"],
-        ["keys", "show", "{}.toml"],
-        ["serve", "--layout", "{}.toml"],
-        ["monitor", "--port", "{}"],
-        ["monitor", "--port", "recording:{}"],
-        ["monitor", "--port", "zenoh:{}"],
-        ["demo", "--sensor", "{}.toml"],
-        ["demo", "--scenario", "{}.toml"],
-    ],
-)
-@pytest.mark.parametrize("content", [b"", f'{EVIL!r} = 1\n"{EVIL!a}" = 2\n'.encode()])
-def test_hostile_names_and_values_of_files_are_not_printed_raw(
-    tmp_path, capsys, arguments, content
-):
+def listed(board):
+    return SimpleNamespace(device=board.name, description=EVIL, serial_number=EVIL, vid=1, pid=2)
+
+
+def a_session():
+    """Return the session file of a calibration that a board with a foreign name was given."""
+    of = {"board": NAME, "plan": (NAME, "F4", "F5", "F6", "F7", "F8"), "gain": 9}
+    of |= {"exposure_us": 5000, "led_mA": 4, "time": NAME, "saturated": False}
+    numbers = (1.0,) * 6
+    point = Point(
+        kind="position", place_um=0.0, force_mN=6000.0, counts=numbers, variance=numbers, **of
+    )
+    return msgspec.json.encode(point) + b"\n"
+
+
+@pytest.mark.parametrize("arguments", [["doctor"], ["command", "hello"], ["flash", "pico"],
+    ["monitor"], ["ports"], ["ports", "--json"], ["erase", "pico", "--yes"]])  # fmt: skip
+def test_what_a_usb_device_is_called(screen, evil_usb, arguments):
+    screen.run(*arguments)
+    assert_shown(screen.text())
+
+
+CONTENTS = {
+    "no text": b"\xff\n",
+    "odd keys": f'{EVIL!r} = 1\n"{EVIL!a}" = 2\n'.encode(),
+    "odd key": f'"{NAME.encode("unicode_escape").decode()}" = 1\n'.replace("\\x", "\\u00").encode(),
+    "odd text": f'name = "{MARK}\\u001b]0;x\\u007f"\n'.encode(),
+    "raw text": f'name = "{NAME}"\n'.encode(),
+    "JSON": json.dumps({EVIL: EVIL, "kind": EVIL}, ensure_ascii=False).encode() + b"\n",
+}
+FILES = [
+    ["info", "{}"],
+    ["info", "{}", "--json"],
+    ["replay", "{}"],
+    ["export", "{}", "--to", "csv"],
+    ["keys", "check", "{}.toml"],
+    ["keys", "show", "{}.toml"],
+    ["serve", "--layout", "{}.toml"],
+    ["serve", "--linkage", "{}.toml"],
+    ["serve", "--record-to", "{}.toml"],
+    ["wearable", "--dry-run", "--gestures", "{}.toml"],
+    ["controller", "--dry-run", "--settings", "{}.toml"],
+    ["twin", "--linkage", "{}.toml", "--port", "x"],
+    ["twin", "--path", "{}.toml"],
+    ["twin", "--linkage", "{}.toml", "--calibrate", "{}"],
+    ["calibrate", "position", "--port", "/dev/null", "--session", "{}.toml"],
+    ["monitor", "--port", "{}"],
+    ["monitor", "--port", "recording:{}"],
+    ["monitor", "--port", "zenoh:{}"],
+    ["monitor", "--port", "zenoh:", "--zenoh-config", "{}.toml"],
+    ["subscribe", "--zenoh-config", "{}.toml"],
+    ["record", "{}", "--port", "{}"],
+    ["record", "{}.new", "--port", "virtual", "--calibration", "{}.toml"],
+    ["demo", "--sensor", "{}.toml"],
+    ["demo", "--scenario", "{}.toml"],
+    ["info", "a", "{}"],  # as a shell's * gives them
+    ["export", "a", "--to", "{}"],
+    ["{}"],
+    ["flash", "{}"],
+    ["flash", "pico", "--port", "{}"],
+    ["doctor", "--port", "{}"],
+]
+
+
+@pytest.mark.parametrize("arguments", FILES, ids=" ".join)
+@pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
+def test_names_and_contents_of_files(screen, tmp_path, monkeypatch, arguments, content):
+    monkeypatch.delenv("ZENOH_CONFIG", raising=False)
     for end in ("", ".toml"):
-        (tmp_path / (EVIL.replace("/", "") + end)).write_bytes(content)
-    path = str(tmp_path / EVIL.replace("/", ""))
-    assert main([one.replace("{}", path) for one in arguments]) == 2
-    told = capsys.readouterr()
-    assert harmless(told.out)
-    assert harmless(told.err)
+        (tmp_path / (NAME + end)).write_bytes(content)
+    assert screen.run(*(one.replace("{}", str(tmp_path / NAME)) for one in arguments)) == 2
+    assert_shown(screen.text())
 
 
-def test_a_layout_of_a_hostile_name_is_checked_and_shown_harmlessly(tmp_path, capsys):
-    path = tmp_path / (EVIL.replace("/", "") + ".toml")
-    path.write_bytes((Path(layout.__file__).parent / "layouts" / "mini.toml").read_bytes())
+def test_a_layout_of_an_odd_name(screen, tmp_path):
+    path = tmp_path / (NAME + ".toml")
+    text = (Path(layout.__file__).parent / "layouts" / "mini.toml").read_text()
+    assert "Mini keyboard" in text
+    path.write_text(text.replace("Mini keyboard", MARK + "[/red]"))
     for what in ("check", "show"):
-        assert main(["keys", what, str(path)]) == 0
-        assert harmless(capsys.readouterr().out, lines=99)
+        assert screen.run("keys", what, path) == 0
+    assert_shown(screen.text())
+
+
+def test_a_recording_of_such_a_board_under_an_odd_name(screen, evil_board, tmp_path):
+    path, out = tmp_path / (NAME + ".spots"), tmp_path / (NAME + "2")
+    assert screen.run("record", path, "--port", evil_board.name, "--seconds", "0.5") == 0
+    # As an earlier version, or somebody else's program, may have written them.
+    with path.open("ab") as file:
+        file.write(note(10**7, {EVIL: EVIL}))
+        text = json.dumps({"log": EVIL, EVIL: EVIL}, ensure_ascii=False).encode()
+        file.write(encoded(b"\x03" + bytes(6) + text))
+    for arguments in (
+        ["info", path],
+        ["info", path, "--json"],
+        ["replay", path, "--speed", "inf"],
+        ["export", path, "--to", "csv", "--out", out],
+        ["export", path, "--to", "npz", "--out", out],
+        ["export", path, "--to", "mcap", "--out", f"{out}.mcap"],
+    ):
+        assert screen.run(*arguments) == 0
+    text = screen.text()
+    assert_shown(text)
+    (found,) = (json.loads(line) for line in text.splitlines() if line.startswith("{"))
+    assert NAME in found["files"][0]
+
+
+@pytest.mark.parametrize("about", ["{}", "CircuitPython 9.2.1 on\nBoard ID:{}\nUID:{}\n"])
+@pytest.mark.parametrize("arguments", [[], ["--dry-run"]])
+def test_the_label_of_a_drive_and_what_is_written_on_it(screen, tmp_path, about, arguments):
+    (tmp_path / NAME).mkdir()
+    (tmp_path / NAME / "boot_out.txt").write_text(about.replace("{}", MARK + "\x1b]0;\x9b\x7f"))
+    assert screen.run("flash", "qtpy_rp2040", "--port", tmp_path / NAME, *arguments) == 2
+    assert_shown(screen.text())
+
+
+def test_a_drive_of_an_odd_name_is_flashed_and_erased(screen, tmp_path, monkeypatch):
+    monkeypatch.setattr(flash, "_RETURN_S", 0.1)  # nothing comes back
+    (tmp_path / NAME).mkdir()
+    about = "CircuitPython 9.2.1 on\nBoard ID:adafruit_qtpy_rp2040\nUID:1\n"
+    (tmp_path / NAME / "boot_out.txt").write_text(about)
+    for command in (["flash", "qtpy_rp2040", "--dry-run"], ["flash", "qtpy_rp2040"],
+                    ["erase", "qtpy_rp2040", "--yes"]):  # fmt: skip
+        screen.run(*command, "--port", tmp_path / NAME)
+    assert_shown(screen.text())
+
+
+@pytest.mark.parametrize("variable", ["ZENOH_CONFIG"])
+def test_a_variable_of_the_environment(screen, monkeypatch, variable):
+    monkeypatch.setenv(variable, EVIL)
+    assert screen.run("monitor", "--port", "zenoh:") == 2
+    assert_shown(screen.text())
+
+
+@pytest.fixture
+def network(tmp_path, monkeypatch):
+    """A session of somebody who may publish anything."""
+    net = Net(tmp_path)
+    monkeypatch.setenv("ZENOH_CONFIG", str(net.leaf))
+    monkeypatch.setattr("spots.remote.zenoh_session._PATIENCE_S", 60.0)
+    with session(net.hub) as foreign:
+        yield foreign
+
+
+def test_names_of_published_boards(screen, network):
+    tokens = [network.liveliness().declare_token(f"spots/{NAME}{i}/alive") for i in range(2)]
+    assert screen.run("monitor", "--port", "zenoh:") == 2
+    assert_shown(screen.text())
+    del tokens
+
+
+def test_an_error_in_place_of_a_published_board_reply(screen, network):
+    network.declare_queryable(f"spots/{NAME}/info", lambda query: query.reply_err(EVIL))
+    with network.liveliness().declare_token(f"spots/{NAME}/alive"):
+        assert screen.run("monitor", "--port", "zenoh:") == 2
+    assert_shown(screen.text())
+
+
+@pytest.mark.parametrize("arguments", [[], ["--json"]])
+def test_what_is_published(screen, network, arguments):
+    ended = threading.Event()
+
+    def publish():
+        messages = [b"\xff", EVIL.encode(), json.dumps({"utc_s": 1, EVIL: EVIL}).encode()]
+        messages.append(json.dumps({"utc_s": EVIL, "text": EVIL}).encode())
+        while not ended.wait(0.05):
+            for message in messages:
+                network.put(f"spots/{NAME}/0/text", message)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        assert screen.run("subscribe", "spots/**", "--seconds", "2", *arguments) == 0
+    finally:
+        ended.set()
+        thread.join()
+    text = screen.text()
+    assert_shown(text)
+    objects = [json.loads(line) for line in text.splitlines() if line.startswith("{")]
+    assert bool(objects) == bool(arguments)
+    assert all(one["key"] == f"spots/{NAME}/0/text" for one in objects)
+
+
+def test_what_a_guide_says(screen):
+    with screen.on(), Guide(stdin=io.StringIO("1\n")) as guide:
+        guide.begin(EVIL, 1, (EVIL,), 1e5)
+        guide.say(EVIL)
+        guide.ask(EVIL)
+    assert_shown(screen.text())
 
 
 PICTURES = {
-    "monitor": lambda: StripView({"board": "b", "runtime": "r", "plan": []}, EVIL).picture(
+    "monitor": lambda: StripView({"board": EVIL, "runtime": EVIL, "plan": [EVIL]}, EVIL).picture(
+        LinkStats()
+    ),
+    "channels": lambda: StripView({"board": "b", "runtime": "r", "plan": [EVIL]}, "p").picture(
         LinkStats()
     ),
     "controller": lambda: stick.picture(REST, title=EVIL),
@@ -104,8 +392,23 @@ PICTURES = {
 
 
 @pytest.mark.parametrize("picture", PICTURES.values(), ids=PICTURES)
-def test_a_picture_shows_foreign_text_as_it_is_written(picture, capsys):
-    Console(width=200).print(picture())
-    told = capsys.readouterr().out
-    assert harmless(told, lines=99)
-    assert "[red]r" in told or "[re" in told
+def test_a_picture(screen, picture):
+    with screen.on():
+        Console(width=200).print(picture())
+    text = screen.text()
+    assert_shown(text, MARK in text)
+    assert "[red]" in text
+
+
+def test_settings_that_are_measured_into_a_file_of_an_odd_name(screen, tmp_path, monkeypatch):
+    monkeypatch.setattr(controller_setup, "length_of", lambda board: 85_000)
+    monkeypatch.setattr(controller_setup, "_touch", lambda board: SimpleNamespace(position_um=1))
+    path = tmp_path / (NAME + ".toml")
+    path.write_bytes(controller_setup.DEFAULT.read_bytes())
+    board = SimpleNamespace(command=lambda line: {})
+    with (
+        screen.on(),
+        pytest.raises(AttributeError),
+    ):  # its touch has no force
+        controller_setup.set_up(board, path)
+    assert_shown(screen.text())

@@ -103,7 +103,7 @@ class Guide:
         """
         if self._live is not None:
             self._live.stop()
-        self._console.print(question, end="", markup=False)
+        self._console.print(printable(question), end="", markup=False)
         line = (self._stdin or sys.stdin).readline()
         if self._live is not None:
             self._live.start()
@@ -155,7 +155,9 @@ class Guide:
         counts = [0.0] * len(self._plan) if self._reading is None else self._reading.counts
         top = max(*counts, 100.0) if len(counts) else 1.0
         for name, count in zip(self._plan, counts):
-            grid.add_row(name, f"{count:.0f} ct", Bar(top, 0, max(count, 0), color="white"))
+            grid.add_row(
+                Text(printable(name)), f"{count:.0f} ct", Bar(top, 0, max(count, 0), color="white")
+            )
         word = Text(self._trouble or "steady", style="yellow" if self._trouble else "green")
         if self._reading is not None:
             grid.add_row("held", "", Bar(1.0, 0, min(self._steady, 1), color="green"))

@@ -7,10 +7,11 @@ import errno
 import os
 import sys
 from importlib.metadata import entry_points
+from typing import NoReturn
 
 from spots_device import __version__
 
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from . import applications, boards, calibrations, look, recordings, remote
 
 # In the order in which `spots --help` lists their commands.
@@ -61,8 +62,15 @@ def _run(arguments: list[str] | None) -> int:
     return 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser, also of each command, whose errors quote an argument without its effect."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(printable(message))
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="spots", description="SPOTS tactile sensor, host side")
+    parser = _Parser(prog="spots", description="SPOTS tactile sensor, host side")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for group in (*_GROUPS, *(entry.load() for entry in entry_points(group=_MORE))):

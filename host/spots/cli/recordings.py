@@ -43,11 +43,13 @@ def add(commands) -> None:
 
 
 def _record(options: argparse.Namespace) -> None:
-    from ..recording.record import record
+    from ..recording.record import read_calibration, record
 
     rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
+    # Before a board is opened: what is wrong with a file is said at once.
+    calibration = None if options.calibration is None else read_calibration(options.calibration)
     with arguments.open_board(options) as board:
-        record(board, options.file, options.seconds, rotate_bytes, options.calibration)
+        record(board, options.file, options.seconds, rotate_bytes, calibration)
 
 
 def _replay(options: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ from statistics import median
 
 import msgspec
 
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.calibrated import length_of
 from ..link.frames import Touch
@@ -47,12 +47,12 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     SpotsError
         If no touch comes in time, or the touches are no stick. Nothing is written then.
     """
-    there = Path(path).exists()
+    there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)
     length_um = length_of(board)
     board.command("stream touch")
     if there:
-        say(f"{path} keeps what is not measured, but not its comments")
+        say(f"{shown} keeps what is not measured, but not its comments")
     found = {}
     for step, words in _STEPS.items():
         say(words)
@@ -62,7 +62,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     percent = {step: round(touch.position_um / length_um * 100, 1) for step, touch in found.items()}
     force_mN = {step: touch.force_mN for step, touch in found.items()}
     save(_measured(settings, percent, force_mN), path)
-    say(f"wrote {path}; play with: spots controller --settings {path}")
+    say(f"wrote {shown}; play with: spots controller --settings {shown}")
 
 
 def _measured(settings: Settings, percent: dict, force_mN: dict) -> Settings:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 from spots_device.settings import checksum
 
-from ..calibrate import calibration_file as file
+from ..calibrate import calibration_file
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..terminal.view import Pace
@@ -16,12 +17,24 @@ from .recorder import Recorder
 _LINES_PER_S = 4
 
 
+class Given(NamedTuple):
+    """The calibration that a board was given, and the file that has it."""
+
+    path: str
+    lines: list[str]
+
+
+def read_calibration(path: str) -> Given:
+    """Read a calibration file; SpotsError says what is wrong with it."""
+    return Given(path, list(calibration_file.load(Path(path)).lines))
+
+
 def record(
     board: Board,
     path: str,
     seconds: float | None,
     rotate_bytes: int | None,
-    calibration: str | None,
+    calibration: Given | None,
 ) -> None:
     """Record a board until the time is over or Ctrl-C.
 
@@ -34,11 +47,17 @@ def record(
         For how long; None for no end.
     rotate_bytes : int or None
         See `Board.record`.
-    calibration : str or None
-        Path of the calibration file that the board was given, to have it in the recording.
+    calibration : Given or None
+        To have it in the recording.
+
+    Raises
+    ------
+    SpotsError
+        If the board uses another calibration, or the file cannot be made.
     """
     if calibration is not None:
-        board.calibration = _lines(board, calibration)
+        _check_used(board, calibration)
+        board.calibration = calibration.lines
     with board.record(path, rotate_bytes=rotate_bytes) as recorder:
         progress = _Progress(board, recorder)
         try:
@@ -79,9 +98,7 @@ class _Progress:
         )
 
 
-def _lines(board: Board, path: str) -> list[str]:
-    lines = list(file.load(Path(path)).lines)
-    used = board.command("hello")["calibration"]
-    if checksum(lines) != used:
-        raise SpotsError(f"{path} is calibration {checksum(lines)}, the board uses {used}")
-    return lines
+def _check_used(board: Board, given: Given) -> None:
+    used, name = board.command("hello")["calibration"], checksum(given.lines)
+    if name != used:
+        raise SpotsError(f"{given.path} is calibration {name}, the board uses {used}")

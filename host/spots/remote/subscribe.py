@@ -39,7 +39,11 @@ def subscribe_command(options: argparse.Namespace) -> None:
     written = _as_json if options.json else _Lines().written
     with open_session() as session:
         session.declare_subscriber(expression, direct(receive))
-        print(f"listening to {expression} (Ctrl-C ends it)", file=sys.stderr, flush=True)
+        print(
+            f"listening to {printable(str(expression))} (Ctrl-C ends it)",
+            file=sys.stderr,
+            flush=True,
+        )
         try:
             _print(mail, written, options.seconds)
         except KeyboardInterrupt:

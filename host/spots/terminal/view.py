@@ -88,8 +88,10 @@ class StripView:
         parts += [self._bars(), Text(), *_facts(stats, judged)]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
-        title = Text(f"SPOTS  {info['board']} · {info['runtime']} · {printable(self._port)}")
-        return Panel(Group(*parts), title=title, width=_TRACE_COLUMNS + 16, padding=(1, 2))
+        title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
+        return Panel(
+            Group(*parts), title=Text(printable(title)), width=_TRACE_COLUMNS + 16, padding=(1, 2)
+        )
 
     def _strip(self) -> Text:
         # The dyed guide reddens away from the sensor; a press is where it is bright.
@@ -153,7 +155,7 @@ class StripView:
         top = max([*counts, 1000])
         for name, count in zip(self._info["plan"], counts):
             bar = Text(_bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
-            grid.add_row(Text(name), f"{count} ct", bar)
+            grid.add_row(Text(printable(name)), f"{count} ct", bar)
         return grid
 
 

@@ -10,6 +10,7 @@ import asyncio
 import logging
 import mimetypes
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -59,9 +60,15 @@ class App:
     guard : Guard
     recordings : Recordings, optional
         What a page with the token may start and stop.
+
+    Attributes
+    ----------
+    on_page : callable
+        Given the transport of each connection that becomes a page's WebSocket.
     """
 
     def __init__(self, state: State, guard: Guard, recordings: Recordings | None = None):
+        self.on_page: Callable[[asyncio.BaseTransport | None], None] = lambda transport: None
         self._state, self._guard, self._recordings = state, guard, recordings
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
@@ -122,6 +129,7 @@ class App:
             autoping=False, heartbeat=_HEARTBEAT_S, max_msg_size=_ACK_MAX, compress=False
         )
         await socket.prepare(request)
+        self.on_page(request.transport)
         news, drawn = asyncio.Event(), _Drawn()
         news.set()
         self._clients[socket] = news

@@ -17,6 +17,7 @@ from ..keyboard.layout import load
 from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import BoardReader, finder
 from .browser import print_address
+from .connections import Connections
 from .recordings import Recordings
 from .state import State
 from .twin_feed import linkage_readers, machine_readers
@@ -82,15 +83,19 @@ class Server:
         app = App(self._state, Guard(self._address, self._token), self._recordings)
         self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
         await self._runner.setup()
+        connections = Connections(self._runner.server)
+        app.on_page = connections.release
         try:
-            await web.TCPSite(self._runner, self._address, self._port).start()
+            self._listener = await asyncio.get_running_loop().create_server(
+                connections, self._address, self._port
+            )
         except OSError as error:
             await self._runner.cleanup()
             raise SpotsError(
                 f"cannot serve on {self._address} port {self._port}: {error.strerror}; "
                 "--http-port takes another port, --address an address of this machine"
             ) from None
-        address, port = self._runner.addresses[0][:2]
+        address, port = self._listener.sockets[0].getsockname()[:2]
         if ipaddress.ip_address(address).is_unspecified:
             address = _outward(address)
         host = f"[{address}]" if ":" in address else address
@@ -99,6 +104,7 @@ class Server:
         return self
 
     async def __aexit__(self, *exception) -> None:
+        self._listener.close()
         await self._runner.cleanup()
 
 

@@ -1,0 +1,98 @@
+"""Whoever opens connections and says nothing keeps nobody from the page."""
+
+import asyncio
+import contextlib
+import select
+import socket
+
+import aiohttp
+import pytest
+
+from serving import run, until
+from spots.web import connections
+from spots.web.state import State
+
+HALF_OPEN = 300
+WAIT_S = 60.0
+HALF = {
+    "nothing": b"",
+    "half a line": b"GET / HT",
+    "half a header": b"GET / HTTP/1.1\r\nHost: ",
+    "half a body": b"POST /recording HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nContent-Length: 9\r\n\r\nst",
+    "a request and no more": b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n",
+    "half a second request": b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\nGET / HT",
+}
+
+
+@contextlib.contextmanager
+def half_open(server, count, data=HALF["half a header"]):
+    """Open connections that send a part of a request."""
+    with contextlib.ExitStack() as stack:
+        opened = []
+        for _ in range(count):
+            one = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), WAIT_S))
+            one.sendall(data.replace(b"%d", b"%d" % server.port))
+            opened.append(one)
+        yield opened
+
+
+def has_ended(connection, timeout_s=WAIT_S):
+    """Whether the server has closed a connection; what it sent before is read."""
+    try:
+        while select.select([connection], [], [], timeout_s)[0]:
+            if not connection.recv(1 << 16):
+                return True
+    except ConnectionError:
+        return True
+    return False
+
+
+def test_half_open_connections_are_bounded_and_a_page_gets_in(serve, open_page, caplog):
+    server = serve(State())
+    with half_open(server, HALF_OPEN) as opened:
+        page = open_page(server.url)
+        until(page, "performance.getEntriesByType('resource').length > 0")
+        assert page.title()
+        closed = opened[: HALF_OPEN - connections.CONNECTIONS_MAX]
+        assert all(map(has_ended, closed))
+    assert caplog.records == []
+
+
+@pytest.mark.parametrize("data", HALF.values(), ids=HALF)
+def test_a_connection_that_is_no_page_ends(serve, monkeypatch, caplog, data):
+    monkeypatch.setattr(connections, "CONNECTION_S", 0.2)
+    server = serve(State())
+    with half_open(server, 1, data) as (one,):
+        assert has_ended(one)
+    assert caplog.records == []
+
+
+def test_a_page_stays_when_others_end(serve, monkeypatch):
+    monkeypatch.setattr(connections, "CONNECTION_S", 0.2)
+    state = State()
+    server = serve(state)
+
+    async def look():
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(server.url + "live") as page,
+        ):
+            for number in range(3):
+                with half_open(server, connections.CONNECTIONS_MAX + 1) as opened:
+                    await asyncio.to_thread(lambda: [has_ended(one) for one in opened])
+                state.put("recording", {"on": False, "file": f"{number}"})
+                while f'"{number}"' not in (message := await page.receive(WAIT_S)).data:
+                    assert message.type == aiohttp.WSMsgType.TEXT
+                    await page.send_str(str(message.json()["n"]))
+                await page.send_str(str(message.json()["n"]))
+
+    run(look())
+
+
+def test_ended_connections_are_not_counted(serve):
+    server = serve(State())
+    with half_open(server, 1) as (kept,):
+        for _ in range(2 * connections.CONNECTIONS_MAX):
+            with half_open(server, 1, b"no HTTP\r\n\r\n") as (one,):
+                assert has_ended(one)
+        assert not has_ended(kept, 0.0)
