@@ -6,7 +6,7 @@ ARGS ?=
 BIN := .venv/bin
 # Most of the time of a test is waiting: more of them than processors.
 PARALLEL := --numprocesses 4 --dist loadfile
-FAST := tests/test_*.py tests/firmware tests/sim tests/referee tests/fuzz
+FAST := tests/test_*.py tests/firmware tests/sim tests/referee --ignore tests/firmware/test_leave.py
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .PHONY: help demo test test-fast browser lint bench soak fuzz build flash erase doctor pictures paper clean
