@@ -144,8 +144,10 @@ class App:
     def _measured_step(self):
         clock, sensor = self._clock, self.strip.sensor
         wait_us = 0 if self._lost else sensor.remaining_us()
+        if wait_us > _SLICE_US:
+            return App.step(self)  # sleeps, and takes nothing
         if wait_us > 0:
-            clock.sleep_us(min(wait_us, _SLICE_US))
+            clock.sleep_us(wait_us)
         began, complete = clock.ticks_us(), sensor.complete
         App.step(self)
         if self._lost or sensor.complete == complete:

@@ -74,7 +74,7 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
             sync(file)
         if mode is not None and stat.S_IMODE(beside.stat().st_mode) != mode:
             beside.chmod(mode)
-        os.replace(beside, path)
+        (_place_new if new else os.replace)(beside, path)
     except OSError as error:
         raise SpotsError(f"cannot write {path}: {error.strerror or error}") from None
     finally:
@@ -127,10 +127,26 @@ def folder(parent: Path) -> Iterator[Path]:
         _release(lock)
 
 
+def _place_new(beside: Path, path: Path) -> None:
+    """Give a file its name, unless there is one meanwhile."""
+    try:
+        os.link(beside, path)
+    except FileExistsError:
+        raise _exists(path) from None
+    except OSError:  # a file system without links
+        if os.path.lexists(path):
+            raise _exists(path) from None
+        os.replace(beside, path)
+
+
+def _exists(path: Path) -> SpotsError:
+    return SpotsError(f"{path} exists: choose another name or remove it")
+
+
 def _replaced_mode(path: Path, new: bool) -> int | None:
     """Return the mode of the file that is replaced, if there is one."""
     if new and os.path.lexists(path):
-        raise SpotsError(f"{path} exists: choose another name or remove it")
+        raise _exists(path)
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

@@ -68,6 +68,8 @@ class _Section:
 
     def handle(self, number: int, frame=None) -> None:
         """Handle a signal, now or at the end of the section; as `signal.signal` takes it."""
+        if self.ended_by is not None:
+            return  # the end is under way: a SIGCONT that follows must not raise again in it
         if number not in self._pending:
             self._pending.append(number)
         self._act()

@@ -1,6 +1,6 @@
 """What a recording costs: bytes a frame, and time beside plain decoding of the same bytes.
 
-``python -m bench.recording`` prints it.
+``PYTHONPATH=tests .venv/bin/python -m bench.recording`` prints it.
 """
 
 from __future__ import annotations

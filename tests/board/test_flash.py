@@ -226,6 +226,16 @@ def test_erase_takes_what_is_ours_and_asks_first(empty, capsys, monkeypatch):
         assert "nothing to remove" in capsys.readouterr().out
 
 
+def test_erase_takes_nothing_from_a_board_that_never_had_our_firmware(empty, capsys):
+    for name in ("main.py", "board_config.py", "settings.txt"):
+        (empty / name).write_text("the user's own")
+    before = files_of(empty)
+    with virtual_board(empty) as port:
+        assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
+    assert "nothing to remove" in capsys.readouterr().out
+    assert files_of(empty) == before
+
+
 @pytest.mark.parametrize("typed", ["\n", "n\n", ""])
 def test_erase_takes_all_but_yes_for_no(empty, capsys, monkeypatch, typed):
     build_into(empty)

@@ -287,9 +287,17 @@ def test_a_drive_is_done_completely_or_refused_untouched(built, state, traps, co
             return
         assert code == 0
         flashed = command[0] == "flash"
-        ours = NAMES | of_older - {"notes.py"}
-        ours |= {name + ".part" for name in ours}
-        ours |= set() if flashed else set(USER_FILES)
+        named = NAMES | of_older - {"notes.py"}
+        # Others' drives have a code.py and a lib, too.
+        files = {path for path in drive if not stat.S_ISDIR(drive[path][0])} & named
+        claimed = state in ("flashed", "older") and "spots.sha256" not in {
+            path for path, _ in traps
+        }
+        claimed |= any("/" in path and not path.startswith("lib/") for path in files)
+        ours = set(named) if claimed else {"spots.sha256"}
+        ours |= {name + ".part" for name in named}
+        ours |= set(built) if flashed else set()
+        ours |= set() if flashed or not claimed else set(USER_FILES)
         for path in set(drive) - ours:  # a user's own
             if not stat.S_ISDIR(drive[path][0]):
                 assert after[path] == drive[path], path

@@ -5,6 +5,7 @@ import signal
 import stat
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -186,3 +187,32 @@ def test_a_killed_build_is_cleaned_up_by_the_next_one(tmp_path, interrupted):
     kill(other)
     build.build("virtual", tmp_path)
     assert names(tmp_path) == ["virtual"]
+
+
+def test_a_new_file_does_not_replace_one_that_came_meanwhile(tmp_path):
+    path = tmp_path / "a"
+
+    def write():
+        with atomic.replacing(path, new=True) as file:
+            file.write(b"ours")
+            path.write_bytes(b"theirs")
+
+    with pytest.raises(SpotsError, match="exists"):
+        write()
+    assert path.read_bytes() == b"theirs"
+    assert [one.name for one in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_build_that_cannot_take_its_place_leaves_the_old_one(tmp_path, monkeypatch):
+    before = build.files_of(build.build("virtual", tmp_path))
+    rename = Path.rename
+
+    def refused(self, target):
+        if self.name == "new":
+            raise OSError(28, "No space left on device")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(SpotsError, match="No space left"):
+        build.build("virtual", tmp_path)
+    assert build.files_of(tmp_path / "virtual") == before

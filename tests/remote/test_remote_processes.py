@@ -28,7 +28,7 @@ def spawn(net_file, *arguments):
 
 
 def test_every_frame_of_several_boards_is_accounted_for():
-    figures = bench.run(boards=4, publishers=2, readers=3, rate_Hz=50, seconds=0.5, rounds=1)
+    figures = bench.measure(boards=4, publishers=2, readers=3, rate_Hz=50, seconds=0.5, rounds=1)
     for mode in bench.MODES:
         counts = figures[mode]
         assert counts["sent"] > 3 * 4 * 2 * 10

@@ -314,3 +314,26 @@ def test_a_strip_is_played_stopped_and_played_again(shell, tmp_path, use):
     shell.type("\x1c")  # Ctrl-\
     now(lambda: devices.lines()[-1] == "close")
     assert not devices.held()
+
+
+CLEANS_UP = """
+import os, signal, time
+from spots.signals import released_by_signals
+with released_by_signals():
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+    finally:
+        time.sleep(0.2)
+        print("cleaned up", flush=True)
+"""
+
+
+def test_a_continue_after_an_ending_signal_does_not_cut_the_end_in_two(start):
+    process, _ = start(CLEANS_UP)
+    for number in (signal.SIGTERM, signal.SIGCONT):
+        process.send_signal(number)
+    time.sleep(0.1)
+    process.send_signal(signal.SIGCONT)
+    assert process.stdout.readline() == b"cleaned up\n"
+    assert process.wait(DEADLINE_S) == -signal.SIGTERM

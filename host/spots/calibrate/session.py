@@ -53,7 +53,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     Attributes
     ----------
     counts, variance : tuple of float
-        See `reader.Reading`.
+        See `spectra.Reading`.
     saturated : bool
     position_um, position_sigma_um : float or None
         What the calibrated board told, and its scatter from reading to reading; of a joint.

@@ -101,9 +101,15 @@ def _build(device: Device, target: Path) -> None:
         (fresh / manifest.MANIFEST).write_bytes(
             manifest.write(manifest.entries_of(files_of(fresh)))
         )
+        old = temporary / "old"
         if target.exists():
-            target.rename(temporary / "old")
-        fresh.rename(target)
+            target.rename(old)
+        try:
+            fresh.rename(target)
+        except BaseException:
+            if old.exists():
+                old.rename(target)
+            raise
 
 
 def _is_build(target: Path) -> bool:

@@ -31,7 +31,11 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
                     f"{device.runtime}: name the right board"
                 )
             known = Known(target, device.runtime, USER_FILES)
-            ours = {path for path in known.sizes if path in USER_FILES or known.is_ours(path)}
+            ours = {
+                path
+                for path in known.sizes
+                if known.claimed and (path in USER_FILES or known.is_ours(path))
+            }
             changed = sorted(known.listed & set(known.sizes) - ours)
             if changed:
                 ours.discard(MANIFEST)  # without it they would be taken for ours by their names

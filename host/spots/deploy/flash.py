@@ -186,6 +186,8 @@ class Known:
         Path and hash, as the manifest on the board has them.
     listed : set of str
         The paths of these.
+    claimed : bool
+        Whether this board holds our firmware, or a part of it.
     """
 
     def __init__(self, target: Prompt | Drive, runtime: str, more: Iterable[str] = ()):
@@ -197,13 +199,19 @@ class Known:
         self._names = {MANIFEST, *FILES[runtime], *names(runtime)}
         every = self._names | self.listed | set(more)
         self.sizes = target.files(sorted(every | {path + _PART for path in every}))
+        # Others have a main.py or a lib, too. Without a manifest these names are ours only beside
+        # a file of our packages.
+        in_packages = ("/" in path and not path.startswith("lib/") for path in self.sizes)
+        self.claimed = bool(self.entries) or any(in_packages)
 
     def is_ours(self, path: str) -> bool:
         """Whether a file of `sizes` may be removed."""
         if path in self.listed:
             return (path, self._target.sha256(path)) in self.entries
-        whole = path.removesuffix(_PART)  # what an interrupted copy leaves
-        return whole in self._names or (whole != path and whole in self.listed)
+        whole = path.removesuffix(_PART)
+        if whole != path:  # what an interrupted copy leaves
+            return whole in self._names or whole in self.listed
+        return path == MANIFEST or (self.claimed and path in self._names)
 
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:

@@ -87,7 +87,8 @@ def _on_drive(folder: str) -> Place:
         uid = (drive.facts["uid"] or "").lower()
 
     def consoles_first() -> list[str]:
-        return [usb.device for usb in usb_ports() if (usb.serial_number or "").lower() == uid]
+        ports = usb_ports() if uid else []
+        return [usb.device for usb in ports if (usb.serial_number or "").lower() == uid]
 
     def opened() -> Drive:
         return Drive(folder, next(iter(consoles_first()), None))

@@ -1,6 +1,6 @@
 """File names of version 0.1.0, the only one that left no manifest on its boards.
 
-Data, and never changed: the files of this version are those of `stage`.
+Data, and never changed: the files of this version are those of `staging.names`.
 """
 
 _MODULES = (

@@ -1,4 +1,4 @@
-"""What uses do with a board: ask where its strip ends, tell it how to feel, hear what it feels."""
+"""Readings of a calibrated board for applications: length, rate, baseline, timeouts."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ def ticks(
     iterator of frames.Touch
         The touches of the first sensor as they come; it ends with the tick.
     """
+    restarts = board.stats.restarts
     tell_board(board, _FOLLOW)
     board.command("stream touch")
-    restarts = board.stats.restarts
     end_s = None if seconds is None else board.now_s() + seconds
     since_s = -math.inf
     while not board.ended and (end_s is None or board.now_s() < end_s):

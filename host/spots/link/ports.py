@@ -15,6 +15,8 @@ and may have
     Of a port that presses its strip by itself: a `calibrate.steps.Setup`.
 ``linkage(sensor, linkage, path, seed, exposure_us)``
     Of a port that is a whole linkage: a `linkage.twin_source.Machine`.
+``compare_linkage(options)``
+    Follows a linkage whose truth is known, for ``spots twin`` without boards.
 ``flash_place(device)``
     Of a port that can be flashed: a context manager with a `deploy.place.Place`.
 """

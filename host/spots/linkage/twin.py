@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from ..errors import SpotsError, printable
-from ..link.ports import scheme
+from ..link.ports import offered
 from ..terminal.view import Pace, live
 from .digital_twin import Terminal
 from .mounted import is_mounted
@@ -71,7 +71,10 @@ def twin_command(options: argparse.Namespace) -> None:
     elif options.record or options.measure or options.seconds:
         raise SpotsError("--record, --measure and --seconds are for boards: name them with --port")
     else:
-        scheme("virtual")[0].compare_linkage(options)
+        compare = offered("virtual", "compare_linkage")
+        if compare is None:
+            raise SpotsError("name a linkage file with --linkage, or boards with --port")
+        compare(options)
 
 
 def show(

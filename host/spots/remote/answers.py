@@ -14,6 +14,8 @@ from .zenoh_session import READ_ONLY, direct, key
 
 # The board is asked, and answers go out, no more often than this: readings come first.
 _EVERY_S = 0.05
+# A board that does not answer costs its readings no more than one part in so many.
+_READINGS_SHARE = 10
 _REPLY_S = 0.5
 # A reply is given again for so long. That to `sync` is the time, and is new each time.
 _FRESH_S = {"hello": 1.0, "get": 1.0, "sync": 0.0}
@@ -49,11 +51,13 @@ class Answers:
         """Answer what waits, if it is time; at most one question to the board of each kind."""
         if self._board.now_s() < self._due_s or not any(self._waiting.values()):
             return
+        began_s = self._board.now_s()
         for command, waiting in self._waiting.items():
             asked = [waiting.popleft() for _ in range(len(waiting))]
             if asked:
                 self._give(command, asked)
-        self._due_s = self._board.now_s() + _EVERY_S
+        now_s = self._board.now_s()
+        self._due_s = now_s + max(_EVERY_S, _READINGS_SHARE * (now_s - began_s))
 
     def close(self) -> None:
         """Take no more questions."""

@@ -69,6 +69,9 @@ class ZenohLink:
             raise PortLostError(f"the board {self.name} is published no more")
         return b""
 
+    def let_go(self) -> None:
+        self.listen(False)
+
     def reopen(self) -> None:
         """Raises SpotsError while nobody publishes the board."""
         self.listen(False)
