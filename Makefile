@@ -4,8 +4,7 @@ BOARD ?= pico
 PORT ?=
 ARGS ?=
 BIN := .venv/bin
-# Most of the time of a test is waiting: more of them than processors.
-PARALLEL := --numprocesses 4 --dist loadfile
+PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
 FAST := tests/test_*.py tests/firmware tests/sim tests/referee --ignore tests/firmware/test_leave.py
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 

@@ -1,9 +1,9 @@
 """Boards in several processes and their readers in others: Zenoh, and JSON over plain TCP.
 
 ``PYTHONPATH=tests .venv/bin/python -m bench.remote`` prints what each way costs and how late it
-is, in the same run: ``frames``, as `spots.open("zenoh:…")` reads them, ``samples``, the JSON on Zenoh, and ``tcp``, the
-same JSON a line each, on a connection a board and reader. Of every frame that was sent a reader
-knows whether it came.
+is, in the same run: ``frames``, as `spots.open("zenoh:…")` reads them, ``samples``, the JSON on
+Zenoh, and ``tcp``, the same JSON a line each, on a connection a board and reader. Of every frame
+that was sent a reader knows whether it came.
 """
 
 from __future__ import annotations
