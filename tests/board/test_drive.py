@@ -229,7 +229,8 @@ def test_a_drive_that_fails_in_mid_copy_holds_nothing_that_starts(
 
 def test_an_erase_that_fails_in_the_middle_leaves_nothing_that_starts(mount, capsys, monkeypatch):
     folder = mount(*RIGHT)
-    for name in ("boot.py", "board_config.py", "code.py", "settings.txt"):
+    (folder / "tactile").mkdir()
+    for name in ("boot.py", "board_config.py", "code.py", "settings.txt", "tactile/app.py"):
         (folder / name).write_text("")
     settled = []
 
