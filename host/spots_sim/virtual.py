@@ -63,14 +63,8 @@ def calibration_setup(options, session: Session, out: Path, guide: Guide) -> Set
     return Setup(stage.reader, StagePresser(stage), guide, session, length_um, out)
 
 
-def linkage(sensor: str, linkage: str, path: str, seed: int, exposure_us: int):
-    """Return a simulated linkage in real time, see `linkage_demo.endless`."""
-    return endless(sensor, linkage, path, seed, exposure_us)
-
-
-def compare_linkage(options) -> None:
-    """Follow a simulated path, see `linkage_demo.compare`."""
-    compare(options)
+# What the port has as a whole linkage.
+linkage, compare_linkage = endless, compare
 
 
 @contextmanager

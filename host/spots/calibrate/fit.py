@@ -55,7 +55,7 @@ def fit(
     SpotsError
         If the readings are too few, too dark, saturated or not monotone.
     """
-    _check(along[0], pressed, conditions)
+    _check(along[0], pressed)
     curves = {strain: Curves(presses) for strain, presses in sorted(along.items())}
     rest = curves[0]
     coarse, _ = _weights(rest, noise, rest.x_um)
@@ -111,7 +111,7 @@ class Curves:
         return np.stack([slope(np.asarray(x_um, float)) for slope in self._slopes], axis=-1)
 
 
-def _check(along: Presses, pressed: Presses, conditions: Conditions) -> None:
+def _check(along: Presses, pressed: Presses) -> None:
     if len(np.unique(along.position_um)) < PLACES_MIN:
         raise SpotsError(f"a calibration needs presses at {PLACES_MIN} places or more")
     if len(np.unique(pressed.force_mN)) < FORCES_MIN:

@@ -32,7 +32,6 @@ except ImportError:
 
 LOOPBACK = "127.0.0.1"
 _WATCH_EVERY_S = 0.5
-_LINKAGE_EXPOSURE_US = 30_000  # of a simulated one
 
 
 class Server:
@@ -119,9 +118,7 @@ def serve_command(options: argparse.Namespace) -> None:
         open_board = finder(port, options.sensor, options.scenario, options.seed)
         readers = [BoardReader(open_board, layout, state, recordings=recordings)]
     elif simulated := linkage_of(ports):
-        machine = simulated(
-            options.sensor, options.linkage, "sust", options.seed, _LINKAGE_EXPOSURE_US
-        )
+        machine = simulated(options.sensor, options.linkage, seed=options.seed)
         readers = machine_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
