@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import inspect
 from contextlib import nullcontext
+from itertools import pairwise
 from types import SimpleNamespace
+
+import pytest
 
 from spots.errors import SpotsError
 from spots.link.serial_link import Link
@@ -21,25 +24,36 @@ class Query(nullcontext):
         self.reply_err = said.append
 
 
-def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time():
-    clock = SimpleNamespace(s=0.0)
-    asked = []
+@pytest.fixture
+def clock():
+    return SimpleNamespace(s=0.0)
 
+
+@pytest.fixture
+def answers_of(clock):
+    """Return the answers of a board, and what notes a question of each kind."""
+
+    def of(command):
+        board = SimpleNamespace(
+            now_s=lambda: clock.s, command=command, stats=SimpleNamespace(restarts=0)
+        )
+        declared = []
+
+        def declare_queryable(name, note):
+            declared.append(note)
+            return SimpleNamespace(key_expr=name)
+
+        return Answers(board, "a1", SimpleNamespace(declare_queryable=declare_queryable)), declared
+
+    return of
+
+
+def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time(clock, answers_of):
     def command(line, timeout_s):
-        asked.append(line)
         clock.s += timeout_s
         raise SpotsError("no reply")
 
-    board = SimpleNamespace(
-        now_s=lambda: clock.s, command=command, stats=SimpleNamespace(restarts=0)
-    )
-    declared = []
-
-    def declare_queryable(name, note):
-        declared.append(note)
-        return SimpleNamespace(key_expr=name)
-
-    answers = Answers(board, "a1", SimpleNamespace(declare_queryable=declare_queryable))
+    answers, declared = answers_of(command)
     said = []
     busy_s = 0.0
     for _ in range(3000):
@@ -51,6 +65,23 @@ def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time():
         clock.s += 0.01
     assert said
     assert busy_s < 0.15 * clock.s
+
+
+def test_a_slow_machine_answers_within_a_second_or_two(clock, answers_of):
+    def slow_reply(*reply, encoding):
+        clock.s += 3.0
+        at_s.append(clock.s)
+
+    at_s = []
+    answers, declared = answers_of(lambda line, timeout_s: {"re": line})
+    for _ in range(1000):
+        for note in declared:
+            query = Query([])
+            query.reply = slow_reply
+            getattr(note, "callback", note)(query)
+        answers.give()
+        clock.s += 0.1
+    assert max(later - one for one, later in pairwise(at_s)) < 3.0 + 1.5
 
 
 def test_a_link_from_afar_has_all_that_a_link_has():

@@ -14,8 +14,10 @@ from .zenoh_session import READ_ONLY, direct, key
 
 # The board is asked, and answers go out, no more often than this: readings come first.
 _EVERY_S = 0.05
-# A board that does not answer costs its readings no more than one part in so many.
+# Answering takes at most one part in so many of the time, so that readings come first. Where the
+# board replies, the pause is bounded: a client that reconnects to a slow machine needs an answer.
 _READINGS_SHARE = 10
+_PAUSE_MAX_S = 1.0
 _REPLY_S = 0.5
 # A reply is given again for so long. That to `sync` is the time, and is new each time.
 _FRESH_S = {"hello": 1.0, "get": 1.0, "sync": 0.0}
@@ -52,12 +54,14 @@ class Answers:
         if self._board.now_s() < self._due_s or not any(self._waiting.values()):
             return
         began_s = self._board.now_s()
+        is_silent = False
         for command, waiting in self._waiting.items():
             asked = [waiting.popleft() for _ in range(len(waiting))]
             if asked:
-                self._give(command, asked)
+                is_silent |= not self._give(command, asked)
         now_s = self._board.now_s()
-        self._due_s = now_s + max(_EVERY_S, _READINGS_SHARE * (now_s - began_s))
+        pause_s = max(_EVERY_S, _READINGS_SHARE * (now_s - began_s))
+        self._due_s = now_s + (pause_s if is_silent else min(pause_s, _PAUSE_MAX_S))
 
     def close(self) -> None:
         """Take no more questions."""
@@ -70,7 +74,8 @@ class Answers:
         if plain and len(str(query.parameters)) <= _PARAMETERS_MAX:
             self._waiting[command].append(query)
 
-    def _give(self, command: str, asked: list[zenoh.Query]) -> None:
+    def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
+        """Answer all who asked the same; return whether the board replied."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None
@@ -85,6 +90,7 @@ class Answers:
                         query.reply_err(error)
                 except zenoh.ZError:
                     pass  # who asked has gone, or takes no such reply
+        return error is None
 
     def _reply(self, command: str) -> dict:
         fresh_s, restarts, reply = self._replies.get(command, (0.0, -1, {}))
