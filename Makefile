@@ -24,7 +24,7 @@ help:
 	@echo 'make erase  remove firmware, settings and calibration'
 	@echo 'make doctor what is wrong with a board, and what to do'
 	@echo 'make pictures  draw the pictures of the documents again'
-	@echo 'make paper  measure again what docs/paper.md and fivebar.md tell'
+	@echo 'make paper  measure the figures of docs/paper.md and fivebar.md again'
 	@echo 'make clean  remove .venv and all that was built'
 
 demo: .venv/demo

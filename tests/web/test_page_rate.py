@@ -1,4 +1,4 @@
-"""Pages that share a processor are told as often as it can draw, in simulated time."""
+"""Pages that share a processor get messages as often as it can draw, in simulated time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def drawing(pages, draw_s, stalled=0, away_s=0.0):
     clock = SimpleNamespace(now_s=0.0)
     paces = [Pace(lambda: clock.now_s) for _ in range(pages + stalled)]
     free_s = [0.0] * PROCESSORS
-    # What happens when: a page may be told again, or has drawn.
+    # What happens when: a page may get a message again, or has drawn.
     events = [(0.001 * i, i, "tell", 0) for i in range(pages + stalled)]
     waiting, took = set(), [[] for _ in paces]
     heapq.heapify(events)
