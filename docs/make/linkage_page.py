@@ -63,9 +63,9 @@ those of the page's message ([page.md](page.md)), and `velocity_mm_s`, `sigma_mm
 play is added or taken off as soon as the position has moved by more than its noise; at rest the
 joint may stand anywhere in its play, and the standard error says so. The speed is by the board's
 clock. `spots.Twin` takes the readings of both joints as they come, live or from recordings, and
-returns the terminal at the time of each reading, with the other joint
-interpolated between two of its own: nothing is extrapolated, and it makes no difference
-which board sent first. The boards' clocks are compared with the computer's, see `Touch.time_s`. A board that restarts is given its
+returns the terminal at the time of each reading, with the other joint interpolated between two of
+its own: nothing is extrapolated, and it makes no difference which board sent first. The boards'
+clocks are compared with the computer's, see `Touch.time_s`. A board that restarts is given its
 calibration again.
 
 ```python
