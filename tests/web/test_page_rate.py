@@ -73,6 +73,12 @@ def test_a_page_far_away_is_told_as_often_as_may_be_on_the_way(away_s):
     assert rates[0] > 0.75 * min(55, pace.WINDOW / (way_s + SCREEN_S / 2))
 
 
+def test_a_page_far_away_is_told_more_often_than_one_that_draws_as_slowly():
+    _, far, _ = drawing(1, 0.006, away_s=0.03)
+    _, slow, _ = drawing(1, 0.066)
+    assert far[0] > 1.5 * slow[0]
+
+
 @pytest.mark.parametrize("draw_s", [0.004, 0.008, 0.012])
 def test_pages_that_share_a_processor_do_not_wait_for_each_other(draw_s):
     took_s, rates, _ = drawing(8, draw_s)
