@@ -4,8 +4,9 @@ BOARD ?= pico
 PORT ?=
 ARGS ?=
 BIN := .venv/bin
-PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
-FAST := tests/test_*.py tests/firmware tests/sim tests/referee --ignore tests/firmware/test_leave.py
+# Some tests wait, so there are two processes a processor, see tests/conftest.py.
+PARALLEL := --numprocesses auto --maxprocesses 4 --dist worksteal
+FAST := tests/test_*.py tests/firmware tests/sim tests/referee
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .PHONY: help demo test test-fast browser lint bench soak fuzz build flash erase doctor pictures paper clean
@@ -29,6 +30,9 @@ help:
 
 demo: .venv/demo
 	@$(BIN)/spots demo $(ARGS)
+
+# Where an environment forbids compiled modules, every start of Python takes longer.
+test test-fast: export PYTHONDONTWRITEBYTECODE =
 
 test: .venv/test tests/wasm/node_modules browser
 	@$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
