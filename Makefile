@@ -16,7 +16,7 @@ help:
 	@echo 'make demo   the virtual board, on a page or here  ARGS="--seconds 5 --json"'
 	@echo 'make test   every test                            ARGS="-k log2"'
 	@echo 'make test-fast  those of arithmetic, simulator and structure, in half a minute'
-	@echo 'make lint   style and format'
+	@echo 'make lint   style, format, docstrings and links'
 	@echo 'make bench  driver, firmware and host against their peers'
 	@echo 'make soak   hours of faults in simulated time    ARGS="--hours 1"'
 	@echo 'make fuzz   bytes that break something        ARGS="decoder --seconds 60"'
@@ -46,6 +46,7 @@ browser: .venv/test
 lint: .venv/test
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
+	@$(BIN)/python -m pytest -p no:xdist tests/test_docstrings.py tests/test_links.py
 
 bench: .venv/test
 	@$(BIN)/python tests/bench $(ARGS)
