@@ -18,7 +18,7 @@ import spots
 
 SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
 ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*)(?: :|$)", re.MULTILINE)
-MODULES = {import_module(f"spots.{name}") for name in spots._MODULES.values()}
+MODULES = [import_module(f"spots.{name}") for name in dict.fromkeys(spots._MODULES.values())]
 EXPORTED = [getattr(spots, name) for name in spots.__all__]
 
 

@@ -48,7 +48,8 @@ def command(installed, folder, *arguments):
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")
-# Its exit code (None: what a doctor finds depends on how busy the machine is), what each command is given, and words of what it prints.
+# Its exit code, what each command is given, and words of what it prints. No code: what a doctor
+# finds depends on how busy the machine is.
 RUNS = {
     "ports": (0, ["--json"], "["),
     "boards": (0, [], "virtual"),
