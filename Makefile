@@ -4,8 +4,9 @@ BOARD ?= pico
 PORT ?=
 ARGS ?=
 BIN := .venv/bin
-PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
-FAST := tests/test_*.py tests/firmware tests/sim tests/referee --ignore tests/firmware/test_leave.py
+# Some tests wait, so there are two processes a processor, see tests/conftest.py.
+PARALLEL := --numprocesses auto --maxprocesses 4 --dist worksteal
+FAST := tests/test_*.py tests/firmware tests/sim tests/referee
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .PHONY: help demo test test-fast browser lint bench soak fuzz build flash erase doctor pictures paper clean
@@ -15,7 +16,7 @@ help:
 	@echo 'make demo   the virtual board, on a page or here  ARGS="--seconds 5 --json"'
 	@echo 'make test   every test                            ARGS="-k log2"'
 	@echo 'make test-fast  those of arithmetic, simulator and structure, in half a minute'
-	@echo 'make lint   style and format'
+	@echo 'make lint   style, format, docstrings and links'
 	@echo 'make bench  driver, firmware and host against their peers'
 	@echo 'make soak   hours of faults in simulated time    ARGS="--hours 1"'
 	@echo 'make fuzz   bytes that break something        ARGS="decoder --seconds 60"'
@@ -24,11 +25,14 @@ help:
 	@echo 'make erase  remove firmware, settings and calibration'
 	@echo 'make doctor what is wrong with a board, and what to do'
 	@echo 'make pictures  draw the pictures of the documents again'
-	@echo 'make paper  measure again what docs/paper.md and fivebar.md tell'
+	@echo 'make paper  measure the figures of docs/paper.md and fivebar.md again'
 	@echo 'make clean  remove .venv and all that was built'
 
 demo: .venv/demo
 	@$(BIN)/spots demo $(ARGS)
+
+# Where an environment forbids compiled modules, every start of Python takes longer.
+test test-fast: export PYTHONDONTWRITEBYTECODE =
 
 test: .venv/test tests/wasm/node_modules browser
 	@$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
@@ -42,6 +46,7 @@ browser: .venv/test
 lint: .venv/test
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
+	@$(BIN)/python -m pytest -p no:xdist tests/test_docstrings.py tests/test_links.py
 
 bench: .venv/test
 	@$(BIN)/python tests/bench $(ARGS)

@@ -1,4 +1,4 @@
-"""Print a joint's angle: track_joint.py [CALIBRATION.toml [PORT]]
+"""Print a joint's angle: track_joint.py [CALIBRATION.toml [PORT]].
 
 Make the file first: spots calibrate position, then force, then joint. Without one it is a joint
 of a simulated linkage.

@@ -1,4 +1,4 @@
-"""Print where a five-bar linkage's terminal is: twin.py [LINKAGE.toml [PORT_1 PORT_2]]
+"""Print where a five-bar linkage's terminal is: twin.py [LINKAGE.toml [PORT_1 PORT_2]].
 
 docs/fivebar.md shows how to write or find the file. Ports are in the order of the joints; boards on
 USB are found, if not given. Without a file it is a simulated linkage.

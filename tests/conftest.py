@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import resource
 import signal
@@ -16,6 +17,21 @@ from spots_sim.stage import calibrate
 # A loaded machine is slow, not wrong.
 settings.register_profile("spots", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("spots")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers():
+    """Return how many processes ``--numprocesses auto`` starts: much of the time is waiting."""
+    return 2 * os.cpu_count()
+
+
+def pytest_collection_finish():
+    """Exempt modules and tests from garbage collection.
+
+    The firmware collects at its start; in a process with every test loaded that costs 0.1 s.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

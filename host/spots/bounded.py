@@ -58,7 +58,7 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES, encoding: str = "utf-8") -> str:
-    """Return the content of a text file, its line ends as ``\\n``; see `read_bytes`.
+    r"""Return the content of a text file, its line ends as ``\n``; see `read_bytes`.
 
     Raises
     ------

@@ -42,6 +42,11 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
         Of the distribution, which brings it.
     instead : str, optional
         What else one can do.
+
+    Returns
+    -------
+    SpotsError
+        It names the command that installs the package.
     """
     return SpotsError(f"{what} {package}: pip install '{DISTRIBUTION}[{extra}]'{instead}")
 

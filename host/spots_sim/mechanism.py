@@ -210,8 +210,9 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
 
 
 def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motion:
-    """Return a motion that stops at each place for a while; from one to the next each joint turns
-    evenly, whatever way that takes the terminal.
+    """Return a motion that stops at each place for a while.
+
+    From one to the next each joint turns evenly, whatever way that takes the terminal.
     """
     count = len(x_mm)
     begin_s = start_s + (dwell_s + move_s) * np.arange(count)

@@ -169,7 +169,7 @@ def _listening() -> socket.socket:
 
 
 class _Process:
-    """A process that is told something and answers."""
+    """A process that gets a request and answers."""
 
     def __init__(self, target: Callable, *arguments):
         context = multiprocessing.get_context("spawn")

@@ -16,7 +16,7 @@ class StandIn:
     """A link with a board behind it that has nothing but a clock, to which its frames are true.
 
     It sends a touch and a spectrum together. `t_us` is the machine's monotonic clock, so that any
-    process of the machine can tell how old a frame is.
+    process of the machine can compute a frame's age.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class StandIn:
     closing : bool
         Whether readings are at `CLOSING_UM` from now on.
     said : list of str
-        The lines that it was told.
+        The lines that it was sent.
     closed_at : int or None
         The sequence number of the first closing frame.
     """

@@ -298,7 +298,7 @@ def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
 
 
 class Patient:
-    """A board that answers as it is told."""
+    """A board that gives the answers set by a test."""
 
     def __init__(
         self,

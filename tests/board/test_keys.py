@@ -36,7 +36,7 @@ def board(request):
 
 @pytest.fixture
 def plugged(rig, calibration, tmp_path, board):
-    """Return a function that starts a calibrated board that is what it is told to be."""
+    """Return a function that starts a calibrated board that is what its arguments say."""
 
     def make(*settings):
         first = rig(calibration=calibration, folder=tmp_path, board=board)

@@ -1,6 +1,6 @@
 """Fingers on a board that is a keyboard: what was meant is typed, once, and nothing stays down.
 
-Everywhere the same engine runs on the host, on the same readings, and has to tell the same.
+Everywhere the same engine runs on the host, on the same readings, and has to give the same events.
 """
 
 from dataclasses import dataclass

@@ -39,7 +39,7 @@ def hub(monkeypatch):
 
 
 class Stopping:
-    """A link whose reader gets Ctrl-C when it is told to stop."""
+    """A link whose reader gets Ctrl-C when `stopped` is set."""
 
     def __init__(self, link):
         self._link = link
@@ -162,7 +162,7 @@ def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypa
         board.touches()
         until(lambda: next(board.frames()))
         monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: {mine.name: None})
-        board._link._number = None  # as of a bridge without one: only the board can tell
+        board._link._number = None  # as of a bridge without one: only the board knows it
         mine.board_id = "another"
         name = mine.name
         hub.unplug()

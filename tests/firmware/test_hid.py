@@ -27,7 +27,7 @@ SHIFT, ALT = 2, 4
 
 
 class Host:
-    """Takes what it is told to take, and keeps it."""
+    """Accepts as many reports as a test sets, and keeps them."""
 
     def __init__(self, takes=True):
         self.takes = takes

@@ -66,6 +66,12 @@ class Interrupts:
         return self._count > max(self._at)
 
 
+@pytest.fixture(autouse=True)
+def _no_collection(monkeypatch):
+    """Leave out the collection at a start, which takes most of the time in a process of tests."""
+    monkeypatch.setattr(app_module.gc, "collect", lambda: None)
+
+
 def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
     """Leave a board whose key is down; return its USB and the interrupts that came meanwhile."""
     monkeypatch.chdir(tmp_path)

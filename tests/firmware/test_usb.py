@@ -24,7 +24,7 @@ def fresh(monkeypatch, name, **modules):
 
 
 class HIDInterface:
-    """As published in micropython-lib, where the firmware can tell."""
+    """As published in micropython-lib, as far as the firmware can see."""
 
     def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
         self.report_descriptor = report_descriptor

@@ -26,7 +26,7 @@ _FOUND = 1
 
 
 def main() -> int:
-    """Run one target, or tell which there are."""
+    """Run one target, or list them."""
     parser = argparse.ArgumentParser(prog="fuzz", description=__doc__)
     parser.add_argument("target", nargs="?", choices=TARGETS, metavar="TARGET")
     parser.add_argument("--seconds", type=int, default=60)

@@ -274,7 +274,7 @@ def wearable_toml(data: bytes) -> None:
 
 
 def recording(data: bytes) -> None:
-    """A recording: read, told about, played and exported."""
+    """A recording: read, summarised, played and exported."""
     path = _file("a.spots", _stream(data))
     with _refusing():
         assert report(summary(path)).replace("\n", "").isprintable()

@@ -158,17 +158,17 @@ def evil_usb(monkeypatch):
 BOARD = {
     "ports": (["ports"], True),
     "ports as JSON": (["ports", "--json"], True),
-    "monitor": (["monitor", "--port", "{}", "--seconds", "0.5"], None),
+    "monitor": (["monitor", "--port", "{}", "--seconds", "0.2"], None),
     "hello": (["command", "--port", "{}", "hello"], True),
     "get": (["command", "--port", "{}", "get"], False),
     "an unknown reply": (["command", "--port", "{}", "unheard"], True),
-    "record": (["record", "{new}", "--port", "{}", "--seconds", "0.5"], True),
+    "record": (["record", "{new}", "--port", "{}", "--seconds", "0.2"], True),
     "keys push": (["keys", "push", "mini", "--port", "{}"], True),
-    "keyboard": (["keyboard", "--dry-run", "--port", "{}", "--seconds", "0.5"], None),
-    "wearable": (["wearable", "--port", "{}", "--seconds", "0.5"], None),
-    "controller": (["controller", "--dry-run", "--port", "{}", "--seconds", "0.5"], None),
+    "keyboard": (["keyboard", "--dry-run", "--port", "{}", "--seconds", "0.2"], None),
+    "wearable": (["wearable", "--port", "{}", "--seconds", "0.2"], None),
+    "controller": (["controller", "--dry-run", "--port", "{}", "--seconds", "0.2"], None),
     "calibrate": (["calibrate", "position", "--port", "{}", "--session", "{session}"], True),
-    "publish": (["publish", "--port", "{}", "--seconds", "0.5"], None),
+    "publish": (["publish", "--port", "{}", "--seconds", "0.2"], None),
     "doctor": (["doctor", "--port", "{}"], True),
 }
 

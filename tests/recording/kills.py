@@ -18,7 +18,7 @@ def pieces():
 
 
 def run(path, told):
-    """Record for ever; tell how many frames were handed on after each read."""
+    """Record for ever; send how many frames were handed on after each read."""
     tap = recorder(path, pieces(), step_s=0.003, rotate_bytes=3000)
     handed = 0
     while True:

@@ -1,4 +1,4 @@
-"""Links that deliver what they are told, and recordings made of them."""
+"""Links that deliver given bytes, and recordings made of them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def clock():
 
 
 def recorder(path, pieces, step_s=0.01, known=None, **options):
-    """Return a recorder over a link that delivers pieces, and tells what `known` maps then."""
+    """Return a recorder over a link that delivers pieces, and records what `known` maps then."""
     known = known or clock()
 
     def describe():

@@ -22,8 +22,9 @@ from spots.recording.note import note
 from spots.recording.recording import Recording
 from test_frames import encoded, touch
 
-_FRAMES = 200
+_FRAMES = 60
 _KILLS = 200
+RECORDER = os.path.join("spots", "recording")
 
 
 def key(sequence):
@@ -33,7 +34,7 @@ def key(sequence):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """A recording of a few hundred frames: its bytes, its frames, and where each of them ends."""
+    """A recording of touches and keys: its bytes, its frames, and where each of them ends."""
     path = tmp_path_factory.mktemp("whole") / "whole.spots"
     pieces = [key(i) if i % 3 else touch(i) for i in range(_FRAMES)]
     frames, _ = record(path, pieces, step_s=0.002)
@@ -76,7 +77,7 @@ def ctrl_c_at_line(count):
         return line
 
     def call(frame, event, argument):
-        return line if "recording" in frame.f_code.co_filename else None
+        return line if RECORDER in frame.f_code.co_filename else None
 
     tracing = sys.gettrace()
     sys.settrace(call)
@@ -90,7 +91,8 @@ def ctrl_c_at_line(count):
 def test_ctrl_c_at_any_line_of_the_recorder_leaves_a_recording_with_an_end(tmp_path, rotate_bytes):
     pieces = [key(0), key(1), b"\x55" * 400, b"\0", key(2), b"".join(map(key, range(3, 9))), key(9)]
     for i in itertools.count(1):
-        path = tmp_path / f"{i}.spots"
+        path = tmp_path / str(i) / "a.spots"  # the parts of a set are looked for in its folder
+        path.parent.mkdir()
         tap = recorder(path, pieces, step_s=0.002, rotate_bytes=rotate_bytes)
         handed, interrupted = b"", False
         try:

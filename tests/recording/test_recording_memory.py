@@ -10,7 +10,7 @@ import pytest
 from reels import record
 from test_frames import encoded, touch
 
-SHORT, TIMES = 2000, 20
+SHORT, TIMES = 6000, 6
 GROWS_AT_MOST_KIB = 6 * 1024
 SUMMARY_GROWS_AT_MOST_KIB = 2 * 1024  # the short one, too, fills a block
 # Peak of the process itself: of a child, getrusage would count the parent's pages before exec.

@@ -1,4 +1,4 @@
-"""A board on another machine: read as any other, never told anything, found again."""
+"""A board on another machine: read as any other, never sent a command, found again."""
 
 import json
 import socket

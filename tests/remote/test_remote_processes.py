@@ -52,7 +52,7 @@ def test_a_publisher_killed_outright_and_back(net, monkeypatch):
         with spots.open("zenoh:") as board:
             touches = board.touches()
             list(islice(touches, 20))
-            settings = board.command("get")
+            settings = board.command("get", DEADLINE_S)
             publisher.kill()
             publisher.communicate()
             again = spawn(net.hub, "publish", "--port", port)
@@ -61,7 +61,7 @@ def test_a_publisher_killed_outright_and_back(net, monkeypatch):
             assert board.stats.lost == board.stats.bad_crc == 0
             with pytest.raises(spots.SpotsError, match="read from afar"):
                 board.command("set exposure_us=20000")
-            now = board.command("get")
+            now = board.command("get", DEADLINE_S)
             assert (now["exposure_us"], now["keys"]) == (settings["exposure_us"], 0)
         again.send_signal(signal.SIGINT)
         out, told = again.communicate(timeout=DEADLINE_S)

@@ -33,7 +33,7 @@ class Audit:
     touched : collections.deque of int
         Numbers of the bytes that were damaged, ascending; those that were looked at are removed.
     arrived : callable
-        Told the time at which a reading arrives, those with the LED off left out.
+        Called with the time at which a reading arrives, those with the LED off left out.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Audit:
     wrong_frames : collections.deque of Frame
         The last of them.
     readings : int
-        Those that `arrived` was told of.
+        Those that `arrived` was called with.
     """
 
     def __init__(self, touched: deque[int], arrived: Callable[[float], None] = lambda now_s: None):

@@ -253,7 +253,7 @@ def test_a_gamepad_that_is_gone_ends_it_in_a_sentence(rig, evdev):
 
 @pytest.fixture
 def process(environment, tmp_path):
-    """``spots controller`` on a virtual board, playing the stand-in; and what is told to it."""
+    """``spots controller`` on a virtual board, playing the stand-in; and its events."""
     if sys.platform == "win32":
         pytest.skip("Windows has no such signals and no FIFO")
     events, handle = tmp_path / "events", tmp_path / "handle"

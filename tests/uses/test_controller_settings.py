@@ -1,4 +1,4 @@
-"""Settings files: what is wrong is told, what is written is read back."""
+"""Settings files: an error is reported, and what is written is read back."""
 
 import pytest
 from hypothesis import given

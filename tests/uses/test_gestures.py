@@ -1,4 +1,4 @@
-"""Gestures are told apart, with how sure that is; what wanders means nothing."""
+"""Gestures are distinguished, with a confidence; drift means nothing."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Kinematic calibration: it finds what is there, and says what it cannot tell."""
+"""Kinematic calibration: it finds what is there, and names what it cannot separate."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
     assert set(group) == {*kinematics.LENGTHS, "frame_scale"}
     assert found.rank == len(found.names) - 1
     assert found.condition > 1e6
-    # Their ratios are told, and so is the mounting.
+    # Their ratios are found, and so is the mounting.
     ratios = np.array(found.linkage.bar_mm) / found.linkage.base_mm
     assert ratios == pytest.approx(np.array(TRUE.bar_mm) / TRUE.base_mm, rel=3e-3)
     assert found.standard_errors["gain1"] < 2e-3

@@ -1,4 +1,4 @@
-"""Layout files are compiled to what a board takes; what is wrong is told with its line and fix."""
+"""Layout files are compiled to what a board takes; an error names its line and its fix."""
 
 import numpy as np
 import pytest

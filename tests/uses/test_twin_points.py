@@ -65,7 +65,7 @@ def test_points_become_a_linkage_file(files, capsys):
     # Named from where the file is.
     assert [joint.calibration for joint in arm.joint] == ["../strips/a.toml", "../strips/b.toml"]
     assert "# bar1_mm " in out.read_text()
-    # It tells where the terminal was, but for where the grid lies.
+    # It gives the terminal's place, but for where the grid lies.
     angles, seen = places(20, seed=5)
     theta = [o + g * a for o, g, a in zip(arm.offset_rad, arm.gain, angles)]
     x_mm, y_mm = arm.linkage.forward(*theta)

@@ -14,8 +14,12 @@ from hypothesis import strategies as st
 
 from serving import Serving, run
 from spots.errors import RefusedError, SpotsError
+from spots.web import app
 from spots.web import board_feed as reading
+from spots.web.pace import Pace
 from spots.web.state import EVENTS_KEPT, State
+
+AWAY_S = 0.06
 
 
 def live(server):
@@ -60,39 +64,45 @@ def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, 
     assert not any("missed" in message for message in messages)
 
 
-def test_a_page_far_away_is_told_more_often_than_one_that_draws_slowly(state, serve):
-    server = serve(state)
-    state.put("touch", "the first")
-    counts = {"far": 0, "slow": 0}
+def test_the_way_to_a_page_is_measured_without_the_time_it_draws(state, serve, monkeypatch):
+    # What follows from it for the rate: test_page_rate.py, in simulated time.
+    paces = []
 
-    async def watch(name, pong_s):
+    def made(now_s):
+        paces.append(Pace(now_s))
+        return paces[-1]
+
+    monkeypatch.setattr(app, "Pace", made)
+    server = serve(state)
+    state.put("touch", 0)
+
+    async def watch(pong_s, draw_s, seen):
         async with aiohttp.ClientSession() as session:
             socket = await session.ws_connect(live(server), autoping=False)
-            answers = set()
-            while counts["far"] < 100:
+            number = 0
+            while not seen(paces[-1]):
                 message = await socket.receive(timeout=60)
-                state.put("touch", {"i": sum(counts.values())})
                 if message.type == aiohttp.WSMsgType.PING:
-                    answers.add(later(pong_s, socket.pong(message.data)))
+                    await asyncio.sleep(pong_s)
+                    await socket.pong(message.data)
                 else:
-                    answers.add(later(0.06, socket.send_str(str(message.json()["n"]))))
-                    counts[name] += 1
-            state.put("touch", "the last")
-            await asyncio.gather(*answers)
+                    number = message.json()["n"]
+                    assert number < 1000
+                    await asyncio.sleep(draw_s)
+                    state.put("touch", number)
+                    await socket.send_str(str(number))
             await socket.close()
 
-    def later(seconds, answer):
-        async def wait():
-            await asyncio.sleep(seconds)
-            await answer
+    def known(pace):
+        return pace._way_s is not None
 
-        return asyncio.ensure_future(wait())
+    def near(pace):
+        return known(pace) and pace._way_s < AWAY_S
 
-    async def both():
-        await asyncio.gather(watch("far", 0.06), watch("slow", 0.0))
-
-    run(both())
-    assert counts["far"] > 1.5 * counts["slow"]
+    run(watch(AWAY_S, 0.0, known))
+    assert paces[-1]._way_s >= AWAY_S
+    run(watch(0.0, AWAY_S, near))
+    assert len(paces) == 2
 
 
 def test_a_message_is_what_changed_since_the_last(state, serve):

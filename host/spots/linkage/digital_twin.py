@@ -132,9 +132,19 @@ class Twin:
         self._done_s = -math.inf  # until when all was told that can be
 
     def take(self, joint: int, touch: Touch) -> list[Terminal]:
-        """Take a reading of a joint, 0 or 1, and return the terminals that it lets be told.
+        """Take a reading of a joint, and return the terminals that it completes.
 
-        Readings of one joint come in the order of their time.
+        Parameters
+        ----------
+        joint : int
+            0 or 1.
+        touch : Touch
+            Readings of one joint come in the order of their time.
+
+        Returns
+        -------
+        list of Terminal
+            In the order of their time; empty until the other joint's next reading.
         """
         angle = self.encoders[joint].take(touch)
         if angle is None:
@@ -261,7 +271,19 @@ def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
 
 
 def merged(first: Iterable[Touch], second: Iterable[Touch]) -> Iterator[tuple[int, Touch]]:
-    """Yield (joint, reading) of two recordings whose times are of one clock, in order of time."""
+    """Yield the readings of two joints in order of time.
+
+    Parameters
+    ----------
+    first, second : iterable of Touch
+        Of joint 1 and of joint 2, by one clock and each in order of time, as in two recordings.
+
+    Yields
+    ------
+    joint : int
+        0 or 1.
+    touch : Touch
+    """
     pairs = zip(repeat(0), first), zip(repeat(1), second)
     return heapq.merge(*pairs, key=lambda pair: pair[1].time_s)
 
@@ -282,6 +304,12 @@ def readings(
     restarted : callable
         Given a board that has restarted and streams again: it has forgotten all that was not
         saved. Called again for some seconds if it raises SpotsError.
+
+    Yields
+    ------
+    joint : int
+        0 or 1.
+    touch : Touch
     """
     for board in boards:
         board.command("stream touch")

@@ -143,6 +143,11 @@ class Linkage:
     def inverse(self, x_mm, y_mm):
         """Return the angles with which the terminal is there; Eqs. 3 and 4 of the paper.
 
+        Parameters
+        ----------
+        x_mm, y_mm : float or array_like
+            Shapes that broadcast.
+
         Returns
         -------
         theta1_rad, theta2_rad : float or numpy.ma.MaskedArray
@@ -156,15 +161,42 @@ class Linkage:
         return self._answer(self._inverse, ("terminal", "mm"), x_mm, y_mm)
 
     def forward_limits(self, theta1_rad, theta2_rad) -> np.ndarray:
-        """Return the `Limit` code of each pair of angles, int8."""
+        """Return the `Limit` code of each pair of angles.
+
+        Parameters
+        ----------
+        theta1_rad, theta2_rad : float or array_like
+            Shapes that broadcast.
+
+        Returns
+        -------
+        numpy.ndarray of int8
+            0 where the linkage closes.
+        """
         return _blocks(self._forward, theta1_rad, theta2_rad)[2]
 
     def inverse_limits(self, x_mm, y_mm) -> np.ndarray:
-        """Return the `Limit` code of each place, int8."""
+        """Return the `Limit` code of each place.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float or array_like
+            Shapes that broadcast.
+
+        Returns
+        -------
+        numpy.ndarray of int8
+            0 where the terminal can be.
+        """
         return _blocks(self._inverse, x_mm, y_mm)[2]
 
     def jacobian(self, theta1_rad, theta2_rad):
         """Return d(x, y)/d(theta1, theta2).
+
+        Parameters
+        ----------
+        theta1_rad, theta2_rad : float or array_like
+            Shapes that broadcast.
 
         Returns
         -------
@@ -223,6 +255,11 @@ class Linkage:
         """Return the angle between the outer bars, less what is beyond a right one.
 
         At 0 they are in line, and the terminal moves while the joints stand.
+
+        Parameters
+        ----------
+        theta1_rad, theta2_rad : float or array_like
+            Shapes that broadcast.
 
         Returns
         -------

@@ -20,7 +20,7 @@ from .header import Header
 from .recording import Recording
 
 # Of working memory a block takes about twenty times as much.
-_BLOCK_BYTES = 1 << 17
+_BLOCK_BYTES = 1 << 18
 # Of so few pieces each is decoded alone in less time than all of them together.
 _FEW = 64
 _COBS_SIZE = 1
@@ -261,7 +261,7 @@ class Arrays:
 class RecordingBlocks(Recording):
     """A recording; iterate over it to read it as `Arrays`, a block at a time.
 
-    Memory is bounded: a block is of 128 KiB of the file. What is not in the arrays
+    Memory is bounded: a block is of 256 KiB of the file. What is not in the arrays
     is in the attributes of `Recording`.
 
     >>> from spots import RecordingBlocks

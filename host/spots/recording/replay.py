@@ -124,7 +124,20 @@ class Replay(Board):
 
 
 def open_port(rest: str, **simulated) -> Replay:
-    """Open the port ``recording:FILE``, see `link.ports`."""
+    """Open the port ``recording:FILE``, see `link.ports`.
+
+    Parameters
+    ----------
+    rest : str
+        The file.
+    **simulated
+        What only a simulated board takes.
+
+    Returns
+    -------
+    Replay
+        At the original pace.
+    """
     return open_recording(rest)
 
 
@@ -137,6 +150,11 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
         A file that `Board.record` or ``spots record`` made; with the first of a set come all.
     speed : float
         1 for the original pace, 2 for twice as fast, ``math.inf`` for as fast as it can be read.
+
+    Returns
+    -------
+    Replay
+        A board that takes no commands but ``hello`` and ``stream``.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class UInput:
         if UInput.fails is not None:
             raise UInput.fails
         self.capabilities, self.name = events, name
-        self.known: dict = {}  # what was told before the last syn
+        self.known: dict = {}  # sent before the last syn
         self.history: list = []
         self.closed = self.gone = False
         self._pending: list = []
@@ -70,7 +70,7 @@ class UInput:
         if self.closed or self.gone:
             raise OSError(19, "No such device")
         for one, value in self._pending:
-            if self.known.get(one, 0) != value:  # the kernel tells only what changed
+            if self.known.get(one, 0) != value:  # the kernel reports only what changed
                 self.history.append((*one, value))
                 self._say(*one, value)
         self.known.update(self._pending)
