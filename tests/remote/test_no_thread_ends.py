@@ -281,7 +281,12 @@ time.sleep(10)
         # Another thread or callback needs a case above, and its line here.
         (
             r"\bThread\(",
-            {"spots/web/board_feed.py", "spots/recording/disk.py", "spots_sim/realtime.py"},
+            {
+                "spots/web/board_feed.py",
+                "spots/recording/disk.py",
+                "spots_sim/realtime.py",
+                "spots_sim/cpython_realtime.py",
+            },
         ),
         (r"handlers\.Callback\(", {"spots/remote/zenoh_session.py"}),
         (
