@@ -50,11 +50,7 @@ def add(commands) -> None:
 def _demo(options: argparse.Namespace) -> None:
     from spots.web import browser
 
-    from .runtimes import headline
-
     _check(options)
-    if not options.json:
-        print(headline(), flush=True)
     plain = options.seconds is options.use is None and not (options.json or options.fast)
     if options.page or (plain and browser.opens()):
         from .demo import show_page

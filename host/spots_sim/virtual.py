@@ -31,6 +31,7 @@ from .linkage_demo import compare, endless
 from .runtimes import is_cpython
 from .stage import Stage, calibrate
 from .stage_presser import StagePresser
+from .vm import micropython_command
 
 VIRTUAL = "virtual"
 _START_S = 10.0
@@ -161,9 +162,11 @@ def start_simulator(
     SpotsError
         If it does not start.
     """
-    module, more = "realtime", (board, folder)
     if not folder and is_cpython(board):
         module, more = "cpython_realtime", ()
+    else:
+        micropython_command()  # fails before anything is started
+        module, more = "realtime", (board, folder)
     process = subprocess.Popen(
         [sys.executable, "-m", f"spots_sim.{module}", sensor, scenario, str(seed), *more],
         stdin=subprocess.PIPE,
