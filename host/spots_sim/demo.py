@@ -74,7 +74,7 @@ def demo(
         (board, started_s), digest = open_virtual(sensor, scenario, seed), None
     with board:
         if not quiet:
-            print(headline(), flush=True)
+            print(headline(board.info["runtime"]), flush=True)
         if file.faults:
             board.command("save")  # or a restart would cost the calibration
         summary = show(board, truth, started_s, seconds, quiet)

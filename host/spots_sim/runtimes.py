@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import platform
 
 from spots.deploy.staging import device_of
 from spots.errors import SpotsError
@@ -41,12 +40,18 @@ def is_socket() -> bool:
     return (_wanted(*_PORT) or there_is) == "socket"
 
 
-def headline() -> str:
-    """Return the first line of a demonstration: what runs the firmware, and why."""
+def headline(runtime: str = "") -> str:
+    """Return the first line of a demonstration: what runs the firmware, and why.
+
+    Parameters
+    ----------
+    runtime : str
+        As a board names it, if one was asked.
+    """
     if not is_cpython():
-        return "runtime: micropython"
-    why = "as $" + _RUNTIME[0] + " asks" if os.environ.get(_RUNTIME[0]) else "no MicroPython here"
-    return f"runtime: cpython {platform.python_version()} ({why})"
+        return f"runtime: {runtime or 'micropython'}"
+    why = f"as ${_RUNTIME[0]} asks" if os.environ.get(_RUNTIME[0]) else "no MicroPython here"
+    return f"runtime: {runtime or 'cpython'} ({why})"
 
 
 def _there_is() -> str:

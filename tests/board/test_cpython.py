@@ -14,7 +14,7 @@ from spots.cli import main
 from spots.link.frames import Touch
 from spots_sim import vm
 
-TIMEOUT_S = 90
+TIMEOUT_S = 120
 
 
 @pytest.fixture(autouse=True)
