@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 
-class Clock(Protocol):
+class SimulationClock(Protocol):
     """What the simulation takes its time from."""
 
     def now_us(self) -> float:
@@ -53,7 +53,7 @@ class RealClock:
 
 
 @dataclass
-class Ledger:
+class BusCost:
     """Transfers, bytes on the wire (addresses and registers included) and bus time."""
 
     transactions: int = 0
@@ -62,13 +62,13 @@ class Ledger:
 
 
 @dataclass
-class Bus:
+class I2CBus:
     """A controller's view of the wires: 9 clocks a byte, and START, STOP, repeated START."""
 
     chip: object
-    clock: Clock
+    clock: SimulationClock
     frequency_hz: int = 400_000
-    ledger: Ledger = field(default_factory=Ledger)
+    ledger: BusCost = field(default_factory=BusCost)
 
     def write(self, address: int, data: bytes) -> None:
         """START, address, data, STOP. Raises OSError(ENODEV) if nobody acknowledges."""

@@ -7,7 +7,6 @@ be flashed; it has no watchdog; and memory and integers have no limits here.
 from __future__ import annotations
 
 import contextlib
-import errno
 import importlib
 import importlib.util
 import itertools
@@ -26,13 +25,14 @@ from typing import Protocol
 import spots_device
 from spots.deploy.staging import KERNEL_VIPER, device_of
 
-from .bus import Bus
+from .bus import I2CBus
 from .faults import BoardFaults, FaultyBus
+from .protocol import protocol
 from .usb import UsbHost
 
 _ADDRESS = 0x39
 _RECOVERY_CLOCKS = 9
-_TICKS = 1 << 30
+_TICKS = protocol.PERIOD_US
 _AFTER_CRASH_US = 1_000_000
 _CRASH_CHARACTERS = 300  # the end of a traceback; more would not fit a frame
 
@@ -71,7 +71,7 @@ class CPythonBoard:
     ----------
     board_id : str
         Hexadecimal.
-    bus : bus.Bus or faults.FaultyBus
+    bus : bus.I2CBus or faults.FaultyBus
     usb : usb.UsbHost
     port : BoardPort
     faults : faults.BoardFaults, optional
@@ -82,7 +82,7 @@ class CPythonBoard:
     def __init__(
         self,
         board_id: str,
-        bus: Bus | FaultyBus,
+        bus: I2CBus | FaultyBus,
         usb: UsbHost,
         port: BoardPort,
         faults: BoardFaults | None = None,
@@ -195,7 +195,7 @@ def _load(folder: Path) -> str:
 class _Requests:
     """The bus as the board asks for it, and the board's clock."""
 
-    def __init__(self, bus: Bus | FaultyBus, faults: BoardFaults | None):
+    def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):
         self.bus = bus
         self._faults = faults
         self._rate = faults.rate if faults else 1.0
@@ -273,7 +273,7 @@ class _UsbDevice:
         try:
             self._ask(self._host.offer, interface, bytes(report))
         except OSError as error:
-            if error.errno != errno.EAGAIN:
+            if error.errno != protocol.EAGAIN:
                 raise
             return False
         return True

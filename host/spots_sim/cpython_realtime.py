@@ -15,7 +15,7 @@ import time
 
 from spots.errors import SpotsError
 
-from .bus import Bus, RealClock
+from .bus import I2CBus, RealClock
 from .cpython_board import BoardPort, CPythonBoard
 from .faults import BoardFaults, Faults, FaultyBus, of_scenario
 from .files import ScenarioFile, SensorFile, load
@@ -124,7 +124,7 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)
     clock = RealClock()
-    bus = Bus(chip(sensor, Scenario(file), seed), clock)
+    bus = I2CBus(chip(sensor, Scenario(file), seed), clock)
     outer = port = SocketPort() if is_socket() else PtyPort()
     faults = of_scenario(file, seed)
     if faults:

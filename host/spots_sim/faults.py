@@ -20,7 +20,7 @@ import numpy as np
 
 from spots.link.serial_link import Link, Through
 
-from .bus import Bus
+from .bus import I2CBus
 from .files import FaultsFile, Moments, ScenarioFile, SerialFaults
 
 # Keeps these generators apart from those that others seed with the same number.
@@ -33,7 +33,7 @@ _BUS_TIMEOUT_US = 50_000.0
 
 
 @dataclass
-class Ledger:
+class FaultLedger:
     """What was done.
 
     Attributes
@@ -61,11 +61,13 @@ class Spells:
     rng : numpy.random.Generator
         Of the random ones; no one else's.
     kind : str
-    ledger : Ledger
+    ledger : FaultLedger
         Gets each that has begun.
     """
 
-    def __init__(self, moments: Moments, seconds: float, from_s: float, rng, kind, ledger: Ledger):
+    def __init__(
+        self, moments: Moments, seconds: float, from_s: float, rng, kind, ledger: FaultLedger
+    ):
         self._last_us = 1000 * moments.last_ms
         fixed = _repeated(sorted(moments.at_s), seconds, from_s)
         at_random = _poisson(moments.per_min / 60, from_s, rng)
@@ -189,15 +191,15 @@ class FaultyLink(Through):
 
 
 class FaultyBus:
-    """A `bus.Bus` between whose controller and chip things go wrong.
+    """A `bus.I2CBus` between whose controller and chip things go wrong.
 
     Parameters
     ----------
-    bus : bus.Bus
+    bus : bus.I2CBus
     faults : Faults
     """
 
-    def __init__(self, bus: Bus, faults: Faults):
+    def __init__(self, bus: I2CBus, faults: Faults):
         self.bus = bus
         self.chip, self.clock, self.ledger = bus.chip, bus.clock, bus.ledger
         self._file = faults.file.i2c
@@ -234,7 +236,7 @@ class FaultyBus:
         return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Let go of (1) or pull (0) each wire, and return the level of SDA; see `bus.Bus.lines`."""
+        """Release (1) or pull (0) each wire and return the level of SDA: `bus.I2CBus.lines`."""
         level = self.bus.lines(scl, sda)
         if not self._sda_is_held():
             return level
@@ -336,13 +338,13 @@ class Faults:
 
     Attributes
     ----------
-    ledger : Ledger
+    ledger : FaultLedger
     to_host, to_board : Damage
     """
 
     def __init__(self, file: FaultsFile, seconds: float, seed: int = 0):
         self.file = file
-        self.ledger = Ledger()
+        self.ledger = FaultLedger()
         self._seconds = seconds
         self._seed = seed
         self.to_host = self._damage("to_host", file.to_host)

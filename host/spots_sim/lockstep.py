@@ -11,7 +11,7 @@ from collections.abc import Callable
 from spots.errors import SpotsError
 from spots.link.serial_link import WRITE_TIMEOUT_S, takes_nothing
 
-from .bus import Bus, SimulatedClock
+from .bus import I2CBus, SimulatedClock
 from .cpython_board import InProcessBoard
 from .faults import BoardFaults, Faults, FaultyBus
 from .files import SensorFile
@@ -33,11 +33,11 @@ class LockstepLink:
     seed : int
         Of all noise.
     folder : Path, optional
-        See `vm.Machine`.
+        See `vm.MicroPythonProcess`.
     started_s : float
         How long everything but the board's processor has been on: the LED is as warm as then.
     board : str
-        See `vm.Machine`.
+        See `vm.MicroPythonProcess`.
     faults : faults.Faults, optional
         What goes wrong with bus and board; with the bytes, `faults.FaultyLink` does it.
     busy_us : callable, optional
@@ -66,7 +66,7 @@ class LockstepLink:
     ):
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed)
-        bus = Bus(self.chip, self.clock)
+        bus = I2CBus(self.chip, self.clock)
         if faults:
             bus = FaultyBus(bus, faults)
         board_faults = BoardFaults(faults) if faults else None

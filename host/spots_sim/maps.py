@@ -9,7 +9,7 @@ import numpy as np
 from spots.linkage.fivebar import Linkage
 
 from .figures import label, legend, panels, require, save
-from .survey import LEAST_OUTER_RAD, Run, Survey
+from .survey import LEAST_OUTER_RAD, PathRun, Survey
 
 _RED, _BLUE, _GREY, _BLACK = "#D55E00", "#0072B2", "#999999", "#222222"
 _SAMPLES = 721
@@ -128,7 +128,7 @@ def deviation(survey: Survey, path: Path) -> Path:
     return save(figure, path)
 
 
-def trajectory(run: Run, path: Path) -> Path:
+def trajectory(run: PathRun, path: Path) -> Path:
     """Draw a path as it was and as the twin told it, as Fig. 7D, and the error over time.
 
     Raises

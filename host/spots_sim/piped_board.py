@@ -12,10 +12,10 @@ from spots.deploy.staging import device_of
 from spots.errors import SpotsError
 
 from . import server
-from .bus import Bus
+from .bus import I2CBus
 from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
-from .vm import Machine
+from .vm import MicroPythonProcess
 
 _LOOK_S = 0.05  # real time, after which a board that asks for nothing may wait to be read
 _HANGS_S = 60.0  # real time, in which a board that runs asks for something
@@ -27,14 +27,14 @@ class PipedBoard:
     Parameters
     ----------
     board_id : str
-        See `vm.Machine`.
-    bus : bus.Bus or faults.FaultyBus
+        See `vm.MicroPythonProcess`.
+    bus : bus.I2CBus or faults.FaultyBus
     usb : usb.UsbHost
     faults : faults.BoardFaults, optional
     folder : Path, optional
-        See `vm.Machine`.
+        See `vm.MicroPythonProcess`.
     board : str
-        See `vm.Machine`.
+        See `vm.MicroPythonProcess`.
     busy_us : callable, optional
         See `lockstep.LockstepLink`.
 
@@ -47,7 +47,7 @@ class PipedBoard:
     def __init__(
         self,
         board_id: str,
-        bus: Bus | FaultyBus,
+        bus: I2CBus | FaultyBus,
         usb: UsbHost,
         faults: BoardFaults | None,
         folder: Path | None,
@@ -69,7 +69,7 @@ class PipedBoard:
             # Nobody types at its console; what it prints there goes out with the frames.
             stdin, data = os.open(os.devnull, os.O_RDONLY), (board_in, board_out)
             self._open.append(stdin)
-        self._machine = Machine(
+        self._machine = MicroPythonProcess(
             board_id,
             True,
             stdin,
@@ -77,7 +77,7 @@ class PipedBoard:
             folder,
             board,
             data=data,
-            tells_memory=busy_us is not None,
+            reports_memory=busy_us is not None,
         )
         self._pending = self._next_request()
 
@@ -125,7 +125,7 @@ class PipedBoard:
     def _next_request(self) -> bytes:
         for _ in range(3):
             request = self._request()
-            while request and (free_bytes := server.told_free_bytes(request)) is not None:
+            while request and (free_bytes := server.reported_free_bytes(request)) is not None:
                 self.free_bytes = free_bytes
                 request = self._request()
             if request is None:

@@ -24,14 +24,14 @@ from spots.deploy.staging import device_of
 from spots.errors import SpotsError
 
 from . import server
-from .bus import Bus, RealClock
+from .bus import I2CBus, RealClock
 from .faults import BoardFaults, Faults, FaultyBus, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .scenario import Scenario
 from .starting import report
 from .usb import UsbHost
-from .vm import Machine
+from .vm import MicroPythonProcess
 from .world import chip
 
 _RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
@@ -158,14 +158,14 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     console = Console()
     data = SerialPort() if device_of(board).runtime == "circuitpython" else None
     clock = RealClock()
-    bus, usb = Bus(chip(sensor, scenario, seed), clock), UsbHost()
+    bus, usb = I2CBus(chip(sensor, scenario, seed), clock), UsbHost()
     noise = board_faults = None
     faults = of_scenario(file, seed)
     if faults:
         noise, board_faults = PortNoise(faults, clock, data or console), BoardFaults(faults)
         bus = FaultyBus(bus, faults)
     frames_out = noise.board_out if noise else (data or console).board_end
-    machine = Machine(
+    machine = MicroPythonProcess(
         board_id(sensor),
         False,
         console.board_in,
@@ -216,8 +216,8 @@ def _end_of_parent() -> int:
 
 def _serve(
     parent_end: int,
-    machine: Machine,
-    bus: Bus | FaultyBus,
+    machine: MicroPythonProcess,
+    bus: I2CBus | FaultyBus,
     usb: UsbHost,
     console: Console,
     data: SerialPort | None,
@@ -271,7 +271,7 @@ def _serve(
                 server.answer(request, bus, usb, machine.answers)
 
 
-def _timeout_s(bus: Bus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
+def _timeout_s(bus: I2CBus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
     if stuck:
         return _STUCK_S
     if starved_us < math.inf:

@@ -130,7 +130,7 @@ def survey(
 
 
 @dataclass(frozen=True)
-class Run:
+class PathRun:
     """A path, followed by a twin that was given the true lengths.
 
     Attributes
@@ -180,7 +180,7 @@ def follow(
     seed: int = 0,
     exposure_us: int = 30_000,
     tell=lambda terminal: None,
-) -> Run:
+) -> PathRun:
     """Guide the terminal of a simulated linkage along a path, and let a twin follow.
 
     Parameters
@@ -207,7 +207,7 @@ def follow(
     if told.size < 6:
         raise SpotsError("the path is too short: the twin told less than two terminals")
     x_mm, y_mm = motion.at(told[0])
-    return Run(motion, true, terminals, np.hypot(told[1] - x_mm, told[2] - y_mm), lost)
+    return PathRun(motion, true, terminals, np.hypot(told[1] - x_mm, told[2] - y_mm), lost)
 
 
 def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:

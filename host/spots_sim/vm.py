@@ -50,7 +50,7 @@ def micropython_command() -> list[str]:
     )
 
 
-class Machine:
+class MicroPythonProcess:
     """A virtual board: a file system folder, and MicroPython running its entry.
 
     Parameters
@@ -73,7 +73,7 @@ class Machine:
         File descriptors, to read and to write, of a second serial port.
     rate : float
         Seconds that the board counts in one of real time.
-    tells_memory : bool
+    reports_memory : bool
         Whether the board reports its free memory before every sleep and transfer.
     """
 
@@ -89,7 +89,7 @@ class Machine:
         terminal: bool = False,
         data: tuple[int, int] | None = None,
         rate: float = 1.0,
-        tells_memory: bool = False,
+        reports_memory: bool = False,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
@@ -104,7 +104,7 @@ class Machine:
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
             "SPOTS_CLOCK_PPM": str(round(1e6 * (rate - 1))),
             "PATH": os.environ.get("PATH", ""),
-            "SPOTS_MEMORY_EVERY": "1" if tells_memory else "256",
+            "SPOTS_MEMORY_EVERY": "1" if reports_memory else "256",
             # "held" stands for a finger on the board's button.
             "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
         }
