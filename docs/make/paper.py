@@ -15,11 +15,11 @@ EXPOSURES_US = (10_000, 100_000)
 _SEED = 0
 _HEAD = """# The paper's figures, and ours
 
-Written by `make paper`; every number but the published ones is measured anew by it. The published
+Written by `make paper`; every number but the published ones is measured by it. The published
 ones are those of Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
 Sensor for Trajectory Tracking of Parallel Mechanisms*, with the section they stand in. Ours are of
 the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with seed {seed},
-and defined as in [calibration.md](calibration.md). The paper does not tell how long a reading took;
+and defined as in [calibration.md](calibration.md). The paper does not state the time of a reading;
 the exposure of ours is on top of its column.
 
 """
@@ -97,7 +97,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "",
             each("{:.2f}", lambda s: s["position"]["one_pair"]["crb_ratio"]),
-            "Which pair the paper used is not told; the best one of this sensor may be another.",
+            "The paper's pair is not published; the best one of this sensor may be another.",
         ),
         (
             "Signal to noise",
@@ -153,7 +153,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It follows from the position's, over the radius; the paper's radius is not told.",
+            "It follows from the position's, over the radius; the paper's radius is not published.",
         ),
         (
             "Joint: accuracy",

@@ -1,4 +1,4 @@
-"""An I2C bus with one chip on it: timing, acknowledgement, and a ledger of what went over it."""
+"""An I2C bus with one chip on it: timing, acknowledgement, and what the transfers cost."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class SimulationClock(Protocol):
 
 @dataclass
 class SimulatedClock:
-    """A clock that stands still but when it is told to move."""
+    """A clock that moves only with transfers and sleeps."""
 
     time_us: float = 0.0
 
@@ -71,7 +71,7 @@ class I2CBus:
     ledger: BusCost = field(default_factory=BusCost)
 
     def write(self, address: int, data: bytes) -> None:
-        """START, address, data, STOP. Raises OSError(ENODEV) if nobody acknowledges."""
+        """START, address, data, STOP. Raises OSError(ENODEV) without an acknowledge."""
         self._address(address)
         self._spend(2, 1 + len(data))
         self.chip.advance(self.clock.now_us())
@@ -96,14 +96,14 @@ class I2CBus:
         return self.chip.read(size)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Let go of (1) or pull (0) the wires by hand, and return the level of SDA.
+        """Release (1) or pull (0) the wires by hand, and return the level of SDA.
 
-        The chip listens to transfers only and takes no note of it.
+        The chip responds to transfers only and ignores it.
         """
         return sda
 
     def refuse(self) -> None:
-        """Spend what an address costs that nobody acknowledges, and raise OSError(ENODEV)."""
+        """Spend the bus time of an address without acknowledge, and raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

@@ -10,7 +10,7 @@ import numpy as np
 from spots import atomic
 from spots.errors import SpotsError, missing
 
-# Okabe and Ito's colours, which are told apart with any colour vision; markers differ as well.
+# Okabe and Ito's colours, distinct with any colour vision; markers differ as well.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _GREY = "#555555"

@@ -60,7 +60,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
         files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", "sust"))]
         if not quiet:
             print(headline(), flush=True)
-        return follow(*files, seed, tell=_ignore if quiet else Lines()).summary()
+        return follow(*files, seed, report=_ignore if quiet else Lines()).summary()
     machine = endless(sensor, seed=seed)
     if not quiet:
         print(headline(), flush=True)

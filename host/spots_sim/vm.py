@@ -151,7 +151,7 @@ class MicroPythonProcess:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Take note that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
+        """Accept that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ class MicroPythonProcess:
         try:
             code = self._process.wait(_EXIT_S)
         except subprocess.TimeoutExpired:
-            raise SpotsError("the virtual board stopped: it closed its pipes and goes on") from None
+            raise SpotsError("the virtual board stopped: it closed its pipes but runs") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
             raise SpotsError(f"the virtual board stopped: {lines[-1]}")
