@@ -134,7 +134,7 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
         CPythonBoard(board_id(sensor), bus, UsbHost(), port, board_faults)
     ) as board:
         report({"port": outer.name, "console": outer.name, "started_s": clock.started_s})
-        # A copy of the pipe that somebody else inherited keeps it open after the parent's end.
+        # Another process may have inherited the pipe and keep it open after the parent ends.
         while not ended.is_set() and os.getppid() == parent:
             board.step()
 

@@ -36,7 +36,7 @@ def demo(
     quiet: bool,
     use: str = "strip",
 ) -> dict:
-    """Run the virtual board, show what it feels, and return the run in figures.
+    """Run the virtual board, show its readings, and return the run in figures.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""What goes wrong in a scenario, done to a link, a bus and a board, and a ledger of it.
+"""Applies a scenario's faults to a link, a bus and a board, and counts them.
 
-Everything is drawn from generators of its own, one a fault, that depend on the seed alone: the
-sensor's noise is the same with and without faults, and one fault does not move another. Times are
+Each fault has a random generator of its own that depends on the seed alone: the sensor's noise is
+the same with and without faults, and one fault does not change another. Times are
 those of the simulation. Each wrapper works alone, so that a test takes the one that it needs:
 `FaultyLink` damages bytes, `FaultyBus` transfers, `BoardFaults` is asked before each of the
 board's requests.
@@ -23,18 +23,18 @@ from spots.link.serial_link import Link, Through
 from .bus import I2CBus
 from .files import FaultsFile, Moments, ScenarioFile, SerialFaults
 
-# Keeps these generators apart from those that others seed with the same number.
+# Separates these generators from others with the same seed.
 _OWN = 0xFA017
 _CTRL_C = 3
 WAYS = ("flip", "drop", "double", "insert")
 _CLOCKS_THAT_FREE_SDA = 9
-# What a controller waits for wires that do not come free.
+# How long a controller waits for a bus that is held.
 _BUS_TIMEOUT_US = 50_000.0
 
 
 @dataclass
 class FaultLedger:
-    """What was done.
+    """Counts and times of the faults so far.
 
     Attributes
     ----------
@@ -59,10 +59,10 @@ class Spells:
     from_s : float
         Nothing begins earlier.
     rng : numpy.random.Generator
-        Of the random ones; no one else's.
+        Of the random ones; used by nothing else.
     kind : str
     ledger : FaultLedger
-        Gets each that has begun.
+        Records each that has begun.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class FaultyLink(Through):
 
 
 class FaultyBus:
-    """A `bus.I2CBus` between whose controller and chip things go wrong.
+    """A `bus.I2CBus` with faults between its controller and chip.
 
     Parameters
     ----------
@@ -307,13 +307,13 @@ class BoardFaults:
         self._brown_outs = faults.spells("power.brown_outs")
 
     def step(self, bus) -> float | None:
-        """Let happen what is due.
+        """Apply the faults that are due.
 
         Returns
         -------
         float or None
-            None, or for how many us a brown-out keeps the board off: its user ends the machine,
-            lets that time pass, calls `bus.chip.power_on` and boots it.
+            None, or for how many us a brown-out keeps the board off: the caller ends the
+            board, lets that time pass, calls `bus.chip.power_on` and boots it.
         """
         now_us = bus.clock.now_us()
         while spell := self._stalls.begun(now_us):
@@ -327,7 +327,7 @@ class BoardFaults:
 
 
 class Faults:
-    """Everything that goes wrong in one run.
+    """All faults of one run.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ def folder(path: str | Path) -> Path:
     Raises
     ------
     SpotsError
-        If that cannot be.
+        If the folder cannot be made.
     """
     path = Path(path)
     try:
@@ -44,7 +44,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
     Parameters
     ----------
-    run : characterize.Run
+    run : measurements.Run
     responses : dict
         Of `family.family`.
     out : Path

@@ -58,7 +58,7 @@ class Dye(_SimulationFile):
 
 
 class ContactFile(_SimulationFile):
-    """How force becomes contact area, see `world.coupling`."""
+    """Contact area by force, see `world.coupling`."""
 
     threshold_mN: NotNegative
     half_mN: Positive
@@ -67,7 +67,7 @@ class ContactFile(_SimulationFile):
 
 
 class Converter(_SimulationFile):
-    """Noise of the chip, see `chip.ChipNoise`, and what its documents leave open, see `Quirks`."""
+    """Noise of the chip (`chip.ChipNoise`) and behaviour that no document defines (`Quirks`)."""
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive
@@ -87,7 +87,7 @@ class Stretch(_SimulationFile):
 
 
 class Surroundings(_SimulationFile):
-    """Steady light from outside, on top of a scenario's."""
+    """Steady ambient light, added to a scenario's."""
 
     irradiance_uW_cm2: NotNegative = 0.0
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
@@ -128,7 +128,7 @@ class Finger(_SimulationFile):
 
 
 class Ambient(_SimulationFile):
-    """Light that gets in from outside, as (time s, irradiance uW/cm2) steps."""
+    """Ambient light, as (time s, irradiance uW/cm2) steps."""
 
     steps: Annotated[list[tuple[Time, NotNegative]], msgspec.Meta(min_length=1)]
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
@@ -158,7 +158,7 @@ class Bursts(Moments):
 
 
 class SerialFaults(_SimulationFile):
-    """Damage to the bytes in one direction: the share of them that it befalls, and bursts."""
+    """Damage to the bytes in one direction: the share of damaged bytes, and bursts."""
 
     flip_percent: Percent = 0.0
     drop_percent: Percent = 0.0
@@ -260,7 +260,7 @@ class ScenarioFile(_SimulationFile):
 
 
 class LinkageFile(_SimulationFile):
-    """A five-bar linkage with a strip in either base joint: as drawn, and what came out wrong.
+    """A five-bar linkage with a strip in either base joint: nominal, and as built.
 
     Bars are inner 1, outer 1, outer 2, inner 2. `lowest_deg` is the angle of each joint, counted
     as in Eqs. 3 and 4, with its indenter at the low end of its travel.

@@ -1,4 +1,4 @@
-"""A simulated linkage in real time, and how near its twin comes to the truth of a path."""
+"""A simulated linkage in real time, and the error of its twin on a path."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
 
 
 def compare(options) -> None:
-    """Follow a path in simulated time, and print how near the twin came to the truth.
+    """Follow a path in simulated time, and print the twin's error.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ class LockstepLink:
             self._board.step()
 
     def sleep(self, duration_s: float) -> None:
-        """Let the board run unplugged: nobody reads what it sends meanwhile."""
+        """Let the board run unplugged: what it sends is lost."""
         end_us = self.clock.now_us() + 1e6 * duration_s
         while self.clock.now_us() < end_us:
             self._board.step()

@@ -107,7 +107,7 @@ class Console(SerialPort):
         self.to_board.write(data)
 
     def after_soft_reset(self) -> None:
-        """Say what a board says, and go back to the raw prompt if that is where it was."""
+        """Print a board's message, and return to the raw prompt if it was there."""
         with contextlib.suppress(BlockingIOError):  # nobody reads it
             os.write(self.board_end, b"MPY: soft reboot\r\n")
         if self.raw_prompt:
@@ -192,16 +192,15 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
 def _end_of_parent() -> int:
     """Return a descriptor that ends with the parent.
 
-    A thread of its own notices it, and ends the process if the rest of it does not in time; the
-    virtual machine's keeper then ends that. The thread is not guarded: its failure ends the process
-    too, which nobody could end any more.
+    A thread detects it, and ends the process if the main thread does not in time; the keeper of
+    MicroPython then ends that. The thread is not guarded: its failure ends the process too.
     """
     parent, stdin = os.getppid(), sys.stdin.fileno()
     gone, there = os.pipe()
 
     def watch():
         try:
-            # A copy of the pipe that somebody else inherited keeps it open after the parent's end.
+            # Another process may have inherited the pipe and keep it open after the parent ends.
             while os.getppid() == parent:
                 if select.select([stdin], [], [], _PARENT_EVERY_S)[0] and not os.read(stdin, 1):
                     break
@@ -224,7 +223,7 @@ def _serve(
     noise: PortNoise | None,
     board_faults: BoardFaults | None,
 ) -> None:
-    # From whom, to whom, and how. A passage whose end takes no more is not read from.
+    # Source, target and copy function. A source is not read while its target is full.
     passages = {console.board_end: (console.to_board, lambda: console.pass_on(bytes))}
     if noise:
         passages[noise.from_board] = noise.to_host, noise.pass_out
@@ -233,7 +232,7 @@ def _serve(
         else:
             pass_on = console.to_board, lambda: console.pass_on(noise.damaged)
             passages[console.board_end] = pass_on
-    starved_us = math.inf  # when the watchdog bites
+    starved_us = math.inf  # when the watchdog resets the board
     while True:
         ends = [end for end, (inlet, _) in passages.items() if not inlet.stuck]
         timeout_s = _timeout_s(bus, len(ends) < len(passages), starved_us)

@@ -1,4 +1,4 @@
-"""The stage of a simulated strip as the one who presses in a calibration session."""
+"""The simulated stage as the presser of a calibration session."""
 
 from __future__ import annotations
 

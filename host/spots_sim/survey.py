@@ -1,4 +1,4 @@
-"""How near a simulated linkage's twin comes to the truth: over its workspace, and on a path."""
+"""The error of a simulated linkage's twin, over its workspace and on a path."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def follow(
     Parameters
     ----------
     report : callable
-        Given each terminal as it comes.
+        Called with each terminal.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def follow(
 
 
 def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
-    """Return those of the places where the linkage works: the workspace.
+    """Return the places that are in the workspace.
 
     Within the travel of both joints, beyond the base, and with the outer bars at least
     `LEAST_OUTER_RAD` from in line.

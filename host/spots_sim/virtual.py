@@ -54,9 +54,9 @@ def calibration_setup(options, session: Session, out: Path, guide: Guide) -> Set
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)
     stage = Stage(sensor, options.seed)
-    # The stage is the finger; of a scenario there remains how the strip lies.
+    # The stage is the finger; of the scenario only the strip's bend is used.
     stage.held.bend_deg = scenario.bend_deg
-    # A virtual board forgets when it ends: it is as the session left it.
+    # A virtual board forgets its settings when it ends: restore the session's.
     made = session.conditions
     if made is not None and made.board == stage.reader.conditions.board:
         stage.board.command("set " + settings(made))
@@ -65,7 +65,7 @@ def calibration_setup(options, session: Session, out: Path, guide: Guide) -> Set
     return Setup(stage.reader, StagePresser(stage), guide, session, length_um, out)
 
 
-# What the port has as a whole linkage.
+# The port as a whole linkage.
 linkage, compare_linkage = endless, compare
 
 

@@ -16,15 +16,15 @@ from spots.errors import SpotsError
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 HEAP_BYTES = 384 * 1024
-# What boot.py leaves lies in the same heap here; a real board gives code.py one of its own.
+# boot.py and code.py share one heap here; on a real board code.py gets a new one.
 _HEAP_OF_BOTH_BYTES = 576 * 1024
-# What the virtual boards share.
+# Shared by the virtual boards.
 _COMMON = BOARDS / "_virtual"
-# Ends its process group, which the machine is in, when its standard input does: at the latest with
-# the process that holds the other end, however that ends, and whatever the machine is doing.
+# Kills its process group, MicroPython included, when its standard input ends: at the latest when
+# the process at the other end does, on every exit path.
 _KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
 _EXIT_S = 10.0  # for MicroPython to end after it closed its pipes
-# Does after a reset what CircuitPython does, in the place of a board's built-in part.
+# Does what CircuitPython does after a reset, in place of a board's built-in part.
 _CIRCUITPYTHON = "_circuitpython.py"
 
 
@@ -64,7 +64,7 @@ class MicroPythonProcess:
     folder : Path, optional
         The board's file system; a new one, removed at the end, if not given.
     board : str
-        Whose hardware it has: the modules in ``boards/<board>`` stand for what is built in.
+        Whose hardware it has: the modules in ``boards/<board>`` replace the built-in ones.
     blank : bool
         Whether to leave the file system as it is, instead of putting the board's files on it.
     terminal : bool
@@ -156,7 +156,7 @@ class MicroPythonProcess:
         Parameters
         ----------
         said : bytes
-            The last that it wrote to its serial port, where the caller has it.
+            Its last output on the serial port, if the caller has it.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class MicroPythonProcess:
         """End MicroPython and close the pipes."""
         if self._process is None:
             return
-        # The pipes last: at their end the firmware would still say goodbye, some of the time.
+        # The pipes last: a firmware that sees them close may still send its last frames.
         self._process.kill()
         self._process.wait()
         os.close(self.requests)

@@ -66,7 +66,7 @@ class World:
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _light(self, rates: np.ndarray, time_s: float) -> None:
-        # Add what there is at a moment.
+        # Add the light of one moment.
         pose = self._scenario.pose(time_s)
         for press in self._scenario.presses(time_s):
             share = coupling(self._sensor.contact, press.force_mN)
