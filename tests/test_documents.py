@@ -175,7 +175,7 @@ def newcomer(tmp_path_factory):
         if not installed & {re.sub(r"[-_.]+", "-", one).lower() for one in distributions}
     } - {"pip", "setuptools", "__pycache__"}
     assert {"scipy", "matplotlib", "pytest"} <= hidden
-    assert not {"spots", "serial", "aiohttp", "mcap", "zenoh"} & hidden
+    assert not {"spots", "serial", "aiohttp"} & hidden
     (folder / "sitecustomize.py").write_text(HIDE.format(hidden=hidden), encoding="utf-8")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     return folder, os.environ | {"PYTHONPATH": str(folder), "PATH": path, "BROWSER": "true"}
