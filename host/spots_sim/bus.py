@@ -71,14 +71,29 @@ class I2CBus:
     ledger: BusCost = field(default_factory=BusCost)
 
     def write(self, address: int, data: bytes) -> None:
-        """START, address, data, STOP. Raises OSError(ENODEV) without an acknowledge."""
+        """Send START, address, data, STOP.
+
+        Parameters
+        ----------
+        address : int
+            7 bits.
+        data : bytes
+
+        Raises
+        ------
+        OSError
+            ENODEV, without an acknowledge.
+        """
         self._address(address)
         self._spend(2, 1 + len(data))
         self.chip.advance(self.clock.now_us())
         self.chip.write(data)
 
     def write_read(self, address: int, data: bytes, size: int) -> bytes:
-        """START, address, data, repeated START, address, `size` bytes, STOP."""
+        """Send START, address, data, repeated START, address; read `size` bytes; STOP.
+
+        Parameters and errors are those of `write`.
+        """
         self._address(address)
         bits, count = 3, 2 + len(data) + size
         # The chip is read as its first byte goes out, which is before the transfer ends.
@@ -89,7 +104,10 @@ class I2CBus:
         return answer
 
     def read(self, address: int, size: int) -> bytes:
-        """START, address, `size` bytes from where the pointer stands, STOP."""
+        """Send START, address; read `size` bytes from the register pointer on; STOP.
+
+        Parameters and errors are those of `write`.
+        """
         self._address(address)
         self._spend(2, 1 + size)
         self.chip.advance(self.clock.now_us())

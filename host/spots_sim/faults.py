@@ -366,5 +366,5 @@ class Faults:
 
 
 def of_scenario(file: ScenarioFile, seed: int) -> Faults | None:
-    """Return the faults of a scenario file, or None if it has none."""
+    """Return the faults of a scenario file, or None without faults; `seed` is of their draws."""
     return Faults(file.faults, file.seconds, seed) if file.faults else None

@@ -210,8 +210,16 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
 
 
 def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motion:
-    """Return a motion that stops at each place for a while; from one to the next each joint turns
-    evenly, whatever way that takes the terminal.
+    """Return a motion that stops at each place; between two places each joint turns evenly.
+
+    Parameters
+    ----------
+    x_mm, y_mm : array_like, shape (n,)
+        Places of the terminal.
+    start_s : float
+        Arrival at the first place.
+    dwell_s, move_s : float
+        Time at a place, and to the next one.
     """
     count = len(x_mm)
     begin_s = start_s + (dwell_s + move_s) * np.arange(count)

@@ -222,6 +222,20 @@ def visited(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stop the terminal at each place and take one reading of each joint there.
 
+    Parameters
+    ----------
+    sensor : SensorFile
+        Of both strips.
+    linkage : LinkageFile
+    x_mm, y_mm : array_like, shape (n,)
+        Places of the terminal.
+    seed : int
+        Of the noise.
+    exposure_us : int
+        Of both strips.
+    run : int
+        Distinguishes the noise of runs with one seed.
+
     Returns
     -------
     angles_rad, sigmas_rad : numpy.ndarray, shape (2, n)

@@ -215,6 +215,17 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 
     Within the travel of both joints, beyond the base, and with the outer bars at least
     `LEAST_OUTER_RAD` from in line.
+
+    Parameters
+    ----------
+    linkage : Linkage
+    mechanism : Mechanism
+    x_mm, y_mm : numpy.ndarray, shape (n,)
+        Places of the terminal.
+
+    Returns
+    -------
+    x_mm, y_mm : numpy.ndarray, shape (m,)
     """
     theta = linkage.inverse(x_mm, y_mm)
     apart = np.ma.filled(linkage.outer_angle(*theta), 0.0)

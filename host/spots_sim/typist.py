@@ -172,7 +172,24 @@ def _action_of(character: str) -> int:
 def typing(
     layout: KeyLayout, text: str, length_mm: float, seed: int = 0, start_s: float = 0.5
 ) -> ScenarioFile:
-    """Return the scenario of somebody who types a text."""
+    """Return the scenario of a person who types a text.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+    text : str
+    length_mm : float
+        Of the strip.
+    seed : int
+        Of the person's variation.
+    start_s : float
+        When the first finger comes.
+
+    Raises
+    ------
+    SpotsError
+        If the layout has no key for a character.
+    """
     typist = Typist(layout, length_mm, np.random.default_rng(seed), start_s=start_s)
     typist.type(text)
     return typist.scenario()

@@ -106,12 +106,24 @@ def _await_drive(folder: Path) -> None:
 def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     """Start a virtual board in real time, calibrated on the simulated stage, and open it.
 
+    Parameters
+    ----------
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise, from 0.
+
     Returns
     -------
     board : Board
         Ends the virtual board when closed.
     started_s : float
         Host time of time 0 of its scenario.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or the board does not start.
     """
     if seed < 0:
         raise SpotsError(f"a seed is a whole number from 0, not {seed}")

@@ -20,6 +20,16 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
     Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A). A
     little may couple across the closing gap before contact.
+
+    Parameters
+    ----------
+    contact : ContactFile
+    force_mN : float
+
+    Returns
+    -------
+    float
+        0 to 1.
     """
     over_mN = force_mN - contact.threshold_mN
     if over_mN <= 0:

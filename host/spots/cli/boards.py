@@ -6,6 +6,7 @@ import argparse
 import json
 
 from ..errors import printable
+from ..link.ports import known
 from . import arguments
 
 
@@ -52,7 +53,7 @@ def _ports(options: argparse.Namespace) -> None:
     if options.json:
         print(json.dumps(rows))
     elif not rows:
-        print(f"no USB serial port: plug a board in; --port takes {arguments.PORTS}")
+        print(f"no USB serial port: plug a board in, or name {known()} with --port")
     for row in [] if options.json else rows:
         print("  ".join(map(printable, row.values())))
 
