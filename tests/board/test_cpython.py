@@ -76,6 +76,7 @@ def test_a_reboot_keeps_what_was_saved_and_nothing_else(port):
         board.command("set average=3")
         board.command("save")
         board.command("set average=4")
+        board.command("stream touch")
         board.command("reboot")
         for _ in board.frames(TIMEOUT_S):
             if board.stats.restarts:
