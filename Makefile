@@ -57,16 +57,16 @@ soak: .venv/test
 fuzz: .venv/fuzz
 	@$(BIN)/python tests/fuzz $(ARGS)
 
-build: .venv/flash
+build: .venv/demo
 	@$(BIN)/spots build $(BOARD)
 
-flash: .venv/flash
+flash: .venv/demo
 	@$(BIN)/spots flash $(BOARD) $(if $(PORT),--port $(PORT)) $(ARGS)
 
-erase: .venv/flash
+erase: .venv/demo
 	@$(BIN)/spots erase $(BOARD) $(if $(PORT),--port $(PORT)) $(ARGS)
 
-doctor: .venv/flash
+doctor: .venv/demo
 	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
 pictures: .venv/test browser
@@ -84,19 +84,15 @@ clean:
 	@echo 'Setting up .venv (once) ...'
 	@$(PYTHON) -m venv .venv
 	@$(PIP) install --prefer-binary --editable '.[virtual,web]'
+	@$(PIP) install --prefer-binary --editable '.[flash,export,zenoh]' || \
+		echo 'Not every optional package exists for this machine; a command that needs one names it.'
 	@touch $@
-
-.venv/flash: pyproject.toml
-	@echo 'Setting up .venv for flashing (once) ...'
-	@$(PYTHON) -m venv .venv
-	@$(PIP) install --prefer-binary --editable '.[virtual,web,flash]'
-	@touch .venv/demo $@
 
 .venv/test: pyproject.toml
 	@echo 'Setting up .venv for the tests (once) ...'
 	@$(PYTHON) -m venv .venv
 	@$(PIP) install --prefer-binary --editable '.[test]'
-	@touch .venv/demo .venv/flash $@
+	@touch .venv/demo $@
 
 .venv/fuzz: .venv/test
 	@echo 'Setting up .venv for fuzzing (once) ...'

@@ -1,29 +1,31 @@
 """The pipe pair to the simulated sensor, and the clock that comes with its answers.
 
-Request: operation, three argument bytes, then the bytes of a write or report. Answer: errno (0 if
-all is well), the simulator's clock in us (4 bytes, modulo 2**30), then the bytes of a read.
-Allocates nothing, so that the firmware's own promise to allocate nothing can be tested here.
+The bytes are those of `_protocol`. Allocates nothing, so that the firmware's own promise to
+allocate nothing can be tested here.
 """
 
 import gc
 import os
 
 import utime
+from _protocol import (  # the board's other modules take them from here
+    EAGAIN,  # noqa: F401
+    FEED,  # noqa: F401
+    HID,  # noqa: F401
+    HOST,  # noqa: F401
+    LINES,
+    MEMORY,
+    PERIOD_US,  # noqa: F401
+    READ,
+    READS,
+    RECEIVE,  # noqa: F401
+    RESET,  # noqa: F401
+    SENDS,
+    SLEEP,
+    SPEED,  # noqa: F401
+    WRITE,
+)
 from micropython import const
-
-READ = const(0x52)  # device address, register, size
-WRITE = const(0x57)  # device address, size, 0
-SLEEP = const(0x53)  # time in us, 3 bytes, low first
-RESET = const(0x58)  # 0, 0, 0; ends this run
-RECEIVE = const(0x47)  # device address, 0, size
-SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
-LINES = const(0x4C)  # SCL and SDA let go of (1) or pulled (0), 1; answers the level of SDA
-FEED = const(0x44)  # until when a watchdog waits from now on, in ms, 3 bytes, low first
-HID = const(0x48)  # USB interface, size of the report or 0 to ask for room, 0
-MEMORY = const(0x4D)  # bytes free, 3 bytes, low first; simulated time only, and has no answer
-HOST = const(0x55)  # 0, 0, 0; fails unless a USB host is there and awake
-
-_READS = (READ, RECEIVE, LINES)
 
 _requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
 _answers = open("/dev/fd/" + os.getenv("SPOTS_ANSWERS"), "rb")
@@ -45,8 +47,8 @@ def call(operation, a, b, c, buffer=None):
     """Send a request and take its answer; `buffer` is what is sent, or filled by a read."""
     global now_us
     if _memory_every == 1 and operation in (READ, WRITE):
-        _tell_memory()
-    if operation in (WRITE, HID):
+        _report_memory()
+    if operation in SENDS:
         _fill(_long, operation, a, b, c)
         for i in range(b):
             _long[4 + i] = buffer[i]
@@ -58,12 +60,12 @@ def call(operation, a, b, c, buffer=None):
     now_us = _answer[1] | _answer[2] << 8 | _answer[3] << 16 | _answer[4] << 24
     if _answer[0]:
         raise OSError(_answer[0])
-    if operation in _READS:
+    if operation in READS:
         _receive(buffer, c)
 
 
 def set_wire(wire, level):
-    """Let go of a wire of the I2C bus, or pull it."""
+    """Release a wire of the I2C bus, or pull it."""
     _wires[wire] = 1 if level else 0
     call(LINES, _wires[SCL], _wires[SDA], 1, _level)
 
@@ -79,14 +81,14 @@ def sleep_us(us):
     if not simulated_time:
         utime.sleep_us(us)
         return
-    _tell_memory()
+    _report_memory()
     while us > 0:
         part = min(us, 0xFFFFFF)
         call(SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
         us -= part
 
 
-def _tell_memory():
+def _report_memory():
     # Not in a reply: how much is free differs from run to run, and bytes must not.
     global _looks
     _looks += 1
@@ -98,14 +100,14 @@ def _tell_memory():
 
 def _receive(buffer, size):
     if _answers.readinto(buffer) != size:
-        raise SystemExit  # the simulator is gone, and the board with it
+        raise SystemExit  # the simulator has ended, and the board with it
 
 
 def _send(buffer, size):
     try:
         _requests.write(buffer, size)
     except OSError:
-        raise SystemExit  # as above: a closed pipe is no fault of the bus
+        raise SystemExit  # as above: a closed pipe is not a bus fault
 
 
 def _fill(buffer, operation, a, b, c):

@@ -9,7 +9,7 @@ import _simulator
 import utime
 from utime import *  # noqa: F403
 
-_PERIOD = 1 << 30
+_PERIOD = _simulator.PERIOD_US
 _HALF = _PERIOD >> 1
 
 

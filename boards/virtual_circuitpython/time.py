@@ -5,8 +5,6 @@ import os
 import _simulator
 import utime
 
-_PERIOD_US = 1 << 30  # of the simulator's clock
-
 _last_us = _wraps = 0
 
 if _simulator.simulated_time:
@@ -16,7 +14,7 @@ if _simulator.simulated_time:
         if _simulator.now_us < _last_us:
             _wraps += 1
         _last_us = _simulator.now_us
-        return 1000 * (_wraps * _PERIOD_US + _last_us)
+        return 1000 * (_wraps * _simulator.PERIOD_US + _last_us)
 
 else:
     # Of an oscillator that is not quite right.

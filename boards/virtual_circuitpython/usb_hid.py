@@ -5,7 +5,6 @@ import time
 import _simulator
 from micropython import const
 
-_EAGAIN = const(11)
 _TIMEOUT_MS = const(2_000)
 
 
@@ -43,7 +42,7 @@ def _taken(index, report):
     try:
         _simulator.call(_simulator.HID, index, len(report), 0, report)
     except OSError as error:
-        if error.errno != _EAGAIN:
+        if error.errno != _simulator.EAGAIN:
             raise
         return False
     return True

@@ -11,7 +11,7 @@ from spots_sim import maps
 from spots_sim.figures import folder, require
 from spots_sim.files import LinkageFile, PathFile, SensorFile, load
 from spots_sim.mechanism import Mechanism
-from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, Run, Survey, follow, survey
+from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey, follow, survey
 
 SEEDS = range(5)
 EXPOSURES_US = (10_000, 30_000, 50_000)
@@ -34,7 +34,7 @@ x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 ```
 
 All of it takes scalars or arrays, in every quadrant. Where there is no answer, a scalar raises
-an error with the reason in a sentence; an array comes back masked, and `forward_limits` and
+an error with the reason in a sentence; an array is returned masked, and `forward_limits` and
 `inverse_limits` give the reason for each element (`spots.linkage.fivebar.Limit`). Two terminals go
 with the same two angles: `assembly="far"`, the usual one, has the terminal beyond the elbows,
 `"near"` the other. `jacobian` and `covariance` say how errors of the angles become errors of the
@@ -136,7 +136,10 @@ linkage, offsets, gains = found.linkage, found.offset_rad, found.gain
 
 
 def document(
-    surveys: list[Survey], runs: dict[int, list[Run]], linkage: LinkageFile, mechanism: Mechanism
+    surveys: list[Survey],
+    runs: dict[int, list[PathRun]],
+    linkage: LinkageFile,
+    mechanism: Mechanism,
 ) -> str:
     """Return the text of docs/fivebar.md.
 
@@ -144,7 +147,7 @@ def document(
     ----------
     surveys : list of Survey
         By seed.
-    runs : dict of int to list of Run
+    runs : dict of int to list of PathRun
         By exposure in us, then by seed.
     linkage : LinkageFile
     mechanism : Mechanism
@@ -228,7 +231,7 @@ a frame that gives), of which only play and wrong lengths are simulated.
     )
 
 
-def _path(runs: dict[int, list[Run]]) -> str:
+def _path(runs: dict[int, list[PathRun]]) -> str:
     text = f"""
 ## On a path
 

@@ -160,7 +160,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.04°",
             each("{:.4f}°", lambda s: s["joint"]["accuracy_deg"]),
-            "Of mechanical errors only a play is simulated.",
+            "Of mechanical errors only backlash is simulated.",
         ),
     ]
 

@@ -1,13 +1,14 @@
-"""An I2C bus with one chip on it: timing, acknowledgement, and a ledger of what went over it."""
+"""An I2C bus with one chip on it: timing, acknowledgement, and what the transfers cost."""
 
 from __future__ import annotations
 
 import errno
+import time
 from dataclasses import dataclass, field
 from typing import Protocol
 
 
-class Clock(Protocol):
+class SimulationClock(Protocol):
     """What the simulation takes its time from."""
 
     def now_us(self) -> float:
@@ -22,7 +23,7 @@ class Clock(Protocol):
 
 @dataclass
 class SimulatedClock:
-    """A clock that stands still but when it is told to move."""
+    """A clock that moves only with transfers and sleeps."""
 
     time_us: float = 0.0
 
@@ -35,8 +36,24 @@ class SimulatedClock:
     pause_us = spend_us
 
 
+class RealClock:
+    """The host's monotonic clock; transfers take the time that they take."""
+
+    def __init__(self):
+        self.started_s = time.monotonic()
+
+    def now_us(self) -> float:
+        return (time.monotonic() - self.started_s) * 1e6
+
+    def spend_us(self, duration_us: float) -> None:
+        pass
+
+    def pause_us(self, duration_us: float) -> None:
+        time.sleep(duration_us * 1e-6)
+
+
 @dataclass
-class Ledger:
+class BusCost:
     """Transfers, bytes on the wire (addresses and registers included) and bus time."""
 
     transactions: int = 0
@@ -45,23 +62,38 @@ class Ledger:
 
 
 @dataclass
-class Bus:
+class I2CBus:
     """A controller's view of the wires: 9 clocks a byte, and START, STOP, repeated START."""
 
     chip: object
-    clock: Clock
+    clock: SimulationClock
     frequency_hz: int = 400_000
-    ledger: Ledger = field(default_factory=Ledger)
+    ledger: BusCost = field(default_factory=BusCost)
 
     def write(self, address: int, data: bytes) -> None:
-        """START, address, data, STOP. Raises OSError(ENODEV) if nobody acknowledges."""
+        """Send START, address, data, STOP.
+
+        Parameters
+        ----------
+        address : int
+            7 bits.
+        data : bytes
+
+        Raises
+        ------
+        OSError
+            ENODEV, without an acknowledge.
+        """
         self._address(address)
         self._spend(2, 1 + len(data))
         self.chip.advance(self.clock.now_us())
         self.chip.write(data)
 
     def write_read(self, address: int, data: bytes, size: int) -> bytes:
-        """START, address, data, repeated START, address, `size` bytes, STOP."""
+        """Send START, address, data, repeated START, address; read `size` bytes; STOP.
+
+        Parameters and errors are those of `write`.
+        """
         self._address(address)
         bits, count = 3, 2 + len(data) + size
         # The chip is read as its first byte goes out, which is before the transfer ends.
@@ -72,21 +104,24 @@ class Bus:
         return answer
 
     def read(self, address: int, size: int) -> bytes:
-        """START, address, `size` bytes from where the pointer stands, STOP."""
+        """Send START, address; read `size` bytes from the register pointer on; STOP.
+
+        Parameters and errors are those of `write`.
+        """
         self._address(address)
         self._spend(2, 1 + size)
         self.chip.advance(self.clock.now_us())
         return self.chip.read(size)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Let go of (1) or pull (0) the wires by hand, and return the level of SDA.
+        """Release (1) or pull (0) the wires by hand, and return the level of SDA.
 
-        The chip listens to transfers only and takes no note of it.
+        The chip responds to transfers only and ignores it.
         """
         return sda
 
     def refuse(self) -> None:
-        """Spend what an address costs that nobody acknowledges, and raise OSError(ENODEV)."""
+        """Spend the bus time of an address without acknowledge, and raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

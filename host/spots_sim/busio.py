@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Iterator
 from types import ModuleType
 
-from .bus import Bus, Clock
+from .bus import I2CBus, SimulationClock
 
 # The seven-bit addresses that the I2C specification does not reserve.
 _ADDRESSES = range(0x08, 0x78)
@@ -21,11 +21,11 @@ class I2C:
 
     Parameters
     ----------
-    bus : bus.Bus
+    bus : bus.I2CBus
         Whose clock and ledger every transfer is entered in.
     """
 
-    def __init__(self, bus: Bus):
+    def __init__(self, bus: I2CBus):
         self._bus = bus
         self._locked = False
 
@@ -87,7 +87,7 @@ class I2C:
 
 
 @contextlib.contextmanager
-def simulated_time(driver: ModuleType, clock: Clock) -> Iterator[None]:
+def simulated_time(driver: ModuleType, clock: SimulationClock) -> Iterator[None]:
     """Let a driver that did ``from time import monotonic, sleep`` live by a simulated clock.
 
     Its own names are replaced, not those of ``time``, and put back at the end.
@@ -96,7 +96,7 @@ def simulated_time(driver: ModuleType, clock: Clock) -> Iterator[None]:
     ----------
     driver : module
         Where the names were imported to.
-    clock : bus.Clock
+    clock : bus.SimulationClock
         Spent by ``sleep(seconds)``, read by ``monotonic()``.
     """
     replaced = {

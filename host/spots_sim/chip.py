@@ -94,7 +94,7 @@ class AS7341:
         self.power_on(0.0)
 
     def power_on(self, now_us: float) -> None:
-        """Begin anew with the registers' reset values, whatever it was doing."""
+        """Restart with the registers' reset values."""
         self._now = self._on_since = max(now_us, self._now)
         self._main = bytearray(256)
         for register, value in _RESET_VALUES.items():

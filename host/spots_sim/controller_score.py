@@ -1,4 +1,4 @@
-"""How well a controller followed the finger of a scenario."""
+"""Scores how closely a controller followed the finger of a scenario."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ class ControllerScore:
         self.states = 0
 
     def read(self, touch: Touch, state: State) -> None:
-        """Compare what a reading was taken for, at its own time."""
+        """Compare the state made of a reading with the truth at its time."""
         wanted = self._wanted(touch.time_s)
         if touch.trusted and wanted is not None:
             self._squares += (state.x - wanted) ** 2
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare a step of X with all that the finger did since the state before."""
+        """Compare a step of X with the finger's movement since the last state."""
         start_s = max(self._last_s, now_s - 1) - _BACK_S
         end_s = now_s + (_LIFT_S if state[:3] == REST[:3] else 0)
         count = round((end_s - start_s) / _STEP_S)

@@ -17,6 +17,7 @@ from .faults import Faults, FaultyLink, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .linkage_demo import demonstrate, endless
 from .lockstep import LockstepLink
+from .runtimes import headline
 from .scenario import Scenario
 from .score import Score
 from .stage import calibrate
@@ -35,7 +36,7 @@ def demo(
     quiet: bool,
     use: str = "strip",
 ) -> dict:
-    """Run the virtual board, show what it feels, and return the run in figures.
+    """Run the virtual board, show its readings, and return the run in figures.
 
     Parameters
     ----------
@@ -72,6 +73,8 @@ def demo(
     else:
         (board, started_s), digest = open_virtual(sensor, scenario, seed), None
     with board:
+        if not quiet:
+            print(headline(board.info["runtime"]), flush=True)
         if file.faults:
             board.command("save")  # or a restart would cost the calibration
         summary = show(board, truth, started_s, seconds, quiet)
@@ -168,4 +171,5 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
         readers = machine_readers(endless(sensor, seed=seed), layout, state)
     else:
         readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
+    print(headline(), flush=True)
     serve(state, LOOPBACK, 0, readers, show)

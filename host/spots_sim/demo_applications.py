@@ -32,7 +32,7 @@ _PLAIN_LINES_PER_S = 4
 def play_controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    """Play a demo's readings on nothing but the screen; return the run in figures."""
+    """Show the controller of a demo on the screen alone; return the run in figures."""
     settings = load_settings()
     controller = controller_for(board, settings)
     score = ControllerScore(settings, controller.length_um, truth, started_s)
@@ -112,7 +112,7 @@ def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
 
 
 class NoGamepad(Gamepad):
-    """For those who only look."""
+    """Sends nothing."""
 
     def _send(self, state):
         pass

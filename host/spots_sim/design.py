@@ -114,6 +114,13 @@ def timing(rate_hz: float) -> tuple[int, int]:
 def best(length_mm: float, rate_hz: float) -> Design:
     """Return the design whose mean resolution along the strip is best.
 
+    Parameters
+    ----------
+    length_mm : float
+        Of the strip.
+    rate_hz : float
+        Readings a second.
+
     Raises
     ------
     SpotsError

@@ -1,4 +1,4 @@
-"""The same strip cut to other lengths and cast with other dye: whether they share a response."""
+"""Whether strips of other lengths and dyes share one response."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def family(
 
 
 def departure_um(lengths: dict[float, Response]) -> float:
-    """Return how far apart, at most, responses of different lengths put the same place."""
+    """Return the largest distance between the positions that two lengths give for one response."""
     longest = lengths[max(lengths)]
     degree = min(_CURVE_DEGREE, len(longest.x_um) // 2)
     curve = np.polynomial.Chebyshev.fit(longest.x_um, longest.log_ratio, degree)

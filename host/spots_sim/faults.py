@@ -1,7 +1,7 @@
-"""What goes wrong in a scenario, done to a link, a bus and a board, and a ledger of it.
+"""Applies a scenario's faults to a link, a bus and a board, and counts them.
 
-Everything is drawn from generators of its own, one a fault, that depend on the seed alone: the
-sensor's noise is the same with and without faults, and one fault does not move another. Times are
+Each fault has a random generator of its own that depends on the seed alone: the sensor's noise is
+the same with and without faults, and one fault does not change another. Times are
 those of the simulation. Each wrapper works alone, so that a test takes the one that it needs:
 `FaultyLink` damages bytes, `FaultyBus` transfers, `BoardFaults` is asked before each of the
 board's requests.
@@ -20,21 +20,21 @@ import numpy as np
 
 from spots.link.serial_link import Link, Through
 
-from .bus import Bus
+from .bus import I2CBus
 from .files import FaultsFile, Moments, ScenarioFile, SerialFaults
 
-# Keeps these generators apart from those that others seed with the same number.
+# Separates these generators from others with the same seed.
 _OWN = 0xFA017
 _CTRL_C = 3
 WAYS = ("flip", "drop", "double", "insert")
 _CLOCKS_THAT_FREE_SDA = 9
-# What a controller waits for wires that do not come free.
+# How long a controller waits for a bus that is held.
 _BUS_TIMEOUT_US = 50_000.0
 
 
 @dataclass
-class Ledger:
-    """What was done.
+class FaultLedger:
+    """Counts and times of the faults so far.
 
     Attributes
     ----------
@@ -59,13 +59,15 @@ class Spells:
     from_s : float
         Nothing begins earlier.
     rng : numpy.random.Generator
-        Of the random ones; no one else's.
+        Of the random ones; used by nothing else.
     kind : str
-    ledger : Ledger
-        Gets each that has begun.
+    ledger : FaultLedger
+        Records each that has begun.
     """
 
-    def __init__(self, moments: Moments, seconds: float, from_s: float, rng, kind, ledger: Ledger):
+    def __init__(
+        self, moments: Moments, seconds: float, from_s: float, rng, kind, ledger: FaultLedger
+    ):
         self._last_us = 1000 * moments.last_ms
         fixed = _repeated(sorted(moments.at_s), seconds, from_s)
         at_random = _poisson(moments.per_min / 60, from_s, rng)
@@ -189,15 +191,15 @@ class FaultyLink(Through):
 
 
 class FaultyBus:
-    """A `bus.Bus` between whose controller and chip things go wrong.
+    """A `bus.I2CBus` with faults between its controller and chip.
 
     Parameters
     ----------
-    bus : bus.Bus
+    bus : bus.I2CBus
     faults : Faults
     """
 
-    def __init__(self, bus: Bus, faults: Faults):
+    def __init__(self, bus: I2CBus, faults: Faults):
         self.bus = bus
         self.chip, self.clock, self.ledger = bus.chip, bus.clock, bus.ledger
         self._file = faults.file.i2c
@@ -234,7 +236,7 @@ class FaultyBus:
         return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Let go of (1) or pull (0) each wire, and return the level of SDA; see `bus.Bus.lines`."""
+        """Release (1) or pull (0) each wire and return the level of SDA: `bus.I2CBus.lines`."""
         level = self.bus.lines(scl, sda)
         if not self._sda_is_held():
             return level
@@ -305,13 +307,13 @@ class BoardFaults:
         self._brown_outs = faults.spells("power.brown_outs")
 
     def step(self, bus) -> float | None:
-        """Let happen what is due.
+        """Apply the faults that are due.
 
         Returns
         -------
         float or None
-            None, or for how many us a brown-out keeps the board off: its user ends the machine,
-            lets that time pass, calls `bus.chip.power_on` and boots it.
+            None, or for how many us a brown-out keeps the board off: the caller ends the
+            board, lets that time pass, calls `bus.chip.power_on` and boots it.
         """
         now_us = bus.clock.now_us()
         while spell := self._stalls.begun(now_us):
@@ -325,7 +327,7 @@ class BoardFaults:
 
 
 class Faults:
-    """Everything that goes wrong in one run.
+    """All faults of one run.
 
     Parameters
     ----------
@@ -336,13 +338,13 @@ class Faults:
 
     Attributes
     ----------
-    ledger : Ledger
+    ledger : FaultLedger
     to_host, to_board : Damage
     """
 
     def __init__(self, file: FaultsFile, seconds: float, seed: int = 0):
         self.file = file
-        self.ledger = Ledger()
+        self.ledger = FaultLedger()
         self._seconds = seconds
         self._seed = seed
         self.to_host = self._damage("to_host", file.to_host)
@@ -364,5 +366,5 @@ class Faults:
 
 
 def of_scenario(file: ScenarioFile, seed: int) -> Faults | None:
-    """Return the faults of a scenario file, or None if it has none."""
+    """Return the faults of a scenario file, or None without faults; `seed` is of their draws."""
     return Faults(file.faults, file.seconds, seed) if file.faults else None

@@ -10,7 +10,7 @@ import numpy as np
 from spots import atomic
 from spots.errors import SpotsError, missing
 
-# Okabe and Ito's colours, which are told apart with any colour vision; markers differ as well.
+# Okabe and Ito's colours, distinct with any colour vision; markers differ as well.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _GREY = "#555555"
@@ -29,7 +29,7 @@ def folder(path: str | Path) -> Path:
     Raises
     ------
     SpotsError
-        If that cannot be.
+        If the folder cannot be made.
     """
     path = Path(path)
     try:
@@ -44,7 +44,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
     Parameters
     ----------
-    run : characterize.Run
+    run : measurements.Run
     responses : dict
         Of `family.family`.
     out : Path

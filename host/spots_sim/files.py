@@ -29,11 +29,11 @@ Coordinate = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class _SimulationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
 
 
-class Led(_Struct):
+class Led(_SimulationFile):
     """A phosphor-converted white LED."""
 
     blue_nm: Wavelength
@@ -48,7 +48,7 @@ class Led(_Struct):
     warm_up_s: Positive
 
 
-class Dye(_Struct):
+class Dye(_SimulationFile):
     """Decay in the dyed guide: an absorbance that ends at an edge, over a clear base."""
 
     strength_per_mm: NotNegative
@@ -57,8 +57,8 @@ class Dye(_Struct):
     clear_per_mm: NotNegative
 
 
-class ContactFile(_Struct):
-    """How force becomes contact area, see `world.coupling`."""
+class ContactFile(_SimulationFile):
+    """Contact area by force, see `world.coupling`."""
 
     threshold_mN: NotNegative
     half_mN: Positive
@@ -66,8 +66,8 @@ class ContactFile(_Struct):
     early_mN: Positive = 50.0
 
 
-class Converter(_Struct):
-    """Noise of the chip, see `chip.ChipNoise`, and what its documents leave open, see `Quirks`."""
+class Converter(_SimulationFile):
+    """Noise of the chip (`chip.ChipNoise`) and behaviour that no document defines (`Quirks`)."""
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive
@@ -79,22 +79,22 @@ class Converter(_Struct):
     clock_error_percent: Annotated[float, msgspec.Meta(ge=-6, le=6)] = 0.0
 
 
-class Stretch(_Struct):
+class Stretch(_SimulationFile):
     """What stretching and bending do to the guides, see `optics.Optics.press`."""
 
     poisson_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.45
     bend_loss_percent: Annotated[float, msgspec.Meta(ge=0, lt=100)] = 5.0
 
 
-class Surroundings(_Struct):
-    """Steady light from outside, on top of a scenario's."""
+class Surroundings(_SimulationFile):
+    """Steady ambient light, added to a scenario's."""
 
     irradiance_uW_cm2: NotNegative = 0.0
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     flicker_hz: Positive = 100.0
 
 
-class JointFile(_Struct):
+class JointFile(_SimulationFile):
     """A sliding indenter that a joint moves along the strip."""
 
     radius_mm: Positive = 25.0
@@ -102,7 +102,7 @@ class JointFile(_Struct):
     play_deg: NotNegative = 0.02
 
 
-class SensorFile(_Struct):
+class SensorFile(_SimulationFile):
     """A strip and the chip at its end."""
 
     length_mm: Positive
@@ -115,7 +115,7 @@ class SensorFile(_Struct):
     joint: JointFile = JointFile()
 
 
-class Finger(_Struct):
+class Finger(_SimulationFile):
     """One finger: points of (time s, position mm, force mN), joined by straight lines."""
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
@@ -127,8 +127,8 @@ class Finger(_Struct):
             raise ValueError("the times of a touch must ascend")
 
 
-class Ambient(_Struct):
-    """Light that gets in from outside, as (time s, irradiance uW/cm2) steps."""
+class Ambient(_SimulationFile):
+    """Ambient light, as (time s, irradiance uW/cm2) steps."""
 
     steps: Annotated[list[tuple[Time, NotNegative]], msgspec.Meta(min_length=1)]
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
@@ -140,7 +140,7 @@ class Ambient(_Struct):
             raise ValueError("the times of the steps must ascend")
 
 
-class Moments(_Struct):
+class Moments(_SimulationFile):
     """When a fault begins and how long it lasts: at moments of the scenario, at random, or both.
 
     A scenario repeats, and the moments in `at_s` with it.
@@ -157,8 +157,8 @@ class Bursts(Moments):
     damage_percent: Percent = 100.0
 
 
-class SerialFaults(_Struct):
-    """Damage to the bytes in one direction: the share of them that it befalls, and bursts."""
+class SerialFaults(_SimulationFile):
+    """Damage to the bytes in one direction: the share of damaged bytes, and bursts."""
 
     flip_percent: Percent = 0.0
     drop_percent: Percent = 0.0
@@ -172,7 +172,7 @@ class SerialFaults(_Struct):
             raise ValueError("more than 100 % of the bytes would be damaged")
 
 
-class BusFaults(_Struct):
+class BusFaults(_SimulationFile):
     """Damage to transfers on the I2C bus.
 
     `nack_percent` of them nobody acknowledges, and during `nack_bursts` none; `wrong_percent`
@@ -185,7 +185,7 @@ class BusFaults(_Struct):
     sda_low: Moments = Moments()
 
 
-class PowerFaults(_Struct):
+class PowerFaults(_SimulationFile):
     """Brown-outs take board and sensor down together; the other two only the sensor."""
 
     brown_outs: Moments = Moments()
@@ -193,14 +193,14 @@ class PowerFaults(_Struct):
     sensor_unplugged: Moments = Moments()
 
 
-class ClockFaults(_Struct):
+class ClockFaults(_SimulationFile):
     """The board's oscillator, fast if positive, and times in which its processor stands still."""
 
     oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
     stalls: Moments = Moments()
 
 
-class FaultsFile(_Struct):
+class FaultsFile(_SimulationFile):
     """What goes wrong in a scenario, from `from_s` of the run on; see `faults`."""
 
     from_s: Time = 0.0
@@ -221,7 +221,7 @@ class FaultsFile(_Struct):
         }
 
 
-class ScenarioFile(_Struct):
+class ScenarioFile(_SimulationFile):
     """What happens to the strip; it repeats after `seconds`.
 
     Positions are those on the strip as it is, stretched or not. `strain` and `bend` are points of
@@ -259,8 +259,8 @@ class ScenarioFile(_Struct):
                 )
 
 
-class LinkageFile(_Struct):
-    """A five-bar linkage with a strip in either base joint: as drawn, and what came out wrong.
+class LinkageFile(_SimulationFile):
+    """A five-bar linkage with a strip in either base joint: nominal, and as built.
 
     Bars are inner 1, outer 1, outer 2, inner 2. `lowest_deg` is the angle of each joint, counted
     as in Eqs. 3 and 4, with its indenter at the low end of its travel.
@@ -274,14 +274,14 @@ class LinkageFile(_Struct):
     mount_error_deg: tuple[Degrees, Degrees] = (0.0, 0.0)
 
 
-class Stroke(_Struct):
+class Stroke(_SimulationFile):
     """A line of the terminal through points (x mm, y mm); curved, if smooth."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
     smooth: bool = False
 
 
-class PathFile(_Struct):
+class PathFile(_SimulationFile):
     """Where a hand guides the terminal of a linkage: strokes, and straight lines between them."""
 
     speed_mm_s: Positive

@@ -1,4 +1,4 @@
-"""A simulated linkage in real time, and how near its twin comes to the truth of a path."""
+"""A simulated linkage in real time, and the error of its twin on a path."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from spots.linkage.twin_source import driven
 
 from . import maps
 from .files import LinkageFile, PathFile, SensorFile, load
+from .runtimes import headline
 from .simulated_linkage import Endless
 from .survey import follow
 
@@ -57,8 +58,13 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     """Show the default linkage on its path, in real time or fast, and return the run in figures."""
     if fast:
         files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", "sust"))]
-        return follow(*files, seed, tell=_ignore if quiet else Lines()).summary()
-    with driven(endless(sensor, seed=seed)) as source:
+        if not quiet:
+            print(headline(), flush=True)
+        return follow(*files, seed, report=_ignore if quiet else Lines()).summary()
+    machine = endless(sensor, seed=seed)
+    if not quiet:
+        print(headline(), flush=True)
+    with driven(machine) as source:
         shown = show(source, seconds, tell=_ignore if quiet else None)
         stats = source.stats()
     return {
@@ -69,7 +75,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
 
 
 def compare(options) -> None:
-    """Follow a path in simulated time, and print how near the twin came to the truth.
+    """Follow a path in simulated time, and print the twin's error.
 
     Parameters
     ----------

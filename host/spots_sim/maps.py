@@ -9,7 +9,7 @@ import numpy as np
 from spots.linkage.fivebar import Linkage
 
 from .figures import label, legend, panels, require, save
-from .survey import LEAST_OUTER_RAD, Run, Survey
+from .survey import LEAST_OUTER_RAD, PathRun, Survey
 
 _RED, _BLUE, _GREY, _BLACK = "#D55E00", "#0072B2", "#999999", "#222222"
 _SAMPLES = 721
@@ -26,7 +26,7 @@ def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> t
     theta_rad : float
         Its angle.
     usable : callable, optional
-        Takes x and y, and tells which of them to keep.
+        Takes x and y, and returns which of them to keep.
 
     Returns
     -------
@@ -128,8 +128,8 @@ def deviation(survey: Survey, path: Path) -> Path:
     return save(figure, path)
 
 
-def trajectory(run: Run, path: Path) -> Path:
-    """Draw a path as it was and as the twin told it, as Fig. 7D, and the error over time.
+def trajectory(run: PathRun, path: Path) -> Path:
+    """Draw a path and the twin's estimate of it, as Fig. 7D, and the error over time.
 
     Raises
     ------
@@ -137,8 +137,8 @@ def trajectory(run: Run, path: Path) -> Path:
         If matplotlib is missing, or the file cannot be written.
     """
     require()
-    told = [terminal for terminal in run.terminals if not terminal.limit]
-    time_s, x_mm, y_mm = np.array([(t.time_s, t.x_mm, t.y_mm) for t in told]).T
+    estimated = [terminal for terminal in run.terminals if not terminal.limit]
+    time_s, x_mm, y_mm = np.array([(t.time_s, t.x_mm, t.y_mm) for t in estimated]).T
     begun_s = run.motion.time_s[0]
     figure, (top, bottom) = panels(rows=2, width=9.0, height=5.6, height_ratios=(2.6, 1))
     motion = run.motion
@@ -154,7 +154,7 @@ def trajectory(run: Run, path: Path) -> Path:
     label(top, title, "x (mm)", "y (mm)")
     top.set_aspect("equal")
     legend(top, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    sigma_mm = np.array([terminal.sigma_mm for terminal in told])
+    sigma_mm = np.array([terminal.sigma_mm for terminal in estimated])
     bottom.plot(time_s - begun_s, run.error_mm, color=_BLUE, linewidth=0.9, label="error")
     bottom.plot(time_s - begun_s, sigma_mm, color=_BLACK, linewidth=1.2, label="expected, rms")
     title = f"Distance from the truth: at most {figures['max']:.2f} mm"

@@ -73,7 +73,7 @@ def characterize(
     exposure_us, average : int
         Integration time, and how many of them make a reading.
     progress : callable
-        Told each step's name as it begins.
+        Called with each step's name as it begins.
 
     Raises
     ------
@@ -280,7 +280,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return the same of the strip as it was at first, neither bent nor stretched."""
+    """Return the same of the strip neither bent nor stretched."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 
@@ -325,7 +325,7 @@ def _joint(rig: Rig, run: Run) -> None:
     up = np.linspace(0, min((end_um - start_um) / um_per_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
     held = _fewer(rig, _HELD)
     rows, angles = [], []
-    # The indenter lags behind the joint by half its play in either direction.
+    # The indenter lags behind the joint by half its backlash in either direction.
     for direction, sweep in {1: up, -1: up[::-1]}.items():
         for angle in sweep:
             rig.stage.held.bend_deg = angle

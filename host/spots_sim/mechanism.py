@@ -1,4 +1,4 @@
-"""A five-bar linkage with play and wrong lengths, that moves an indenter along each of two strips.
+"""A five-bar linkage with backlash and wrong lengths that moves an indenter along two strips.
 
 The truth to compare a twin with. It shares no formula with `linkage.fivebar`.
 """
@@ -56,7 +56,7 @@ class Mechanism:
     ----------
     file : LinkageFile
     sensor : SensorFile
-        Of both strips; its `joint` tells radius, force and play of the indenters.
+        Of both strips; its `joint` has radius, force and backlash of the indenters.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Mechanism:
         ----------
         motion : Motion
         again : bool
-            Whether it begins anew when it is over.
+            Whether it restarts at its end.
 
         Raises
         ------
@@ -140,7 +140,7 @@ class JointScenario:
     time_s, place_mm, bend_deg : numpy.ndarray, shape (n,)
     force_mN : float
     again : bool
-        Whether it begins anew when it is over; it stays where it is, if not.
+        Whether it restarts at its end, instead of staying there.
     """
 
     still = False
@@ -210,9 +210,16 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
 
 
 def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motion:
-    """Return a motion that stops at each place for a while.
+    """Return a motion that stops at each place; between two places each joint turns evenly.
 
-    From one to the next each joint turns evenly, whatever way that takes the terminal.
+    Parameters
+    ----------
+    x_mm, y_mm : array_like, shape (n,)
+        Places of the terminal.
+    start_s : float
+        Arrival at the first place.
+    dwell_s, move_s : float
+        Time at a place, and to the next one.
     """
     count = len(x_mm)
     begin_s = start_s + (dwell_s + move_s) * np.arange(count)
@@ -250,7 +257,7 @@ def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
 
 
 def _lag(angle_deg: np.ndarray, half_deg: float) -> np.ndarray:
-    """Return where the indenter stands: it moves only when the joint has used up its play."""
+    """Return where the indenter stands: it moves only when the joint has passed its backlash."""
     lagging = np.empty(len(angle_deg))
     at = angle_deg[0]
     for i, angle in enumerate(angle_deg.tolist()):

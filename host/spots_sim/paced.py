@@ -1,4 +1,4 @@
-"""A virtual board in simulated time that keeps to the clock on the wall."""
+"""A virtual board in simulated time that runs at the speed of real time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PacedLink(Through):
         self._epoch_s = epoch_s
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait until the board's time has come, then let it run as the link it is does."""
+        """Wait until real time has reached the board's time, then let it run."""
         self._wait()
         return self._link.read(timeout_s)
 

@@ -1,4 +1,4 @@
-"""The paper's own estimate, by one pair of channels: what six of them are compared with."""
+"""The paper's estimate by one pair of channels, to compare six channels with."""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ does just then, so that it never outlives whoever started it.
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import os
 import pty
@@ -25,13 +24,14 @@ from spots.deploy.staging import device_of
 from spots.errors import SpotsError
 
 from . import server
-from .bus import Bus
+from .bus import I2CBus, RealClock
 from .faults import BoardFaults, Faults, FaultyBus, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .scenario import Scenario
+from .starting import report
 from .usb import UsbHost
-from .vm import Machine
+from .vm import MicroPythonProcess
 from .world import chip
 
 _RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
@@ -68,22 +68,6 @@ class Inlet:
         self._waiting += data
         with contextlib.suppress(BlockingIOError):
             self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
-
-
-class RealClock:
-    """The host's monotonic clock; transfers take the time that they take."""
-
-    def __init__(self):
-        self.started_s = time.monotonic()
-
-    def now_us(self) -> float:
-        return (time.monotonic() - self.started_s) * 1e6
-
-    def spend_us(self, duration_us: float) -> None:
-        pass
-
-    def pause_us(self, duration_us: float) -> None:
-        time.sleep(duration_us * 1e-6)
 
 
 class SerialPort:
@@ -123,7 +107,7 @@ class Console(SerialPort):
         self.to_board.write(data)
 
     def after_soft_reset(self) -> None:
-        """Say what a board says, and go back to the raw prompt if that is where it was."""
+        """Print a board's message, and return to the raw prompt if it was there."""
         with contextlib.suppress(BlockingIOError):  # nobody reads it
             os.write(self.board_end, b"MPY: soft reboot\r\n")
         if self.raw_prompt:
@@ -174,14 +158,14 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     console = Console()
     data = SerialPort() if device_of(board).runtime == "circuitpython" else None
     clock = RealClock()
-    bus, usb = Bus(chip(sensor, scenario, seed), clock), UsbHost()
+    bus, usb = I2CBus(chip(sensor, scenario, seed), clock), UsbHost()
     noise = board_faults = None
     faults = of_scenario(file, seed)
     if faults:
         noise, board_faults = PortNoise(faults, clock, data or console), BoardFaults(faults)
         bus = FaultyBus(bus, faults)
     frames_out = noise.board_out if noise else (data or console).board_end
-    machine = Machine(
+    machine = MicroPythonProcess(
         board_id(sensor),
         False,
         console.board_in,
@@ -199,7 +183,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
         "started_s": clock.started_s,
     }
     try:
-        _tell(start)
+        report(start)
         _serve(parent_end, machine, bus, usb, console, data, noise, board_faults)
     finally:
         machine.close()
@@ -208,16 +192,15 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
 def _end_of_parent() -> int:
     """Return a descriptor that ends with the parent.
 
-    A thread of its own notices it, and ends the process if the rest of it does not in time; the
-    virtual machine's keeper then ends that. The thread is not guarded: its failure ends the process
-    too, which nobody could end any more.
+    A thread detects it, and ends the process if the main thread does not in time; the keeper of
+    MicroPython then ends that. The thread is not guarded: its failure ends the process too.
     """
     parent, stdin = os.getppid(), sys.stdin.fileno()
     gone, there = os.pipe()
 
     def watch():
         try:
-            # A copy of the pipe that somebody else inherited keeps it open after the parent's end.
+            # Another process may have inherited the pipe and keep it open after the parent ends.
             while os.getppid() == parent:
                 if select.select([stdin], [], [], _PARENT_EVERY_S)[0] and not os.read(stdin, 1):
                     break
@@ -232,15 +215,15 @@ def _end_of_parent() -> int:
 
 def _serve(
     parent_end: int,
-    machine: Machine,
-    bus: Bus | FaultyBus,
+    machine: MicroPythonProcess,
+    bus: I2CBus | FaultyBus,
     usb: UsbHost,
     console: Console,
     data: SerialPort | None,
     noise: PortNoise | None,
     board_faults: BoardFaults | None,
 ) -> None:
-    # From whom, to whom, and how. A passage whose end takes no more is not read from.
+    # Source, target and copy function. A source is not read while its target is full.
     passages = {console.board_end: (console.to_board, lambda: console.pass_on(bytes))}
     if noise:
         passages[noise.from_board] = noise.to_host, noise.pass_out
@@ -249,7 +232,7 @@ def _serve(
         else:
             pass_on = console.to_board, lambda: console.pass_on(noise.damaged)
             passages[console.board_end] = pass_on
-    starved_us = math.inf  # when the watchdog bites
+    starved_us = math.inf  # when the watchdog resets the board
     while True:
         ends = [end for end, (inlet, _) in passages.items() if not inlet.stuck]
         timeout_s = _timeout_s(bus, len(ends) < len(passages), starved_us)
@@ -287,14 +270,7 @@ def _serve(
                 server.answer(request, bus, usb, machine.answers)
 
 
-def _tell(message: dict) -> None:
-    # Unbuffered, so that nothing is left for the interpreter's end. Whoever started it may be gone;
-    # then standard input closes too.
-    with contextlib.suppress(BrokenPipeError):
-        os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
-
-
-def _timeout_s(bus: Bus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
+def _timeout_s(bus: I2CBus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
     if stuck:
         return _STUCK_S
     if starved_us < math.inf:
@@ -307,5 +283,5 @@ if __name__ == "__main__":
         with contextlib.suppress(KeyboardInterrupt):
             main(sys.argv[1], sys.argv[2], int(sys.argv[3]), *sys.argv[4:6])
     except SpotsError as error:
-        _tell({"error": str(error)})
+        report({"error": str(error)})
         sys.exit(2)

@@ -1,4 +1,4 @@
-"""How good a run was: readings against the scenario's truth, rate, latency."""
+"""Scores a run: error against the scenario's truth, rate, latency."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LATENCIES = 10_000
 
 
 class Score:
-    """Takes readings as they come, for as long as one likes.
+    """Accumulates the error, rate and latency of readings, in bounded memory.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Score:
         self.touches = 0
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading with the one finger that touched at its time, if it was one."""
+        """Compare a reading with the scenario's finger at its time, unless there were several."""
         if not self.readings:
             self._first_s = touch.time_s
         self._last_s = touch.time_s
@@ -69,7 +69,7 @@ class Score:
         return self._rms(self._force_mN2)
 
     def latency_ms(self, percentile: float) -> float | None:
-        """From the middle of the integration until the reading was in the program's hands."""
+        """Return a percentile of the time from mid-integration to the program."""
         return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
 
     def _rms(self, squares: float) -> float | None:

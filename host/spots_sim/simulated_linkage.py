@@ -136,7 +136,7 @@ class Simulation:
         self._opened.close()
 
     def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
-        """Return new encoders; mounted as they truly are, unless told otherwise."""
+        """Return new encoders; with the true mounting unless given."""
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
 
@@ -222,10 +222,24 @@ def visited(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stop the terminal at each place and take one reading of each joint there.
 
+    Parameters
+    ----------
+    sensor : SensorFile
+        Of both strips.
+    linkage : LinkageFile
+    x_mm, y_mm : array_like, shape (n,)
+        Places of the terminal.
+    seed : int
+        Of the noise.
+    exposure_us : int
+        Of both strips.
+    run : int
+        Distinguishes the noise of runs with one seed.
+
     Returns
     -------
     angles_rad, sigmas_rad : numpy.ndarray, shape (2, n)
-        By the joints' own calibration, with the play taken into account; and standard errors.
+        By the joints' own calibration, with the backlash taken into account; and standard errors.
     """
     motion = dwelling(x_mm, y_mm, START_S, 2.5e-6 * exposure_us, _MOVE_S)
     found = np.full((2, 2, len(x_mm)), np.nan)

@@ -83,7 +83,19 @@ class Stage:
         self.held.press = None
 
     def read(self, places_um, forces_mN, samples: int) -> Presses:
-        """Press at each place with each force and return the readings."""
+        """Press at each place with each force and return the readings.
+
+        Parameters
+        ----------
+        places_um, forces_mN : sequence of float
+        samples : int
+            For each press; their mean is its reading.
+
+        Returns
+        -------
+        Presses
+            One row for each force and place, places fastest.
+        """
         rows = []
         for force_mN in forces_mN:
             for place_um in places_um:

@@ -1,4 +1,4 @@
-"""The stage of a simulated strip as the one who presses in a calibration session."""
+"""The simulated stage as the presser of a calibration session."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class StagePresser:
         first_um, last_um = np.array(_JOINT_SHARE) * self._stage.length_um
         um_per_deg = np.radians(1) * joint.radius_mm * 1000
         angle_deg = round(float(share * (last_um - first_um) / um_per_deg), 3)
-        # The indenter lags behind the joint by half its play in either direction.
+        # The indenter lags behind the joint by half its backlash in either direction.
         place_um = first_um + (angle_deg - direction * joint.play_deg / 2) * um_per_deg
         return Wanted(
             kind="joint",

@@ -1,4 +1,4 @@
-"""How near a simulated linkage's twin comes to the truth: over its workspace, and on a path."""
+"""The error of a simulated linkage's twin, over its workspace and on a path."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .simulated_linkage import START_S, Simulation, visited
 # The outer bars stay this far from in line, as is the rule for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
 CALIBRATION_PLACES = 40
-PLACE_SIGMA_MM = 0.02  # of the machine or grid that tells where the terminal is
+PLACE_SIGMA_MM = 0.02  # of the machine or grid that measures the terminal
 # How whoever measures has laid that grid: x and y of joint 1, and its turn.
 _GRID = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
 _DRAWS = 2000
@@ -26,7 +26,7 @@ _DRAWS = 2000
 
 @dataclass(frozen=True)
 class Deviation:
-    """Distances between terminals as told and as they were, in mm.
+    """Distances between estimated and true terminals, in mm.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ def survey(
 
 
 @dataclass(frozen=True)
-class Run:
+class PathRun:
     """A path, followed by a twin that was given the true lengths.
 
     Attributes
@@ -154,14 +154,14 @@ class Run:
 
     def summary(self) -> dict:
         """Return the run in figures."""
-        told = [terminal for terminal in self.terminals if not terminal.limit]
-        span_s = told[-1].time_s - told[0].time_s
-        expected_mm = np.sqrt(np.mean([terminal.sigma_mm**2 for terminal in told]))
+        estimated = [terminal for terminal in self.terminals if not terminal.limit]
+        span_s = estimated[-1].time_s - estimated[0].time_s
+        expected_mm = np.sqrt(np.mean([terminal.sigma_mm**2 for terminal in estimated]))
         return {
             "seconds": round(span_s, 3),
-            "terminals": len(told),
-            "rate_hz": round((len(told) - 1) / span_s, 2),
-            "beyond_limits": len(self.terminals) - len(told),
+            "terminals": len(estimated),
+            "rate_hz": round((len(estimated) - 1) / span_s, 2),
+            "beyond_limits": len(self.terminals) - len(estimated),
             "lost": self.lost,
             "error_mm": {
                 "mean": round(float(self.error_mm.mean()), 4),
@@ -179,19 +179,19 @@ def follow(
     path: PathFile,
     seed: int = 0,
     exposure_us: int = 30_000,
-    tell=lambda terminal: None,
-) -> Run:
+    report=lambda terminal: None,
+) -> PathRun:
     """Guide the terminal of a simulated linkage along a path, and let a twin follow.
 
     Parameters
     ----------
-    tell : callable
-        Given each terminal as it comes.
+    report : callable
+        Called with each terminal.
 
     Raises
     ------
     SpotsError
-        If the linkage cannot follow the path, or the path is over before anything was told.
+        If the linkage cannot follow the path, or the path ends before two estimates.
     """
     motion = guided(path, START_S)
     with Simulation(sensor, linkage, motion, seed, exposure_us) as simulation:
@@ -201,20 +201,31 @@ def follow(
         for terminal in twin.follow(simulation.readings()):
             if START_S <= terminal.time_s <= motion.seconds:
                 terminals.append(terminal)
-                tell(terminal)
+                report(terminal)
         lost = sum(board.stats.lost for board in simulation.boards)
-    told = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
-    if told.size < 6:
-        raise SpotsError("the path is too short: the twin told less than two terminals")
-    x_mm, y_mm = motion.at(told[0])
-    return Run(motion, true, terminals, np.hypot(told[1] - x_mm, told[2] - y_mm), lost)
+    found = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
+    if found.size < 6:
+        raise SpotsError("the path is too short: the twin estimated fewer than two terminals")
+    x_mm, y_mm = motion.at(found[0])
+    return PathRun(motion, true, terminals, np.hypot(found[1] - x_mm, found[2] - y_mm), lost)
 
 
 def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
-    """Return those of the places where the linkage works: the workspace.
+    """Return the places that are in the workspace.
 
     Within the travel of both joints, beyond the base, and with the outer bars at least
     `LEAST_OUTER_RAD` from in line.
+
+    Parameters
+    ----------
+    linkage : Linkage
+    mechanism : Mechanism
+    x_mm, y_mm : numpy.ndarray, shape (n,)
+        Places of the terminal.
+
+    Returns
+    -------
+    x_mm, y_mm : numpy.ndarray, shape (m,)
     """
     theta = linkage.inverse(x_mm, y_mm)
     apart = np.ma.filled(linkage.outer_angle(*theta), 0.0)
@@ -239,8 +250,8 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
     return x_mm, y_mm
 
 
-def _deviation(told, truth) -> Deviation:
-    return Deviation(np.ma.filled(np.hypot(told[0] - truth[0], told[1] - truth[1]), np.inf))
+def _deviation(found, truth) -> Deviation:
+    return Deviation(np.ma.filled(np.hypot(found[0] - truth[0], found[1] - truth[1]), np.inf))
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:

@@ -20,7 +20,7 @@ _RISE_S, _FIRM_MN = 0.02, 7000.0
 
 
 class TypedText:
-    """What a computer has on its screen after these key events.
+    """The text that a computer shows after key events.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ def _character(page: int, usage: int, modifiers: int) -> str | None:
 
 
 class Typist:
-    """Plays what a text needs, with fingers that are never twice the same.
+    """Turns a text into a scenario of fingers that vary from key to key.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class Typist:
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:
-        """Return the shortest way to a character: layers by keys that lead there for one key."""
+        """Return the keys for a character, those that change the layer first."""
         wanted = _action_of(character)
         waiting = deque([(0, [])])
         seen = {0}
@@ -172,7 +172,24 @@ def _action_of(character: str) -> int:
 def typing(
     layout: KeyLayout, text: str, length_mm: float, seed: int = 0, start_s: float = 0.5
 ) -> ScenarioFile:
-    """Return the scenario of somebody who types a text."""
+    """Return the scenario of a person who types a text.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+    text : str
+    length_mm : float
+        Of the strip.
+    seed : int
+        Of the person's variation.
+    start_s : float
+        When the first finger comes.
+
+    Raises
+    ------
+    SpotsError
+        If the layout has no key for a character.
+    """
     typist = Typist(layout, length_mm, np.random.default_rng(seed), start_s=start_s)
     typist.type(text)
     return typist.scenario()

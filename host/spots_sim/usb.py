@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 
+from .protocol import protocol
+
 
 class UsbHost:
     """Takes reports from endpoints that hold one each until the host asks for it.
@@ -51,7 +53,7 @@ class UsbHost:
             EAGAIN, if the endpoint is full.
         """
         if interface in self._waiting:
-            raise OSError(errno.EAGAIN, "the endpoint is full")
+            raise OSError(protocol.EAGAIN, "the endpoint is full")
         if report and self._asks:
             self.reports.append((interface, report))
         elif report:

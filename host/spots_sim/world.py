@@ -20,6 +20,16 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
     Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A). A
     little may couple across the closing gap before contact.
+
+    Parameters
+    ----------
+    contact : ContactFile
+    force_mN : float
+
+    Returns
+    -------
+    float
+        0 to 1.
     """
     over_mN = force_mN - contact.threshold_mN
     if over_mN <= 0:
@@ -66,7 +76,7 @@ class World:
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _light(self, rates: np.ndarray, time_s: float) -> None:
-        # Add what there is at a moment.
+        # Add the light of one moment.
         pose = self._scenario.pose(time_s)
         for press in self._scenario.presses(time_s):
             share = coupling(self._sensor.contact, press.force_mN)

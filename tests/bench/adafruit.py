@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from types import ModuleType
 
 from spots.errors import SpotsError
-from spots_sim.bus import Bus
+from spots_sim.bus import I2CBus
 from spots_sim.busio import I2C, simulated_time
 
 # A board takes longer to start Python than the chip needs to wake.
@@ -33,12 +33,12 @@ def published() -> ModuleType:
 
 
 @contextlib.contextmanager
-def driver_on(bus: Bus, driver: type | None = None) -> Iterator:
+def driver_on(bus: I2CBus, driver: type | None = None) -> Iterator:
     """Yield an ``adafruit_as7341.AS7341`` on a simulated bus; its waits are simulated inside.
 
     Parameters
     ----------
-    bus : spots_sim.bus.Bus
+    bus : spots_sim.bus.I2CBus
     driver : type, optional
         A class derived from the published one, in its place.
     """

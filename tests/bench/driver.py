@@ -20,7 +20,7 @@ from msgspec import structs
 from spots.errors import SpotsError
 from spots.link.board import Board
 from spots_device import exposure
-from spots_sim.bus import Bus, Ledger, SimulatedClock
+from spots_sim.bus import BusCost, I2CBus, SimulatedClock
 from spots_sim.chip import AS7341
 from spots_sim.files import SensorFile
 from spots_sim.lockstep import LockstepLink
@@ -46,10 +46,10 @@ _THEIR_READINGS = 50
 class _Moment:
     time_us: float
     integrating_us: float
-    ledger: Ledger
+    ledger: BusCost
 
     @classmethod
-    def now(cls, bus: Bus) -> _Moment:
+    def now(cls, bus: I2CBus) -> _Moment:
         return cls(bus.clock.now_us(), bus.chip.integrating_us, replace(bus.ledger))
 
 
@@ -88,7 +88,7 @@ def _ours(sensor: SensorFile, exposure_us: int) -> dict:
 
 
 def _theirs(sensor: SensorFile, exposure_us: int) -> dict:
-    bus = Bus(_chip(sensor), SimulatedClock())
+    bus = I2CBus(_chip(sensor), SimulatedClock())
     with driver_on(bus) as driver:
         driver.atime, driver.astep = exposure.registers(exposure_us)
         driver.gain = _GAIN_CODE
@@ -111,13 +111,13 @@ def _chip(sensor: SensorFile) -> AS7341:
     return chip(sensor, _held(), seed=0)
 
 
-def _after(readings: Iterator, count: int, bus: Bus) -> _Moment:
+def _after(readings: Iterator, count: int, bus: I2CBus) -> _Moment:
     if sum(1 for _ in islice(readings, count)) < count:
         raise SpotsError("the virtual board sends no more readings; its firmware is at fault")
     return _Moment.now(bus)
 
 
-def _figures(bus: Bus, before: _Moment, after: _Moment, readings: int) -> dict:
+def _figures(bus: I2CBus, before: _Moment, after: _Moment, readings: int) -> dict:
     elapsed_us = after.time_us - before.time_us
     spent, earlier = after.ledger, before.ledger
     figures = {

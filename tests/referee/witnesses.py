@@ -9,7 +9,7 @@ from msgspec import structs
 from spots.link.board import Board
 from spots.link.frames import Spectrum
 from spots_device import exposure
-from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.bus import I2CBus, SimulatedClock
 from spots_sim.chip import AS7341, DIODES, GAIN, ChipNoise, Quirks
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held
@@ -81,7 +81,7 @@ def since_now(board, samples, exposure_us):
 def their_counts(sensor, exposure_us, gains, presses, samples, led_mA=100):
     """Return what Adafruit's driver reads, as `our_counts`, for every diode it has a name for."""
     held = Held()
-    bus = Bus(chip(sensor, held, seed=1), SimulatedClock())
+    bus = I2CBus(chip(sensor, held, seed=1), SimulatedClock())
     readings = {}
     with driver_on(bus) as driver:
         driver.atime, driver.astep = exposure.registers(exposure_us)

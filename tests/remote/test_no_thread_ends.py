@@ -275,13 +275,31 @@ time.sleep(10)
     assert ended.returncode == 1
 
 
+def test_the_watch_over_a_parent_ends_the_virtual_board_on_cpython():
+    program = """
+import time
+from spots_sim import cpython_realtime as realtime
+def fail(*arguments): raise OSError("put in by a test")
+realtime.os.read, realtime._END_S = fail, 0.0
+realtime._end_of_input()
+time.sleep(10)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], stdin=subprocess.PIPE)
+    assert ended.returncode == 1
+
+
 @pytest.mark.parametrize(
     ("made_by", "modules"),
     [
         # Another thread or callback needs a case above, and its line here.
         (
             r"\bThread\(",
-            {"spots/web/board_feed.py", "spots/recording/disk.py", "spots_sim/realtime.py"},
+            {
+                "spots/web/board_feed.py",
+                "spots/recording/disk.py",
+                "spots_sim/realtime.py",
+                "spots_sim/cpython_realtime.py",
+            },
         ),
         (r"handlers\.Callback\(", {"spots/remote/zenoh_session.py"}),
         (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spots_sim.bus import Bus, SimulatedClock
+from spots_sim.bus import I2CBus, SimulatedClock
 from spots_sim.chip import AS7341, AUTO_ZERO_US, DIODES, ChipNoise, Quirks
 
 ADDRESS = 0x39
@@ -28,7 +28,7 @@ class Bench:
         self.clock = SimulatedClock()
         rng = np.random.default_rng(0)
         self.chip = AS7341(lamp or Lamp(), noise, rng, Quirks(**quirks))
-        self.bus = Bus(self.chip, self.clock)
+        self.bus = I2CBus(self.chip, self.clock)
         self.clock.spend_us(1000)
 
     def write(self, register, *values):
@@ -80,7 +80,7 @@ def test_identity_and_reset_values():
 
 
 def test_it_does_not_answer_right_after_power_on_nor_at_other_addresses():
-    fresh = Bus(AS7341(Lamp(), SILENT, np.random.default_rng(0)), SimulatedClock(100.0))
+    fresh = I2CBus(AS7341(Lamp(), SILENT, np.random.default_rng(0)), SimulatedClock(100.0))
     with pytest.raises(OSError, match="acknowledge"):
         fresh.write_read(ADDRESS, b"\x92", 1)
     with pytest.raises(OSError, match="acknowledge"):

@@ -131,7 +131,7 @@ class Recoveries:
     Parameters
     ----------
     spells : list of (str, float, float)
-        Of a `spots_sim.faults.Ledger`; those that were taken are removed.
+        Of a `spots_sim.faults.FaultLedger`; those that were taken are removed.
 
     Attributes
     ----------

@@ -38,10 +38,10 @@ def add(commands) -> None:
     controller.add_argument("--seconds", type=arguments.seconds, help="end after so long")
     controller.set_defaults(run=_controller)
 
-    twin = commands.add_parser("twin", help="a five-bar linkage's twin, of boards or simulated")
+    twin = commands.add_parser("twin", help="follow a five-bar linkage")
     twin.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
     twin.add_argument("--seconds", type=arguments.seconds, help="end after so long")
-    twin.add_argument("--json", action="store_true", help="a line each; simulated: the errors")
+    twin.add_argument("--json", action="store_true", help="a JSON object a line")
     arguments.add_ports(twin)
     twin.add_argument(
         "--record", action="append", default=[], metavar="FILE.spots", help="once for each board"
@@ -53,14 +53,7 @@ def add(commands) -> None:
         "--place-sigma-mm", type=arguments.sigma_mm, default=0.1, help="of the points (0.1)"
     )
     group.add_argument("--out", metavar="FILE.toml", help="the linkage file that was found")
-    group = twin.add_argument_group("simulated linkage")
-    group.add_argument("--path", default="sust", metavar="FILE", help="path file or name")
-    group.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
-    group.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
-    group.add_argument(
-        "--exposure-us", type=arguments.exposure_us, default=30_000, help="of both strips"
-    )
-    group.add_argument("--picture", metavar="FILE.png", help="draw path and truth")
+    arguments.add_simulation(twin, "linkage")
     twin.set_defaults(run=_twin)
 
 

@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import argparse
 import math
+from importlib.metadata import entry_points
+
+from ..link.ports import known
+
+PORTS = f"serial port, {known()}"
+# Functions of other packages, which take a parser.
+_OPTIONS = "spots.options"
+_SIMULATED = {
+    "board": {"sensor": "default", "scenario": "demo", "seed": 0},
+    "linkage": {
+        "path": "sust",
+        "sensor": "default",
+        "seed": 0,
+        "exposure_us": 30_000,
+        "picture": None,
+    },
+}
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
     """Which board, for `open_board`."""
-    parser.add_argument(
-        "--port", help="serial port, 'virtual', recording:FILE or zenoh:ID; found if not given"
-    )
+    parser.add_argument("--port", help=f"{PORTS}; found if not given")
     add_zenoh_config(parser)
     add_simulation(parser)
 
@@ -21,7 +36,7 @@ def add_ports(parser: argparse.ArgumentParser) -> None:
         "--port",
         action="append",
         default=[],
-        help="serial port, 'virtual', recording:FILE or zenoh:ID; of a linkage, one a joint",
+        help=f"{PORTS}; of a linkage, one a joint",
     )
     add_zenoh_config(parser)
 
@@ -31,12 +46,11 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zenoh-config", metavar="FILE", help="of Zenoh; else $ZENOH_CONFIG")
 
 
-def add_simulation(parser: argparse.ArgumentParser) -> None:
-    """What a virtual board has and feels."""
-    group = parser.add_argument_group("virtual board")
-    group.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
-    group.add_argument("--scenario", default="demo", metavar="FILE", help="scenario file or name")
-    group.add_argument("--seed", type=seed, default=0, help="of the noise")
+def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
+    """Options of packages that simulate a ``board`` or a ``linkage``; only their defaults else."""
+    parser.set_defaults(**_SIMULATED[what])
+    for entry in entry_points(group=_OPTIONS, name=what):
+        entry.load()(parser)
 
 
 def open_board(options: argparse.Namespace):

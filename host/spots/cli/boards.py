@@ -6,6 +6,7 @@ import argparse
 import json
 
 from ..errors import printable
+from ..link.ports import known
 from . import arguments
 
 
@@ -36,7 +37,7 @@ def add(commands) -> None:
     erase.set_defaults(run=_erase)
 
     doctor = commands.add_parser("doctor", help="what is wrong with a board, and what to do")
-    doctor.add_argument("--port", help="serial port, or 'virtual'; found if not given")
+    doctor.add_argument("--port", help=f"{arguments.PORTS}; found if not given")
     doctor.set_defaults(run=_doctor)
 
     command = commands.add_parser("command", help="send a command line, print the reply")
@@ -52,7 +53,7 @@ def _ports(options: argparse.Namespace) -> None:
     if options.json:
         print(json.dumps(rows))
     elif not rows:
-        print("no USB serial port; plug a board in, or use port 'virtual'")
+        print(f"no USB serial port: plug a board in, or name {known()} with --port")
     for row in [] if options.json else rows:
         print("  ".join(map(printable, row.values())))
 

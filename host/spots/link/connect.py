@@ -7,7 +7,7 @@ from spots_device.settings import checksum
 
 from ..errors import SpotsError
 from .board import Board
-from .ports import scheme
+from .ports import known, scheme
 from .serial_link import SerialLink, usb_boards, usb_ports
 
 
@@ -46,7 +46,7 @@ def open(
     found, reasons = find()
     if not found:
         tried = "".join(f"; {reason}" for reason in reasons)
-        raise SpotsError(f"no board found, plug one in or try port 'virtual'{tried}")
+        raise SpotsError(f"no board found: plug one in, or name {known()} as port{tried}")
     if len(found) > 1:
         names = ", ".join(board.port for board in found)
         for board in found:

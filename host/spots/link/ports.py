@@ -27,6 +27,14 @@ from importlib.metadata import entry_points
 from types import ModuleType
 
 GROUP = "spots.ports"
+_FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # of our own
+
+
+def known() -> str:
+    """Return how the ports of all installed schemes are written, for help and errors."""
+    names = sorted(entry.name for entry in entry_points(group=GROUP))
+    forms = [_FORMS.get(name, f"'{name}'") for name in names]
+    return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
 
 
 def scheme_name(port: str | None) -> str:

@@ -21,6 +21,7 @@ else:
     _FAILURES = (serial.SerialException, OSError, termios.error)
 
 WRITE_TIMEOUT_S = 2.0
+_CHUNK = 4096  # bytes of a socket at once
 
 
 def takes_nothing(port: str) -> str:
@@ -126,7 +127,7 @@ class SerialLink:
     Parameters
     ----------
     port : str
-        Such as ``/dev/ttyACM0``.
+        Such as ``/dev/ttyACM0``, or a URL of pyserial's such as ``socket://HOST:PORT``.
 
     Raises
     ------
@@ -141,6 +142,7 @@ class SerialLink:
     def __init__(self, port: str):
         self.name = port
         self._serial = None
+        self._is_url = "://" in port
         self._turn = 0
         # A port of the same number is that of the same device, whatever the port is called.
         self._is_usb = port in (numbers := _usb_numbers())
@@ -172,7 +174,7 @@ class SerialLink:
     def _open(self) -> None:
         try:
             # The speed means nothing to USB; a number keeps UART bridges happy.
-            self._serial = serial.Serial(
+            self._serial = serial.serial_for_url(
                 self.name,
                 115_200,
                 timeout=self._STEP_S,
@@ -196,6 +198,8 @@ class SerialLink:
             raise SpotsError(f"the port {self.name} was closed")
         end_s = self.now_s() + timeout_s
         try:
+            if self._is_url:
+                return self._read_url(timeout_s)
             if sys.platform != "win32":
                 self._serial.timeout = timeout_s
             while True:
@@ -204,6 +208,13 @@ class SerialLink:
                     return data
         except _FAILURES:
             raise PortLostError(f"the board on {self.name} was disconnected") from None
+
+    def _read_url(self, timeout_s: float) -> bytes:
+        # A socket never reports more than one byte waiting.
+        self._serial.timeout = timeout_s
+        data = self._serial.read(1)
+        self._serial.timeout = 0
+        return data and data + self._serial.read(_CHUNK)
 
     def write(self, data: bytes) -> None:
         """Raises PortLostError if the port went away, SpotsError if it takes nothing."""

@@ -4,7 +4,6 @@ import _simulator
 from micropython import const
 
 _HID = const(3)
-_EAGAIN = const(11)
 
 
 class HIDInterface:
@@ -43,7 +42,7 @@ class HIDInterface:
         try:
             _simulator.call(_simulator.HID, self._index, len(report), 0, report)
         except OSError as error:
-            if error.errno != _EAGAIN:
+            if error.errno != _simulator.EAGAIN:
                 raise
             return True
         return False

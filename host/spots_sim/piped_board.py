@@ -1,0 +1,145 @@
+"""A virtual board in MicroPython, held at a request of its own until it is allowed to go on."""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from spots.deploy.staging import device_of
+from spots.errors import SpotsError
+
+from . import server
+from .bus import I2CBus
+from .faults import BoardFaults, FaultyBus
+from .usb import UsbHost
+from .vm import MicroPythonProcess
+
+_LOOK_S = 0.05  # real time, after which a board that asks for nothing may wait to be read
+_HANGS_S = 60.0  # real time, in which a board that runs asks for something
+
+
+class PipedBoard:
+    """MicroPython in a process of its own, whose serial port is a pair of pipes.
+
+    Parameters
+    ----------
+    board_id : str
+        See `vm.MicroPythonProcess`.
+    bus : bus.I2CBus or faults.FaultyBus
+    usb : usb.UsbHost
+    faults : faults.BoardFaults, optional
+    folder : Path, optional
+        See `vm.MicroPythonProcess`.
+    board : str
+        See `vm.MicroPythonProcess`.
+    busy_us : callable, optional
+        See `lockstep.LockstepLink`.
+
+    Attributes
+    ----------
+    free_bytes : int or None
+        Free heap, as the board reported last.
+    """
+
+    def __init__(
+        self,
+        board_id: str,
+        bus: I2CBus | FaultyBus,
+        usb: UsbHost,
+        faults: BoardFaults | None,
+        folder: Path | None,
+        board: str,
+        busy_us: Callable[[int], float] | None,
+    ):
+        self.bus, self._usb, self._faults = bus, usb, faults
+        self._busy_us = busy_us
+        self.free_bytes: int | None = None
+        board_in, self._to_board = os.pipe()
+        self._from_board, board_out = os.pipe()
+        os.set_blocking(self._from_board, False)
+        os.set_blocking(self._to_board, False)
+        self._sent = b""  # taken out of the pipe, so that the board can go on
+        self._board_in = board_in
+        self._open = [board_in, self._to_board, self._from_board, board_out]
+        stdin, data = board_in, None
+        if device_of(board).runtime == "circuitpython":
+            # Nobody types at its console; what it prints there goes out with the frames.
+            stdin, data = os.open(os.devnull, os.O_RDONLY), (board_in, board_out)
+            self._open.append(stdin)
+        self._machine = MicroPythonProcess(
+            board_id,
+            True,
+            stdin,
+            board_out,
+            folder,
+            board,
+            data=data,
+            reports_memory=busy_us is not None,
+        )
+        self._pending = self._next_request()
+
+    def send(self, data: bytes) -> int:
+        """Return how many bytes there was room for, where the board finds them."""
+        try:
+            return os.write(self._to_board, data)
+        except BlockingIOError:
+            return 0
+
+    def received(self) -> bytes:
+        """Return what the board has sent since the last call."""
+        sent, self._sent = self._sent, b""
+        try:
+            return sent + os.read(self._from_board, 1 << 16)
+        except BlockingIOError:
+            return sent
+
+    def step(self) -> None:
+        """Answer the pending request and let the board run until its next one."""
+        off_us = self._faults.step(self.bus) if self._faults else None
+        if off_us is None:
+            if self._busy_us and server.is_poll(self._pending):
+                self.bus.clock.spend_us(self._busy_us(self.free_bytes))
+            rate = self._faults.rate if self._faults else 1.0
+            server.answer(self._pending, self.bus, self._usb, self._machine.answers, rate)
+        else:
+            self._brown_out(off_us)
+        self._pending = self._next_request()
+
+    def close(self) -> None:
+        """End the board; closing twice is closing once."""
+        self._machine.close()
+        while self._open:
+            os.close(self._open.pop())
+
+    def _brown_out(self, off_us: float) -> None:
+        self._machine.shut_down()
+        if select.select([self._board_in], [], [], 0)[0]:
+            os.read(self._board_in, 1 << 16)  # what it had not read is lost
+        self.bus.clock.pause_us(off_us)
+        self.bus.chip.power_on(self.bus.clock.now_us())
+        self._machine.boot()
+
+    def _next_request(self) -> bytes:
+        for _ in range(3):
+            request = self._request()
+            while request and (free_bytes := server.reported_free_bytes(request)) is not None:
+                self.free_bytes = free_bytes
+                request = self._request()
+            if request is None:
+                self._machine.ended(self.received())
+            elif not server.is_reset(request):
+                return request
+            self._machine.boot()
+        raise SpotsError("the virtual board reboots without end")
+
+    def _request(self) -> bytes | None:
+        deadline_s = time.monotonic() + _HANGS_S
+        while not select.select([self._machine.requests], [], [], _LOOK_S)[0]:
+            # A board that has more to send than the pipe takes asks for nothing before it is sent.
+            self._sent = self.received()
+            if time.monotonic() >= deadline_s:
+                raise SpotsError(f"the virtual board hangs: no request for {_HANGS_S:.0f} s")
+        return server.read_request(self._machine.requests)

@@ -1,0 +1,196 @@
+"""The virtual board where there is no MicroPython, or no PTY: the same firmware in CPython."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import spots
+from spots.cli import main
+from spots.link.frames import Touch
+from spots_sim import vm
+
+TIMEOUT_S = 120
+
+
+@pytest.fixture(autouse=True)
+def cpython(monkeypatch):
+    monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", "cpython")
+
+
+WITHOUT_PTY = """
+import os, sys
+sys.modules["pty"] = sys.modules["tty"] = None
+del os.openpty, os.ttyname
+"""
+
+
+@pytest.fixture(params=["pty", "socket"])
+def port(request, monkeypatch, tmp_path):
+    """How the name of its port begins."""
+    monkeypatch.setenv("SPOTS_VIRTUAL_PORT", request.param)
+    if request.param == "pty":
+        return "/dev/"
+    (tmp_path / "sitecustomize.py").write_text(WITHOUT_PTY)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    return "socket://127.0.0.1:"
+
+
+def figures(capsys, *arguments):
+    assert main(["demo", "--json", *arguments]) == 0
+    return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def demo(*arguments):
+    run = [sys.executable, "-m", "spots", "demo", *arguments]
+    return subprocess.run(run, capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
+
+
+def test_a_program_reads_it_as_any_board(port):
+    with spots.open("virtual") as board:
+        assert board.port.startswith(port)
+        assert board.info["runtime"].startswith("cpython 3.")
+        touches = [touch for touch, _ in zip(board.touches(), range(50))]
+        assert board.stats.lost == board.stats.bad_crc == 0
+    times_s = [touch.time_s for touch in touches]
+    assert times_s == sorted(times_s)
+    assert any(touch.trusted for touch in touches)
+
+
+def test_its_port_is_for_one_program_and_can_be_opened_again(port):
+    with spots.open("virtual") as board:
+        with pytest.raises(spots.SpotsError):
+            spots.open(board.port)
+        board.command("get")
+        board._link.close()
+        with spots.open(board.port) as again:
+            assert again.info["id"] == board.info["id"]
+
+
+def test_a_reboot_keeps_what_was_saved_and_nothing_else(port):
+    with spots.open("virtual") as board:
+        board.command("set average=3")
+        board.command("save")
+        board.command("set average=4")
+        board.command("stream touch")
+        board.command("reboot")
+        for _ in board.frames(TIMEOUT_S):
+            if board.stats.restarts:
+                break
+        assert board.command("get")["average"] == 3
+
+
+def test_the_demo_names_what_runs_the_firmware(port):
+    first, *readings = demo("--seconds", "2").splitlines()
+    assert first.startswith("runtime: cpython 3.")
+    assert any(" mm " in line and " N" in line for line in readings)
+
+
+def test_the_demo_in_real_time_loses_nothing(port, capsys):
+    run = figures(capsys, "--seconds", "3")
+    assert run["runtime"].startswith("cpython 3.")
+    assert run["lost"] == run["bad_crc"] == 0
+    assert run["touches"] >= 2
+    assert run["position_rmse_um"] <= 500
+
+
+def test_in_simulated_time_it_meets_the_figures_with_the_same_bytes_each_run(capsys):
+    first, second = (figures(capsys, "--fast", "--seconds", "5") for _ in range(2))
+    assert first == second
+    assert first["rate_hz"] >= 95
+    assert first["lost"] == first["bad_crc"] == 0
+    assert first["position_rmse_um"] <= 150
+
+
+def test_the_keyboard_demo_types_its_text(capsys):
+    run = figures(capsys, "--fast", "--use", "keyboard", "--seconds", "13")
+    assert run["typed"] == "hello strip, type 42!\n"
+    assert run["host_agrees"]
+
+
+def test_the_keyboard_demo_in_real_time(port, capsys):
+    run = figures(capsys, "--use", "keyboard", "--seconds", "7")
+    # Which keys a busy machine's fingers hit is asserted in simulated time.
+    assert run["presses"] >= 3
+    assert run["host_agrees"]
+    assert run["runtime"].startswith("cpython")
+
+
+def test_two_boards_of_a_linkage_share_nothing(capsys):
+    assert figures(capsys, "--use", "fivebar", "--fast")["error_mm"]["rms"] < 1
+
+
+def test_faults_of_a_scenario_reach_it(capsys):
+    run = figures(capsys, "--fast", "--scenario", "fire", "--seconds", "25")
+    assert run["restarts"] >= 1  # brown-outs
+    assert run["bad_crc"] > 0
+    assert run["touches"] > 0
+
+
+def test_a_key_goes_to_the_usb_host(rig, calibration, tmp_path):
+    made = rig(calibration=calibration, folder=tmp_path)
+    made.board.command("set keys=1")
+    made.board.command("save")
+    made.close()
+    made = rig(folder=tmp_path)
+    made.press(4.0, 1500)
+    made.settle()
+    assert made.link.usb.reports == [(0, bytes((0, 0, 30, 0, 0, 0, 0, 0)))]
+    made.board.command("reboot")  # no key outlives it
+    made.settle(0.5)
+    assert made.link.usb.reports[1] == (0, bytes(8))
+
+
+def test_the_readings_are_those_of_micropython(rig, calibration, monkeypatch):
+    means = []
+    for runtime in ("cpython", "micropython"):
+        monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", runtime)
+        made = rig(calibration=calibration)
+        assert made.board.info["runtime"].startswith(runtime)
+        made.press(42.0, 2000.0)
+        readings = made.readings(40, Touch)
+        means.append(np.mean([(one.position_um, one.force_mN) for one in readings], axis=0))
+    assert means[0] == pytest.approx(means[1], abs=30)
+
+
+def test_a_crash_of_the_firmware_is_logged_and_it_restarts(rig):
+    made = rig()
+    made.readings(2)
+    made.link.bus.write_read = None  # not callable: no OSError, which the firmware expects
+    made.settle(0.5)
+    assert any("crashed and restarts" in line["text"] for line in made.board.log)
+    del made.link.bus.write_read
+    assert len(made.readings(5)) == 5
+
+
+def test_without_a_micropython_nobody_has_to_ask_for_it(capsys, monkeypatch):
+    monkeypatch.delenv("SPOTS_VIRTUAL_RUNTIME")
+    monkeypatch.setattr(vm.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(vm.shutil, "which", lambda name: None)
+    assert figures(capsys, "--fast", "--seconds", "1")["runtime"].startswith("cpython")
+
+
+def test_an_unknown_runtime_is_one_sentence(capsys, monkeypatch):
+    monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", "jython")
+    assert main(["demo", "--fast"]) == 2
+    error = capsys.readouterr().err
+    assert "$SPOTS_VIRTUAL_RUNTIME is one of micropython, cpython, not 'jython'" in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
+def test_it_ends_with_whoever_started_it(sensor, code):
+    run = subprocess.run(
+        [sys.executable, "-m", "spots_sim.cpython_realtime", sensor, "demo", "0"],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert run.stderr == b""
+    assert run.returncode == code
+    assert ("error" in json.loads(run.stdout)) == bool(code)

@@ -1,0 +1,73 @@
+"""Without the laboratory the product works, and names nothing that only the laboratory has."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+HIDE = """
+import importlib.metadata as metadata, sys
+class Hide:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "spots_sim":
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Hide())
+every = metadata.entry_points
+def entry_points(**chosen):
+    return [one for one in every(**chosen) if not one.value.startswith("spots_sim")]
+metadata.entry_points = entry_points
+"""
+COMMANDS = "ports boards build flash erase doctor command monitor serve keys keyboard wearable "
+COMMANDS += "controller twin calibrate record replay info export publish subscribe"
+
+
+@pytest.fixture(scope="module")
+def spots(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hidden")
+    (folder / "sitecustomize.py").write_text(HIDE)
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "spots", *arguments],
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": str(folder)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return run
+
+
+def test_the_commands_are_the_products(spots):
+    said = spots("--help").stdout
+    for name in COMMANDS.split():
+        assert re.search(rf"\n    {name}\s", said)
+    for name in ("demo", "characterize", "design"):
+        assert name not in said
+
+
+@pytest.mark.parametrize("name", COMMANDS.split())
+def test_no_help_names_what_is_simulated(spots, name):
+    run = spots(name, "--help")
+    assert run.returncode == 0, run.stderr
+    # A board of the product's own files is called so: `spots boards` lists it.
+    for word in ("virtual", "simulat", "--sensor", "--scenario"):
+        assert word not in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("monitor",), "or name recording:FILE or zenoh:ID as port"),
+        (("monitor", "--port", "virtual"), "there is no port virtual"),
+        (("twin",), "name a linkage file with --linkage, or boards with --port"),
+    ],
+)
+def test_a_mistake_is_one_sentence(spots, arguments, says):
+    run = spots(*arguments)
+    assert run.returncode == 2
+    assert says in run.stderr
+    assert run.stderr.count("\n") == 1

@@ -1,0 +1,18 @@
+"""The simulator and its boards use the same numbers, on every system."""
+
+import errno
+
+import pytest
+
+from spots_sim.protocol import protocol
+from spots_sim.usb import UsbHost
+
+
+def test_a_full_endpoint_has_the_number_that_the_board_knows(monkeypatch):
+    monkeypatch.setattr(errno, "EAGAIN", 35)  # as on macOS
+    host = UsbHost()
+    host.asks = False
+    host.offer(0, b"a")
+    with pytest.raises(OSError, match="the endpoint is full") as full:
+        host.offer(0, b"b")
+    assert full.value.errno == protocol.EAGAIN
