@@ -5,7 +5,7 @@ import json
 
 from .as7341 import SensorError
 from .calibration import Calibration, CalibrationError
-from .command import LINE_MAX, Commands, LineReader
+from .command import LINE_MAX, NO_MEMORY, Commands, LineReader
 from .frame import TEXT_MAX, Framer, Time32
 from .meter import Meter
 from .settings import SETTINGS_FILE, Settings, checksum, load_lines, save_lines
@@ -49,6 +49,7 @@ class App:
         self.uid = uid
         self.settings = Settings(board.LED_MAX_MA)
         self.calibration_lines = []
+        self._parsed = None
         self.faults = 0
         self.reboot = False
         self.feed = _nothing  # in every step; of a watchdog, where one runs
@@ -159,10 +160,13 @@ class App:
         """Send a log line."""
         self._send({"log": level, "text": text})
 
-    def claim(self, name):
-        """Take note that a reply will follow; ValueError while another one is awaited."""
+    def check_unclaimed(self):
+        """Raise ValueError while a reply is still to follow."""
         if self._claimed:
             raise ValueError("wait for '%s' to end" % self._claimed)
+
+    def claim(self, name):
+        """Record that a reply will follow."""
         self._claimed = name
 
     def finish(self, name, reply):
@@ -183,6 +187,7 @@ class App:
     def use_calibration(self, lines):
         """Take lines that were checked, or none; return why they do not hold now, or None."""
         self.calibration_lines = lines
+        self._parsed = None
         return self.apply_calibration()
 
     def use_layout(self, lines):
@@ -203,24 +208,37 @@ class App:
         str or None
             What keeps something that is wanted from working.
         """
-        why_not = self._choose_calibration()
-        calibration = self.strip.decode.calibration
+        why_not = self._apply_calibration()
+        note = self.uses.note(self.strip.decode.calibration)
+        return "; ".join([text for text in (why_not, note) if text]) or None
+
+    def _apply_calibration(self):
+        try:
+            why_not = self._choose_calibration()
+        except MemoryError:
+            why_not = "no memory is left for the calibration: save and reboot"
         self._set_time()
-        self.uses.apply(calibration)
+        self.uses.apply(self.strip.decode.calibration)
         self.measure()
-        return "; ".join([note for note in (why_not, self.uses.note(calibration)) if note]) or None
+        return why_not
 
     def _choose_calibration(self):
         self.strip.decode.calibration = None
         if not self.calibration_lines:
             return None
         if self._lost:
-            return "not in use until the sensor is back: %s" % self.fault
+            why_not = "the calibration is not in use until the sensor answers"
+            return "%s: %s" % (why_not, self.fault) if self.fault else why_not
         sensor = self.strip.sensor
-        try:
-            calibration = Calibration(self.calibration_lines, self.settings.values["strain_ppm"])
-        except CalibrationError as error:
-            return str(error)
+        # Parsing takes a fifth of a second and much of the heap: not at every return of the sensor.
+        strain_ppm = self.settings.values["strain_ppm"]
+        if self._parsed is None or self._parsed[0] != strain_ppm:
+            self._parsed = None
+            try:
+                self._parsed = strain_ppm, Calibration(self.calibration_lines, strain_ppm)
+            except CalibrationError as error:
+                return str(error)
+        calibration = self._parsed[1]
         reason = calibration.mismatch(
             self.uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
@@ -263,7 +281,7 @@ class App:
         try:
             lines = load_lines(CALIBRATION_FILE)
             if lines:
-                Calibration(lines)
+                self._parsed = 0, Calibration(lines)
             self.calibration_lines = lines
         except ValueError as error:  # CalibrationError is one
             self.log("error", "the stored calibration is not used: %s" % error)
@@ -309,7 +327,8 @@ class App:
             self._clock.sleep_us(_RETRY_US)
             return
         self._lost = False
-        self.apply_calibration()
+        self._apply_calibration()
+        gc.collect()  # what was loaded and parsed just now left garbage
 
     def _lose(self, error):
         self._lost = True
@@ -333,7 +352,11 @@ class App:
 
     def _send(self, reply):
         self._set_time()
-        data = json.dumps(reply).encode()
-        if len(data) > TEXT_MAX:
-            data = json.dumps({"re": reply.get("re"), "error": "the reply is too long"}).encode()
+        try:
+            data = json.dumps(reply).encode()
+            error = "the reply is too long" if len(data) > TEXT_MAX else None
+        except MemoryError:
+            error = NO_MEMORY
+        if error:
+            data = json.dumps({"re": reply.get("re"), "error": error}).encode()
         self.framer.text(data)

@@ -11,6 +11,7 @@ from .upload import Upload
 
 LINE_MAX = 255
 NAME_MAX = 20  # so much of an unknown name comes back in the reply
+NO_MEMORY = "no memory left for this; reboot and try again"
 
 
 class LineReader:
@@ -97,7 +98,7 @@ class Commands:
         except MemoryError:
             self._cal.forget()
             self._layout.forget()
-            reply = {"error": "no memory left for this; reboot and try again"}
+            reply = {"error": NO_MEMORY}
         if reply is not None:
             reply["re"] = name
         return reply
@@ -184,8 +185,9 @@ class Commands:
         return reply
 
     def _dark(self, words):
-        self._app.claim("dark")
+        self._app.check_unclaimed()
         self._app.strip.request_dark(self._dark_done)
+        self._app.claim("dark")
         return None
 
     def _dark_done(self):
@@ -198,9 +200,10 @@ class Commands:
         return {}
 
     def _auto(self, words):
-        self._app.claim("auto")
+        self._app.check_unclaimed()
         self._app.let_go()
         self._app.strip.request_search(self._auto_done)
+        self._app.claim("auto")
         return None
 
     def _auto_done(self, outcome, search):

@@ -10,6 +10,7 @@ INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad")
 _KEYBOARD_PAGE = 7
 _CONSUMER_PAGE = 12
 _WAIT_US = 1_000  # between two offers, when there is nothing else to do
+_NO_MEMORY = "no memory is left for keys: save and reboot"
 
 
 class Uses:
@@ -42,6 +43,7 @@ class Uses:
         self._sensor = 0
         self._rests = False
         self.fault = None
+        self._memory_fault = None
         self._keypad = self._layout = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # interfaces by name
@@ -59,25 +61,26 @@ class Uses:
         """Let go of all, and go on as the settings and the calibration, or None, say."""
         self.release()
         known = calibration is not None
+        self._memory_fault = None
         self._keys_on = bool(self._values["keys"]) and known
         self._gamepad_on = bool(self._values["gamepad"]) and known and self._axes is not None
         if self._keys_on:
-            try:
-                self._prepare_keypad(calibration.length_um)
-            except MemoryError:
-                self._keys_on = False
-                self.fault = "no memory is left for keys: save and reboot"
+            self._keys_on = self._prepare_keypad(calibration.length_um)
         if self._gamepad_on:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
 
     def note(self, calibration):
         """Return what keeps the uses that are switched on from working, or None."""
         wanted = self._wanted()
+        if not wanted:
+            return None
         notes = []
-        if wanted and calibration is None:
+        if calibration is None:
             notes.append("without a calibration no touch is a key or moves an axis")
         missing = [name for name in wanted if name not in self._there]
-        if self.fault:
+        if self._memory_fault:
+            notes.append(self._memory_fault)
+        if missing and self.fault:
             notes.append(self.fault)
         elif missing and self._usb is None:
             notes.append("this board has no USB %s" % " and ".join(missing))
@@ -137,11 +140,17 @@ class Uses:
         return sum(output.outbox.dropped for output in self._outputs)
 
     def _prepare_keypad(self, length_um):
-        if self._keypad is None:
-            from .keypad import Keypad
+        """Load the keypad and its layout; return whether memory sufficed."""
+        try:
+            if self._keypad is None:
+                from .keypad import Keypad
 
-            self._keypad = Keypad(self)
-        self._keypad.set_layout(self._get_layout(), length_um)
+                self._keypad = Keypad(self)
+            self._keypad.set_layout(self._get_layout(), length_um)
+        except MemoryError:
+            self._memory_fault = _NO_MEMORY
+            return False
+        return True
 
     def _get_layout(self):
         if self._layout is None:
@@ -152,9 +161,16 @@ class Uses:
 
     def _wanted(self):
         names = [name for name, setting in INTERFACES if self._values[setting]]
-        if "consumer" in names and _CONSUMER_PAGE not in self._get_layout().pages:
+        if "consumer" in names and not self._has_consumer_keys():
             names.remove("consumer")
         return names
+
+    def _has_consumer_keys(self):
+        try:
+            return _CONSUMER_PAGE in self._get_layout().pages
+        except MemoryError:
+            self._memory_fault = _NO_MEMORY
+            return False
 
     def _open(self):
         names = self._wanted()

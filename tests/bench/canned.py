@@ -73,6 +73,9 @@ class Bus:
         if register == 0x80:
             self._start(registers[0x80] & _SP_EN)
 
+    def recover(self):
+        pass
+
     def _start(self, running):
         r = self.registers
         steps = (r[0x81] + 1) * ((r[0xCA] | r[0xCB] << 8) + 1)
