@@ -247,6 +247,12 @@ class AS7341:
         self._bus.read_into(_STATUS2, self._byte)
         return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
 
+    def report(self, reply):
+        """Put what ``get`` returns of this sensor into a reply; without bus traffic."""
+        reply["missed"] = self.pacing.missed
+        reply["retries"] = self.retries
+        reply["full_scale"] = self.full_scale
+
     def _overdue(self, now):
         silent_us = self._clock.ticks_diff(now, self.complete)
         return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US

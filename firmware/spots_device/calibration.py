@@ -22,6 +22,7 @@ next in straight lines. Segments follow the ascending coarse contrast.
 
 from array import array
 
+from .conditions import Conditions
 from .smux import CHANNELS, PIXELS
 
 ONE_Q13 = 1 << 13
@@ -79,6 +80,11 @@ class Calibration:
     ------
     CalibrationError
         If a statement is missing, unknown or out of range, or the strain is.
+
+    Attributes
+    ----------
+    conditions : conditions.Conditions
+        What it was made with.
     """
 
     def __init__(self, lines, strain_ppm=0):
@@ -91,9 +97,7 @@ class Calibration:
         for name in ("board", "plan") + tuple(_ONCE):
             if name not in seen:
                 raise CalibrationError("the line '%s' is missing" % name)
-        self.board = seen["board"]
-        self.plan = seen["plan"]
-        self.gain, self.exposure_us, self.led_mA = seen["made"]
+        self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
             raise CalibrationError("'touch' needs 0 < end <= begin")
@@ -112,17 +116,25 @@ class Calibration:
         )
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
 
-    def mismatch(self, board, plan, gain, exposure_us, led_mA):
-        """Return why this calibration does not hold for such readings, or None."""
-        if board != self.board:
-            return "the calibration was made on board %s, this is %s" % (self.board, board)
-        if tuple(plan) != self.plan:
-            return "the calibration was made with channels " + " ".join(self.plan)
-        made = (self.gain, self.exposure_us, self.led_mA)
-        if (gain, exposure_us, led_mA) != made:
+    def mismatch(self, conditions):
+        """Return why this calibration is invalid for readings taken so, or None.
+
+        Parameters
+        ----------
+        conditions : conditions.Conditions
+        """
+        made = self.conditions
+        if conditions.board != made.board:
+            return "the calibration was made on board %s, this is %s" % (
+                made.board,
+                conditions.board,
+            )
+        if conditions.plan != made.plan:
+            return "the calibration was made with channels " + " ".join(made.plan)
+        if conditions != made:
             return (
                 "the calibration was made at gain=%d exposure_us=%d led_mA=%d; "
-                "set these, or calibrate anew" % made
+                "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
             )
         return None
 

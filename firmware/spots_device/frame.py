@@ -41,6 +41,7 @@ class Time32:
     """
 
     def __init__(self, clock):
+        self._ticks_us = clock.ticks_us
         self._diff = clock.ticks_diff
         self._last = clock.ticks_us()
         self.low = self.high = 0
@@ -51,6 +52,14 @@ class Time32:
         self._last = ticks
         self.high = (self.high + (low >> 16)) & 0xFFFF
         self.low = low & 0xFFFF
+
+    def update(self):
+        """Move to now."""
+        self.set(self._ticks_us())
+
+    def us(self):
+        """Return the time in us; allocates where it does not fit a small integer."""
+        return self.high << 16 | self.low
 
 
 class Framer:

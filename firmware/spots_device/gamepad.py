@@ -16,7 +16,7 @@ class GamepadAxes:
     Parameters
     ----------
     sink : object
-        As `hid.Gamepad`.
+        As `hid.GamepadReports`.
     """
 
     def __init__(self, sink):

@@ -121,7 +121,7 @@ def _any(report):
     return bits != 0
 
 
-class Keyboard:
+class KeyboardReports:
     """Key events in, one report for each.
 
     A key beyond six at once is not taken.
@@ -181,7 +181,7 @@ class Keyboard:
             self._modifiers[i] = 0
 
 
-class Consumer:
+class ConsumerReports:
     """Key events of the consumer page in, one report for each; the last key pressed counts."""
 
     def __init__(self, send):
@@ -204,7 +204,7 @@ class Consumer:
         self.outbox.release()
 
 
-class Gamepad:
+class GamepadReports:
     """Axes and buttons in. Every change of a button is a report; of an axis, the latest value."""
 
     def __init__(self, send):

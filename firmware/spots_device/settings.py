@@ -33,7 +33,7 @@ LIMITS = {
 _AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad", "watchdog")
 
 
-class Settings:
+class BoardSettings:
     """What the user may set.
 
     Parameters
@@ -87,6 +87,12 @@ class Settings:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         self.values.update(checked)
         return any(name not in _AFTER_THE_SENSOR for name in checked)
+
+    def reply(self):
+        """Return the settings as replies contain them."""
+        reply = dict(self.values)
+        reply["plan"] = list(reply["plan"])
+        return reply
 
     def lines(self):
         """Return the settings as assignments, as `change` takes them."""

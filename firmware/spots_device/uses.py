@@ -4,6 +4,8 @@ Settings say which; a board without USB for them sends keys as frames alone. Wha
 on is not loaded, so that the memory is there for something else.
 """
 
+from .settings import checksum
+
 # USB interface, and the setting that wants it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
 # HID usage pages as in layout.py, which is loaded only where it is used.
@@ -13,12 +15,19 @@ _WAIT_US = 1_000  # between two offers, when there is nothing else to do
 _NO_MEMORY = "no memory is left for keys: save and reboot"
 
 
+def check_layout(lines):
+    """Raise LayoutError, a ValueError, if lines are no layout."""
+    from .layout import Layout  # only where it is used
+
+    Layout(lines)
+
+
 class Uses:
     """Hands readings to what the settings switch on, and reports to the host.
 
     Parameters
     ----------
-    settings : settings.Settings
+    settings : settings.BoardSettings
         ``keys`` and ``gamepad``; read at `apply`.
     framer : frame.Framer
     time : frame.Time32
@@ -56,6 +65,10 @@ class Uses:
         """Take lines of a layout that were checked, or none; `apply` has to follow."""
         self.layout_lines = lines
         self._layout = None
+
+    def layout_checksum(self):
+        """Return the checksum of the layout, or None without one."""
+        return checksum(self.layout_lines) if self.layout_lines else None
 
     def apply(self, calibration):
         """Let go of all, and go on as the settings and the calibration, or None, say."""
@@ -182,9 +195,13 @@ class Uses:
             self.fault = str(error)
             return
         from .gamepad import GamepadAxes
-        from .hid import Consumer, Gamepad, Keyboard
+        from .hid import ConsumerReports, GamepadReports, KeyboardReports
 
-        kinds = {"keyboard": Keyboard, "consumer": Consumer, "gamepad": Gamepad}
+        kinds = {
+            "keyboard": KeyboardReports,
+            "consumer": ConsumerReports,
+            "gamepad": GamepadReports,
+        }
         self._there = {name: kinds[name](send) for name, send in sends.items()}
         self._outputs = tuple(self._there.values())
         self._keyboard = self._there.get("keyboard")

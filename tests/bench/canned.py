@@ -4,7 +4,7 @@ Stands where bus, clock and serial port stand on a board, and allocates nothing 
 what a sample costs is the firmware's own. Used by the benchmark and by the tests.
 """
 
-from spots_device.app import App
+from spots_device.app import BoardApp
 from spots_device.as7341 import AS7341
 
 _AINT = 0x08
@@ -117,7 +117,7 @@ class BoardConfig:
     LED_MAX_MA = 100
 
 
-def app(calibration=(), serial=None, usb=None, make=App):
+def app(calibration=(), serial=None, usb=None, make=BoardApp):
     """Return (App, Bus, Clock, Serial), past the dark window, streaming readings and spectra.
 
     Parameters
@@ -127,9 +127,9 @@ def app(calibration=(), serial=None, usb=None, make=App):
     serial : object, optional
         A port in place of `Serial`.
     usb : object, optional
-        As `app.App` asks for.
+        As `app.BoardApp` asks for.
     make : type, optional
-        The `App` of another copy of the firmware.
+        The `BoardApp` of another copy of the firmware.
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()

@@ -194,7 +194,7 @@ def test_a_setting_that_leaves_the_calibration_says_so_and_coming_back_restores_
     rig, calibration
 ):
     made = rig(calibration=calibration)
-    assert "calibrate anew" in made.board.command("set exposure_us=20000")["note"]
+    assert "calibrate again" in made.board.command("set exposure_us=20000")["note"]
     made.press(42.0, 3000.0)
     assert all(not r.touching and r.flags & 1 << 6 for r in made.readings(5))
     assert "note" not in made.board.command("set exposure_us=10000")

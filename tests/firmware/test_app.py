@@ -59,7 +59,7 @@ class Board:
         self.host = Host()
         self.replies = []
         self.app, self.bus, self.clock, _ = canned.app(calibration, self.host, usb)
-        self.app._send = self.replies.append
+        self.app.replies.send = self.replies.append
         for word in settings:
             self.command("set " + word)
 
@@ -75,13 +75,13 @@ class Board:
         """Unplug the sensor and let the board notice."""
         self._registers = self.bus.read_into
         self.bus.read_into = self._refuse
-        while not self.app.fault:
+        while not self.app.reconnect.fault:
             self.app.step()
 
     def find(self):
         """Plug it in again, and let the board sample."""
         self.bus.read_into = self._registers
-        while self.app.fault:
+        while self.app.reconnect.fault:
             self.app.step()
 
     def _refuse(self, register, buffer):
@@ -135,7 +135,7 @@ def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):
 
 def test_before_the_sensor_has_started_a_note_says_so():
     board = Board(calibration=LINES)
-    board.app._lost, board.app.fault = True, None
+    board.app.reconnect.lost, board.app.reconnect.fault = True, None
     note = board.app.apply_calibration()
     assert "None" not in note
     assert note == "the calibration is not in use until the sensor answers"
@@ -176,7 +176,7 @@ def test_a_strain_is_part_of_what_was_parsed(monkeypatch):
 
 def test_a_reply_without_memory_does_not_end_the_loop(monkeypatch):
     board = Board()
-    del board.app._send
+    del board.app.replies.send
     board.app.strip.stream_touch = board.app.strip.stream_spectrum = False
     frames = board.host.frames
     dumps = json.dumps

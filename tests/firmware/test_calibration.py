@@ -6,6 +6,7 @@ import pytest
 from smallint import SmallInt
 
 from spots_device.calibration import Calibration, CalibrationError
+from spots_device.conditions import Conditions
 
 GOOD = """\
 board 00ff
@@ -41,7 +42,7 @@ def changed(old, new):
 
 def test_the_real_one_is_good(calibration):
     made = Calibration(calibration)
-    assert made.plan == ("F3", "F4", "F5", "F6", "F7", "F8")
+    assert made.conditions.plan == ("F3", "F4", "F5", "F6", "F7", "F8")
     assert made.length_um == 85_000
     assert min(min(part.positions_um) for part in made.segments) == 0
 
@@ -140,8 +141,8 @@ def test_every_accepted_number_is_a_small_int(calibration):
 )
 def test_a_mismatch_says_what_to_do(board, plan, gain, exposure_us, led_mA, says):
     made = Calibration(GOOD)
-    assert says in made.mismatch(board, plan.split()[1:], gain, exposure_us, led_mA)
+    assert says in made.mismatch(Conditions(board, plan.split()[1:], gain, exposure_us, led_mA))
 
 
 def test_a_match_says_nothing():
-    assert Calibration(GOOD).mismatch("00ff", GOOD[1].split()[1:], 9, 10000, 20) is None
+    assert Calibration(GOOD).mismatch(Conditions("00ff", GOOD[1].split()[1:], 9, 10000, 20)) is None

@@ -169,7 +169,7 @@ def serial(monkeypatch):
         ticks_add=lambda ticks, us: (ticks + us) % turn,
         ticks_diff=lambda end, start: (end - start + turn // 2) % turn - turn // 2,
     )
-    return module.Serial(), port
+    return module.StdioSerial(), port
 
 
 def test_micropython_waits_ever_more_rarely_for_a_host_that_does_not_read(serial):
@@ -224,7 +224,7 @@ def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypat
         implementation = SimpleNamespace(version=version)
         module.sys = SimpleNamespace(platform=platform, implementation=implementation)
         with pytest.raises(OSError, match=why):
-            module.Usb(SimpleNamespace()).open(["keyboard"])
+            module.MachineUsb(SimpleNamespace()).open(["keyboard"])
 
 
 class Pin:
@@ -242,12 +242,12 @@ class Pin:
 def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     constants = {"const": lambda value: value}
     module = fresh(monkeypatch, "micropython", micropython=constants, machine={"Pin": Pin})
-    usb = module.Usb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
+    usb = module.MachineUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Pin.made.number, Pin.made.level) == ("LED", 1 - level)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
         usb._show_leds(leds)
         assert (Pin.made.level == level) == lit
-    module.Usb(SimpleNamespace())._show_leds(2)  # a board without one
+    module.MachineUsb(SimpleNamespace())._show_leds(2)  # a board without one
 
 
 @pytest.mark.parametrize("error", [OSError, RuntimeError])
@@ -442,9 +442,9 @@ def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
         digitalio={"DigitalInOut": Wire},
         micropython={"const": lambda value: value},
     )
-    usb = module.Usb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
+    usb = module.CircuitUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Wire.made.pin, Wire.made.value) == ("the red one", level == 0)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
         usb._show_leds(leds)
         assert (Wire.made.value == bool(level)) == lit
-    module.Usb(SimpleNamespace())._show_leds(2)  # a board without one
+    module.CircuitUsb(SimpleNamespace())._show_leds(2)  # a board without one

@@ -8,6 +8,7 @@ import pytest
 
 from spots.link.frames import Decoder, Key, Spectrum, Touch
 from spots_device.calibration import Calibration, CalibrationError
+from spots_device.dark import DARK_EVERY_US
 from spots_device.decode import (
     DARK_SUBTRACTED,
     DROPPED,
@@ -20,7 +21,7 @@ from spots_device.decode import (
 )
 from spots_device.exposure import MAX_US
 from spots_device.layout import KEYBOARD, action
-from spots_device.strip import DARK_EVERY_US, IDLE_US
+from spots_device.strip import IDLE_US
 
 # Presses of the default sensor at its two ends, and what more and less light would give.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]

@@ -34,10 +34,10 @@ lines = None
 sensor = app.strip.sensor
 for _ in range(_RETURNS):
     sensor._bus = Absent()
-    while not app.fault:
+    while not app.reconnect.fault:
         app.step()
     sensor._bus = bus
-    while app._lost:
+    while app.reconnect.lost:
         app.step()
     gc.disable()
     before = gc.mem_alloc()
