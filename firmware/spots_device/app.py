@@ -1,4 +1,4 @@
-"""The loop: wait for a sample, decode it, frame it, and listen for commands in between."""
+"""The application and its loop: wait for a sample, decode and frame it, read commands between."""
 
 import gc
 
@@ -16,8 +16,8 @@ from .uses import Uses, check_layout
 CALIBRATION_FILE = "calibration.txt"
 LAYOUT_FILE = "layout.txt"
 
-_SLICE_US = 10_000  # longest sleep with a deaf ear
-_LAST_US = 100_000  # for the host to hear, at the end, that no key is down
+_SLICE_US = 10_000  # longest sleep without reading commands
+_LAST_US = 100_000  # for the host to fetch, at the end, the release of all keys
 _NO_CHARACTER = -1
 _CTRL_C = 3
 
@@ -74,11 +74,14 @@ class BoardApp:
         self._commands = Commands(self)
 
     def run(self):
-        """Run until told to reboot; on every exit path no key stays down and the LED is off."""
+        """Run until the command ``reboot``.
+
+        On every exit path all keys are released and the LED is switched off.
+        """
         self._left = False
         self._leave_until = None
-        # Each step of the end runs inside the guards after it, and does nothing if it was done. Two
-        # interrupts may come in between: one before they are off, and one that was on its way.
+        # `_leave` is idempotent and guarded twice: two interrupts may come in between, one before
+        # they are switched off and one that was pending.
         try:
             try:
                 try:
@@ -112,7 +115,7 @@ class BoardApp:
         self._left = True
 
     def step(self):
-        """Do what is due now; sleeps at most a slice. Allocates nothing while sampling."""
+        """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
         self.feed()
         self._listen()
         self.uses.pump()
@@ -240,7 +243,7 @@ class BoardApp:
         return self.meter.rate_mHz(s["exposure_us"], s["average"])
 
     def let_go(self):
-        """Release all keys, for no reading may come for a while."""
+        """Release all keys: no reading may come for a while."""
         self._time.update()
         self.uses.release()
 
@@ -274,7 +277,7 @@ class BoardApp:
             return []
 
     def _listen(self):
-        # One line at most: whatever the host sends, readings and reports get their turn.
+        # At most one command per pass, so a flood from the host cannot starve sampling.
         for _ in range(LINE_MAX):
             byte = self._serial.read()
             if byte < 0:

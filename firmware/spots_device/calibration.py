@@ -1,4 +1,4 @@
-"""A calibration as the board holds it: lines of integers, checked before they are believed.
+"""A calibration as the board stores it: lines of integers, validated before they are used.
 
 One statement a line; weights are Q13, logarithms Q20::
 
@@ -6,8 +6,8 @@ One statement a line; weights are Q13, logarithms Q20::
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
-    coarse 1 -2 ...            six weights, sum 0: a contrast that tells the segment
-    fit 1 -2 ...               six weights, sum 0: what one press cannot do
+    coarse 1 -2 ...            six weights, sum 0: a contrast that chooses the segment
+    fit 1 -2 ...               six weights, sum 0: the misfit to a single press
     segment 1 -2 ... 3 4 ...   twelve weights, for each segment of the strip in turn: six for the
                                position (sum 0), six for the force (sum 8192)
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
@@ -173,7 +173,7 @@ def _take(line, words, seen, strains):
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
     else:
-        raise CalibrationError("'%s' is no line of a calibration" % line[:40])
+        raise CalibrationError("'%s' is not a line of a calibration" % line[:40])
 
 
 def _integers(line, count):

@@ -10,7 +10,7 @@ from .upload import Upload
 from .uses import check_layout
 
 LINE_MAX = 255
-NAME_MAX = 20  # so much of an unknown name comes back in the reply
+NAME_MAX = 20  # so much of an unknown name is repeated in the reply
 
 
 class LineReader:
@@ -192,7 +192,7 @@ class Commands:
         return {}
 
     def _sync(self, words):
-        # What is streamed tells a host that the board has restarted.
+        # A host detects by the streams that the board has restarted.
         return {"t_us": self._app.time_us(), "stream": self._app.strip.streams()}
 
     def _reboot(self, words):

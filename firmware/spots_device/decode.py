@@ -4,8 +4,7 @@ With L_i = log2(counts_i - dark_i), Eq. 1 of the paper is linear in the filterin
 logarithm of the coupled light. Weights that add up to 0 leave x (the position contrast), weights
 that add up to 1 and cancel the decay leave the light (the brightness). What is best changes along
 the strip, as the counts do: a coarse contrast chooses the segment whose weights are used. One more
-set tells whether one press can have made this spectrum. Integers of 31 bits only, allocates
-nothing.
+set measures the misfit to a single press. Integers of 31 bits only; allocates nothing.
 """
 
 from array import array

@@ -150,14 +150,15 @@ class Framer:
         return self._send(HEADER_SIZE + len(data), self._gap)
 
     def _send(self, size, gap_after):
-        # `gap_after` is what is left to tell of a gap once this one is out: some have no flags.
+        # `gap_after`: the gap that remains to be marked once this frame is out, for KEY and TEXT
+        # frames have no flags.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
             self._encoded[length] = 0
             length += 1
         self._sequence = (self._sequence + 1) & 0xFFFF
-        # What was dropped may have been cut short: without a delimiter it would swallow this one.
+        # A dropped frame may be out in part: without a delimiter this one would be lost too.
         if (not self._gap or self._write(_DELIMITER, 1)) and self._write(self._encoded, length):
             self._gap = gap_after
             return True

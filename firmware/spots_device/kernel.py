@@ -17,7 +17,7 @@ CRC_SIZE = 4  # bytes
 
 
 def accumulate(sums, counts, samples):
-    """Add six counts to the sums of `samples` earlier ones; with 0 of them, begin anew."""
+    """Add six counts to the sums of `samples` earlier ones; with 0 of them, restart."""
     if samples == 0:
         for i in range(CHANNELS):
             sums[i] = counts[i]
@@ -27,7 +27,7 @@ def accumulate(sums, counts, samples):
 
 
 def follow(rest, floor, sums, samples, dark, dark_samples, up, down):
-    """Let the light of the untouched strip follow what it is now.
+    """Move the baseline, the light of the untouched strip, towards a reading.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
     Returns
     -------
     int
-        1 where it is too dark to tell a position, 2 if one press cannot have made this, else 0.
+        1 if it is too dark for a position, 2 if the spectrum misfits a single press, else 0.
     """
     for i in range(4):
         reading[i] = 0

@@ -1,8 +1,8 @@
 """What the user may set, and text files that survive a power cut.
 
-A file ends in a checksum line. A new one is written beside the old one, which is kept as the last
-good copy; at every moment of a save at least one whole file is there. Nothing is written but by the
-command ``save``.
+A file ends in a checksum line. A new one is written beside the old one, which remains as the last
+good copy: at every moment of a save there is at least one valid file. Only the command ``save``
+writes.
 """
 
 import os
@@ -39,7 +39,7 @@ class BoardSettings:
     Parameters
     ----------
     led_max_mA : int
-        What the board's LED stands.
+        Largest current of the board's LED.
 
     Attributes
     ----------
@@ -53,14 +53,14 @@ class BoardSettings:
         self.values["plan"] = DEFAULT_PLAN
 
     def change(self, words):
-        """Take assignments such as ``gain=9``: all of them, or none.
+        """Apply assignments such as ``gain=9``; atomic, unchanged on error.
 
         Exposure and LED current become what the chip makes of them.
 
         Returns
         -------
         bool
-            Whether the sensor has to be started anew.
+            Whether the sensor has to be restarted.
 
         Raises
         ------
@@ -169,7 +169,7 @@ def load_lines(path):
         lines = _lines_of(candidate)
         if lines is not None:
             return lines
-        # A new file that is cut short is none yet.
+        # A new file that is cut short was never valid.
         damaged = damaged or (candidate != path + ".new" and _exists(candidate))
     if damaged:
         raise ValueError("the file %s and its copies are damaged" % path)

@@ -1,7 +1,7 @@
-"""What readings become besides frames: keys, and a gamepad.
+"""Keys and gamepad: what readings become besides frames.
 
-Settings say which; a board without USB for them sends keys as frames alone. What is not switched
-on is not loaded, so that the memory is there for something else.
+The settings choose; a board without USB HID sends keys as frames alone. What is switched off is not
+loaded, which saves memory.
 """
 
 from .settings import checksum
@@ -23,7 +23,7 @@ def check_layout(lines):
 
 
 class Uses:
-    """Hands readings to what the settings switch on, and reports to the host.
+    """Passes readings to keypad and gamepad, and their reports to the host.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Uses:
         ``keys`` and ``gamepad``; read at `apply`.
     framer : frame.Framer
     time : frame.Time32
-        Set to the time of what happens before it is told.
+        Set to the time of an event before the event is passed on.
     usb : object or None
         ``open(names) -> dict``: for each interface of `INTERFACES` that there is now, what sends
         its reports. Raises OSError with a sentence if it cannot. None on a board without.
@@ -71,7 +71,7 @@ class Uses:
         return checksum(self.layout_lines) if self.layout_lines else None
 
     def apply(self, calibration):
-        """Let go of all, and go on as the settings and the calibration, or None, say."""
+        """Release all keys, then follow the settings and this calibration, or None."""
         self.release()
         known = calibration is not None
         self._memory_fault = None
@@ -83,7 +83,7 @@ class Uses:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
 
     def note(self, calibration):
-        """Return what keeps the uses that are switched on from working, or None."""
+        """Return what keeps keys or gamepad from working although they are on, or None."""
         wanted = self._wanted()
         if not wanted:
             return None
@@ -104,7 +104,10 @@ class Uses:
         return "; ".join(notes) or None
 
     def take(self, sensor, decode):
-        """Take a reading; return whether what lies there has rested too long to be a finger."""
+        """Take a reading; return whether what lies there has rested too long to be a finger.
+
+        Allocates nothing.
+        """
         self._sensor = sensor
         self._rests = False
         if self._keys_on:
@@ -125,31 +128,31 @@ class Uses:
             self._consumer.key(usage, pressed)
 
     def stuck(self):
-        """Take note that what lies there is no finger."""
+        """Record that what lies on the strip is not a finger."""
         self._rests = True
 
     def pump(self):
-        """Offer what waits to the host, once; return whether nothing waits any more."""
+        """Offer queued reports to the host, once; return whether all queues are empty."""
         idle = True
         for output in self._outputs:
             idle = output.outbox.pump() and idle
         return idle
 
     def release(self):
-        """Let go of all; a touch that lasts is none until it was lifted."""
+        """Release all; a touch that lasts counts again only after it was lifted."""
         if self._keypad is not None:
             self._keypad.release()
         for output in self._outputs:
             output.release()
 
     def finish(self, clock, until):
-        """Release all and see that the host gets it, but wait no longer than until these ticks."""
+        """Release all and send it to the host; give up at these ticks."""
         self.release()
         while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
             clock.sleep_us(_WAIT_US)
 
     def dropped(self):
-        """Return how many reports the host never got."""
+        """Return how many reports were never sent."""
         return sum(output.outbox.dropped for output in self._outputs)
 
     def _prepare_keypad(self, length_um):

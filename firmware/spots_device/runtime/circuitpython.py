@@ -44,15 +44,15 @@ class BusioBus:
 
 
 class AdafruitSensor(AS7341):
-    """An AS7341 that Adafruit's driver brings up: power, exposure, gain and LED are its part.
+    """An AS7341 whose power, exposure, gain and LED are set by Adafruit's driver.
 
     Parameters
     ----------
     scl, sda : microcontroller.Pin
     frequency_hz : int
-        Of the bus. It is opened anew until it does, for it raises RuntimeError where nothing
-        pulls the wires up, or something holds them low: so does a chip whose board was reset in
-        the middle of a byte.
+        Of the bus. Opening is tried again until it succeeds: it raises RuntimeError where nothing
+        pulls the wires up or something holds them low, such as a chip whose board was reset in the
+        middle of a byte.
     clock : object
         As `as7341.AS7341` asks for.
     """
@@ -126,7 +126,7 @@ def _put(wire, level):
 class MonotonicClock:
     """Ticks as in MicroPython's ``time``.
 
-    The only clock of microseconds here is a long integer, so that each look at it allocates.
+    The only clock of microseconds here is a long integer, so each call allocates.
     """
 
     @staticmethod
@@ -153,10 +153,10 @@ class MonotonicClock:
 
 
 class CdcSerial:
-    """The USB serial port for data; the console stays what it was."""
+    """The USB serial port for data; the console is another one."""
 
     def __init__(self, port, clock):
-        # Either one left at None waits for ever.
+        # With None they would block for ever.
         port.timeout = 0
         port.write_timeout = 0
         self._port = port
@@ -223,9 +223,9 @@ class CircuitUsb:
 
 
 def boot():
-    """Prepare USB, once after a reset; all stays as it was while the board's button is pressed.
+    """Prepare USB, once after a reset; changes nothing while the board's button is pressed.
 
-    The drive is the board's to write on, so that ``save`` works: the host may then only read it.
+    The drive becomes writable for the board, so that ``save`` works, and read-only for the host.
     """
     import board_config
 
@@ -265,7 +265,7 @@ def main():
     sensor = AdafruitSensor(scl, sda, board_config.I2C_HZ, clock)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
-    # Not every build has it; then what an interrupt breaks off is only tried again.
+    # Not every build has it; without it, the end of a run is only tried again after Ctrl-C.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
     run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
 

@@ -14,13 +14,13 @@ from .stay import told_to_stay
 
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
-_SLOW_US = const(200_000)  # a port whose host does not read keeps a write for half a second
+_SLOW_US = const(200_000)  # a port whose host does not read blocks a write for half a second
 _PAUSE_US = const(250_000)  # after such a write; twice as long after each further one
 _PAUSE_MAX_US = const(64_000_000)
 
 
 class MachineBus:
-    """The sensor's registers over ``machine.I2C``. Transfers allocate nothing.
+    """Reads and writes the sensor's registers over ``machine.I2C``. Transfers allocate nothing.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class StdioSerial:
     Frames go out on ``sys.stdout.buffer``: ``sys.stdout`` would add a CR to every LF. Each
     direction has its own poll, for `ipoll` allocates nothing once it has run.
 
-    While the host does not read, a full port of the RP2040 is not writable. The ESP32's always says
-    that it is, and then waits: so after a slow write nothing is sent for a while, but to a host
-    that says something.
+    While the host does not read, a full port of the RP2040 is not writable. The ESP32's is always
+    writable, and then blocks: so after a slow write nothing is sent for a back-off time, unless
+    the host sends something.
     """
 
     def __init__(self):
@@ -89,7 +89,7 @@ class StdioSerial:
     def write(self, buffer, size):
         """Write `size` bytes if the port takes them now; return whether it took them all."""
         began = time.ticks_us()
-        # A time long past looks as one to come.
+        # The ticks wrap: a time long past looks like a future one.
         if 0 < time.ticks_diff(self._from, began) <= self._pause_us:
             return False
         for _, event in self._writable.ipoll(0):

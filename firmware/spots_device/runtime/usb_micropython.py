@@ -54,14 +54,14 @@ class _Reports(HIDInterface):
         return True
 
     def send(self, report):
-        """Give a report to the stack, if it has nothing of this interface left to send."""
+        """Offer a report to the stack; return whether it was taken. Never blocks."""
         if not self.is_open() or self.busy():
             return False
         for i in range(len(report)):
             self._report[i] = report[i]
         try:
             return self.send_report(self._report, 0)
-        except (OSError, RuntimeError):  # gone between the question and now
+        except (OSError, RuntimeError):  # disconnected since `is_open`
             return False
 
 
