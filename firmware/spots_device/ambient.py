@@ -10,7 +10,7 @@ ODD_COUNTS = 24
 ODD_EVERY_US = 2_000_000
 
 
-class Ambient:
+class OddLight:
     """Judges readings since the last dark frame. Allocates nothing."""
 
     def __init__(self):

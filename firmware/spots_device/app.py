@@ -199,6 +199,7 @@ class BoardApp:
                 self.strip.conditions, self.settings.values["strain_ppm"]
             )
         self.strip.decode.calibration = found
+        self.strip.configure()
         self._time.update()
         self.uses.apply(found)
         self.measure()

@@ -2,7 +2,6 @@
 
 from array import array
 
-from .decode import DARK_SAMPLES
 from .kernel import follow
 from .smux import CHANNELS
 
@@ -11,7 +10,11 @@ from .smux import CHANNELS
 SETTLED_US = 200_000
 _UP = 10
 _DOWN = 6
-_Q = 10
+_Q = 12
+_POOL_SAMPLES = 64
+_POOL_SHIFT = _Q - 6  # from Q12 to sums over so many
+# Times the samples of a reading: keeps the sums of `kernel.estimate` below 2**24.
+_PRODUCT_MAX = 256
 
 
 class Baseline:
@@ -24,7 +27,9 @@ class Baseline:
     Attributes
     ----------
     floor : array of int
-        Dark frame and baseline together: what a reading is compared with.
+        Dark frame and baseline together, as six sums: what is taken off a reading.
+    samples : int
+        Samples of the readings that `floor` is scaled for.
     followed : bool
         Whether there is a baseline.
     wanted : bool
@@ -33,14 +38,30 @@ class Baseline:
 
     def __init__(self, dark):
         self._dark = dark
-        self._level = array("i", bytes(4 * CHANNELS))
+        self._level = array("i", bytes(4 * CHANNELS))  # counts, Q12
+        self._shift = _Q
+        self.samples = 0
         self.followed = False
         self.floor = array("i", bytes(4 * CHANNELS))
         self.wanted = False
 
-    def levels(self):
-        """Return the baseline, counted as the dark frame is."""
-        return [level >> _Q for level in self._level]
+    def sums(self):
+        """Return the baseline as six sums over `decode.DARK_SAMPLES` samples."""
+        return [level >> _POOL_SHIFT for level in self._level]
+
+    def rescale(self, samples):
+        """Scale `floor` for readings of so many samples; return over how many samples it is.
+
+        That is a power of 2: as many as the pool has, if the sums of `kernel.estimate` allow it.
+        """
+        self.samples = samples
+        dark_samples = _POOL_SAMPLES
+        self._shift = _POOL_SHIFT
+        while dark_samples * samples > _PRODUCT_MAX:
+            dark_samples >>= 1
+            self._shift += 1
+        self.update()
+        return dark_samples
 
     def follow(self, sums, samples, idle_us, rests):
         """Take a reading with the LED on; allocates nothing.
@@ -64,7 +85,7 @@ class Baseline:
         else:
             return
         self.followed = True
-        follow(self._level, self.floor, sums, samples, self._dark.sums, DARK_SAMPLES, up, down)
+        follow(self._level, self.floor, sums, samples, self._dark.mean, self._shift, up, down)
 
     def forget(self):
         """Start from the dark frame alone."""
@@ -75,5 +96,6 @@ class Baseline:
 
     def update(self):
         """Use a new dark frame."""
+        half = 1 << self._shift >> 1
         for i in range(CHANNELS):
-            self.floor[i] = self._dark.sums[i] + (self._level[i] >> _Q)
+            self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift

@@ -159,7 +159,7 @@ class Commands:
         return None
 
     def _dark_done(self):
-        self._replies.finish("dark", {"dark": list(self._app.strip.dark_frame())})
+        self._replies.finish("dark", {"dark": self._app.strip.dark_frame()})
 
     def _rest(self, words):
         if not self._app.settings.values["baseline"]:

@@ -20,7 +20,7 @@ HEADER_SIZE = 7
 TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 SPECTRUM_BODY = "BB6H"  # flags, gain, counts
 KEY_BODY = "BHBB"  # usage page, usage, modifiers, pressed
-TEXT_MAX = 600  # the longest reply is that to `get`
+TEXT_MAX = 640  # the longest reply is that to `get`, 602
 
 _DELIMITER = b"\0"
 _TOUCH_FRAME = HEADER + TOUCH_BODY

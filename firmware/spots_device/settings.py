@@ -25,12 +25,21 @@ LIMITS = {
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
+    "dark_every": (0, 10_000, 0),  # one dark sample in so many, also while touched; 0 for none
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
 }
-# A change of these needs no new start of the sensor.
-_AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad", "watchdog")
+# A change of these needs no restart of the sensor.
+_AFTER_THE_SENSOR = (
+    "average",
+    "strain_ppm",
+    "baseline",
+    "dark_every",
+    "keys",
+    "gamepad",
+    "watchdog",
+)
 
 
 class BoardSettings:

@@ -7,7 +7,7 @@ dark window or a search.
 
 from array import array
 
-from .ambient import Ambient
+from .ambient import OddLight
 from .baseline import Baseline
 from .conditions import Conditions
 from .dark import Dark
@@ -58,7 +58,7 @@ class Strip:
         self.decode = Decode()
         self._dark = Dark()
         self._baseline = Baseline(self._dark)
-        self._ambient = Ambient()
+        self._odd_light = OddLight()
         self.stream_touch = self.stream_spectrum = False
         self._board_id = board_id
         self._pacing = sensor.pacing
@@ -95,8 +95,8 @@ class Strip:
 
     def report(self, reply):
         """Put what ``get`` returns of this strip and its sensor into a reply."""
-        reply["dark"] = list(self._dark.sums)
-        reply["rest"] = self._baseline.levels()
+        reply["dark"] = self.dark_frame()
+        reply["rest"] = self._baseline.sums()
         self.sensor.report(reply)
 
     def saturation(self):
@@ -107,8 +107,17 @@ class Strip:
             return None
 
     def dark_frame(self):
-        """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples, not a copy."""
-        return self._dark.sums
+        """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples."""
+        return self._dark.sums()
+
+    @property
+    def floor(self):
+        """What is taken off a reading: six sums over `Decode.dark_samples` samples."""
+        return self._baseline.floor
+
+    def configure(self):
+        """Apply settings that need no restart of the sensor."""
+        self._dark.schedule(self.sensor.exposure_us, self.settings.values["dark_every"])
 
     def streams(self):
         """Return the names of the frames that are streamed."""
@@ -122,7 +131,7 @@ class Strip:
 
     def request_dark(self, done):
         """Take a dark frame now; then call ``done()``."""
-        self._dark.wanted = True
+        self._dark.request_pool()
         self._on_dark = done
 
     def request_search(self, done):
@@ -130,7 +139,7 @@ class Strip:
         s = self.settings.values
         self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
         self._on_search = done
-        self._dark.wanted = True
+        self._dark.request()
 
     def request_rest(self):
         """Use what lies on the strip now as its baseline."""
@@ -159,7 +168,9 @@ class Strip:
             self._take_blink(sensor)
         # Never in the middle of an average, however long it is, unless it is asked for.
         due = dark.wanted or (
-            dark.age_us >= dark.every_us and not self._samples and self._idle_us >= IDLE_US
+            dark.age_us >= dark.every_us
+            and not self._samples
+            and (self._idle_us >= IDLE_US or dark.always)
         )
         if due and self._state <= _UNKNOWN:
             self._start_blink(sensor)
@@ -181,23 +192,26 @@ class Strip:
         lasted_us = samples * sensor.exposure_us
         flags |= DARK_SUBTRACTED if sensor.led_on else LED_OFF
         decode = self.decode
-        decode.update(sums, samples, self._baseline.floor, flags)
+        baseline = self._baseline
+        if samples != baseline.samples and sensor.led_on:
+            decode.dark_samples = baseline.rescale(samples)
+        decode.update(sums, samples, baseline.floor, flags)
         flags = decode.flags
         if flags & TOUCHING:
             self._idle_us = 0
         elif self._idle_us < IDLE_US:
             self._idle_us += lasted_us
-        if self._ambient.take(flags, sums, samples, lasted_us, self._dark.age_us):
-            self._dark.wanted = True
+        if self._odd_light.take(flags, sums, samples, lasted_us, self._dark.age_us):
+            self._dark.request()
         self._time.set(self._add(sensor.complete, -(lasted_us >> 1)))
         if self.stream_touch:
             self._framer.touch(self.index, decode)
         rests = self._uses.take(self.index, decode)
         if self.settings.values["baseline"]:
             if not flags & LED_OFF:
-                self._baseline.follow(sums, samples, self._idle_us, rests)
-        elif self._baseline.followed:
-            self._baseline.forget()
+                baseline.follow(sums, samples, self._idle_us, rests)
+        elif baseline.followed:
+            baseline.forget()
         if self.stream_spectrum:
             if samples > 1:
                 for i in range(CHANNELS):
@@ -216,7 +230,8 @@ class Strip:
         )
         self._missed = 0
         self._framer.gap()
-        self._dark.restart(sensor.exposure_us)
+        self._dark.request()
+        self.configure()
         self._baseline.forget()
         self._state = _UNKNOWN
         self._restart_average()
@@ -228,33 +243,33 @@ class Strip:
     def _start_blink(self, sensor):
         sensor.switch_led(False)
         self._restart_average()
-        self._dark.begin()
+        self._dark.begin(sensor.exposure_us)
         self._state = _BLINKING
 
     def _take_blink(self, sensor):
-        dark = self._dark
+        complete = False
         if self._state == _RISING:
             if sensor.steady:
                 self._state = _LIT
                 self._take_lit(sensor)
                 return
         elif sensor.steady:
-            dark.add(sensor.counts)
+            complete = self._dark.add(sensor.counts)
         accumulate(self._sums, sensor.counts, 0)
         self._samples = 1
         self._emit(LED_OFF)
-        if self._state == _BLINKING and dark.is_complete():
+        if complete:
             self._end_blink(sensor)
 
     def _end_blink(self, sensor):
         self._dark.end()
         self._baseline.update()
-        self._ambient.restart()
+        self._odd_light.restart()
         sensor.switch_led(True)
         sensor.check()
         self._state = _RISING
-        done, self._on_dark = self._on_dark, None
-        if done:
+        if self._on_dark and not self._dark.wanted:  # else it was requested meanwhile
+            done, self._on_dark = self._on_dark, None
             done()
 
     def _judge(self, sensor):

@@ -95,7 +95,7 @@ class Serial:
     """A port that takes everything and keeps the last frame."""
 
     def __init__(self):
-        self.last = bytearray(600)
+        self.last = bytearray(700)
         self.size = 0
         self.frames = 0
 

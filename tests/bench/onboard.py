@@ -19,7 +19,7 @@ try:
 except SyntaxError:  # this MicroPython makes no machine code
     ViperApp = None
 
-_DARK_SAMPLES = 4
+_DARK_SAMPLES = 64
 _WARM_UP = 100
 
 
@@ -72,7 +72,7 @@ class Spots:
         touch = self._touch
         decode = self._decode
         counts = self.app.strip.sensor.counts
-        dark = self.app.strip.dark_frame()
+        dark = self.app.strip.floor
         for _ in range(samples):
             update(counts, 1, dark, 0)
             touch(0, decode)

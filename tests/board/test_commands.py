@@ -234,6 +234,6 @@ def test_a_request_that_is_interrupted_is_answered(rig):
 def test_one_request_at_a_time(rig):
     made = rig()
     made.board._link.write(b"dark\ndark\n")
-    made.settle(0.3)
+    made.settle(1.0)
     replies = [reply.content for reply in made.board._replies]
     assert sorted("error" in reply for reply in replies) == [False, True]

@@ -7,9 +7,11 @@ from bench import canned
 
 from spots_device import layout as layout_module
 from spots_device.calibration import Calibration
+from spots_device.decode import DARK_SAMPLES
 from spots_device.exposure import Search
+from spots_device.frame import TEXT_MAX
 from spots_device.layout import default_lines
-from spots_device.settings import checksum, save_lines
+from spots_device.settings import LIMITS, checksum, save_lines
 
 LINES = """\
 board 00
@@ -189,3 +191,17 @@ def test_a_reply_without_memory_does_not_end_the_loop(monkeypatch):
         board.command("get")
     assert board.host.frames > frames  # an answer, not silence
     assert b"no memory" in bytes(board.host.last[: board.host.size])
+
+
+def test_the_longest_reply_fits_a_frame():
+    board = Board()
+    app = board.app
+    app.settings.values.update({name: limits[1] for name, limits in LIMITS.items()})
+    app.settings.values["plan"] = ("CLEAR", "DARK", "NIR", "F1", "F2", "F3")
+    reply = app.state()
+    reply["dark"] = reply["rest"] = [DARK_SAMPLES * 65_535] * 6
+    for name in ("missed", "retries", "dropped", "dropped_reports", "faults"):
+        reply[name] = 1 << 30
+    reply["fault"] = "the AS7341 does not hold its settings; check its supply and wiring"
+    reply["saturation"], reply["full_scale"], reply["re"] = "digital", 65_535, "get"
+    assert TEXT_MAX - 50 < len(json.dumps(reply)) <= TEXT_MAX

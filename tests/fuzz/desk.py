@@ -20,7 +20,7 @@ from spots_device.settings import checksum
 # More would be one more of the same, and slow.
 LINES_MAX = 40
 _WRAP = 1 << 30
-_SETTLE_STEPS = 60  # a search over all gains ends within so many samples
+_SETTLE_STEPS = 100  # a search over all gains and a dark frame end within so many samples
 _COUNTS = (900, 1200, 2000, 2500, 3000, 1500)
 _LENGTH_UM = 85_000
 
@@ -79,7 +79,7 @@ class _Sensor:
         self.pacing = SimpleNamespace(missed=0)
         self.counts = array("i", bytes(4 * 6))
         self.retries = self.complete = 0
-        self.steady = True
+        self.steady, self.saturated = True, False
 
     def start(self, plan, gain, exposure_us, led_mA):
         self.plan, self.gain = tuple(plan), gain

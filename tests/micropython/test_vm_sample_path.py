@@ -33,6 +33,7 @@ UNEVEN = [65_535, 1] * 3
 
 UNCALIBRATED, REAL, LEAST, LARGEST = range(4)
 DARK_WINDOW_MS = 150  # more than one takes, at 10 ms a sample
+DARK_FRAME_MS = 750  # sixteen of them
 
 
 def scene(flags, lit, calibration=REAL, lasts_ms=60, average=1, **other):
@@ -45,7 +46,7 @@ def scene(flags, lit, calibration=REAL, lasts_ms=60, average=1, **other):
 
 SCENES = {
     "no calibration": scene(NOT_CALIBRATED, NEAR, UNCALIBRATED, lasts_ms=1500),
-    "a dark window on request": scene(TOUCHING, NEAR, request_dark=True, lasts_ms=DARK_WINDOW_MS),
+    "a dark frame on request": scene(TOUCHING, NEAR, request_dark=True, lasts_ms=DARK_FRAME_MS),
     "a finger near the sensor": scene(TOUCHING, NEAR),
     "a finger at the far end": scene(TOUCHING, FAR),
     "a feeble touch": scene(TOUCHING, FEEBLE),
@@ -75,7 +76,7 @@ SCENES = {
         TOUCHING | SATURATED | MISFIT, UNEVEN, LARGEST, average=64, lasts_ms=1500
     ),
 }
-WITH_DARK_WINDOW = {"a dark window on request", "the dark window when it lifts", "nobody for long"}
+WITH_DARK_WINDOW = {"a dark frame on request", "the dark window when it lifts", "nobody for long"}
 AFTER_A_GAP = {
     "a port that takes again",
     "a stall of three samples",
