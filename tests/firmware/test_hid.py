@@ -27,7 +27,7 @@ SHIFT, ALT = 2, 4
 
 
 class Host:
-    """Takes what it is told to take, and keeps it."""
+    """Accepts or refuses reports as the test sets it, and stores the accepted ones."""
 
     def __init__(self, takes=True):
         self.takes = takes
