@@ -1,23 +1,23 @@
-"""The loop: wait for a sample, decode it, frame it, and listen for commands in between."""
+"""The application and its loop: wait for a sample, decode and frame it, read commands between."""
 
 import gc
-import json
 
 from .as7341 import SensorError
-from .calibration import Calibration, CalibrationError
+from .calibration_slot import CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader
-from .frame import TEXT_MAX, Framer, Time32
+from .frame import Framer, Time32
 from .meter import Meter
-from .settings import SETTINGS_FILE, Settings, checksum, load_lines, save_lines
+from .reconnect import Reconnect
+from .replies import Replies
+from .settings import SETTINGS_FILE, BoardSettings, load_lines, save_lines
 from .strip import Strip
-from .uses import Uses
+from .uses import Uses, check_layout
 
 CALIBRATION_FILE = "calibration.txt"
 LAYOUT_FILE = "layout.txt"
 
-_SLICE_US = 10_000  # longest sleep with a deaf ear
-_RETRY_US = 100_000  # between attempts to bring a lost sensor back
-_LAST_US = 100_000  # for the host to hear, at the end, that no key is down
+_SLICE_US = 10_000  # longest sleep without reading commands
+_LAST_US = 100_000  # for the host to fetch, at the end, the release of all keys
 _NO_CHARACTER = -1
 _CTRL_C = 3
 
@@ -26,7 +26,7 @@ def _nothing(*_):
     pass
 
 
-class App:
+class BoardApp:
     """Everything on the board, wired together.
 
     Parameters
@@ -44,41 +44,44 @@ class App:
     """
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
-        self.board = board
-        self.runtime = runtime
-        self.uid = uid
-        self.settings = Settings(board.LED_MAX_MA)
-        self.calibration_lines = []
-        self.faults = 0
+        self._board = board
+        self._runtime = runtime
+        self._uid = uid
+        self._clock = clock
+        self._sensor = sensor
+        self._serial = serial
+        self._time = Time32(clock)
+        self._reader = LineReader()
         self.reboot = False
         self.feed = _nothing  # in every step; of a watchdog, where one runs
         self.interrupt_at = _nothing  # the character that interrupts; see micropython.kbd_intr
-        self.meter = Meter()
         self._left = False
         self._leave_until = None  # ticks
-        self._clock = clock
-        self._serial = serial
-        self._time = Time32(clock)
+        self.meter = Meter()
+        self.settings = BoardSettings(board.LED_MAX_MA)
         self.framer = Framer(serial, self._time)
-        self._reader = LineReader()
-        self._claimed = None
-        self._lost = True
-        self.fault = None  # why the sensor was lost, until it is back
-        self._load()
-        # USB tells the host once, at the start, what the board is.
-        layout_lines = self._stored_layout()
+        self.replies = Replies(self.framer, self._time)
+        self.calibration = CalibrationSlot()
+        layout_lines = self._load()
+        # The host learns what the board is when USB connects: the interfaces are chosen once.
         self.uses = Uses(self.settings, self.framer, self._time, usb, layout_lines)
-        self._commands = Commands(self)
         if self.uses.fault:
-            self.log("error", self.uses.fault)
-        self.strip = Strip(0, sensor, self.framer, self._time, clock, self.settings, self.uses)
+            self.replies.log("error", self.uses.fault)
+        self.strip = Strip(0, uid, sensor, self.framer, self._time, clock, self.settings, self.uses)
+        self.reconnect = Reconnect(
+            self.strip, clock, self.replies, self._use_calibration, self._sensor_lost
+        )
+        self._commands = Commands(self)
 
     def run(self):
-        """Run until told to reboot; on every exit path no key stays down and the LED is off."""
+        """Run until the command ``reboot``.
+
+        On every exit path all keys are released and the LED is switched off.
+        """
         self._left = False
         self._leave_until = None
-        # Each step of the end runs inside the guards after it, and does nothing if it was done. Two
-        # interrupts may come in between: one before they are off, and one that was on its way.
+        # `_leave` is idempotent and guarded twice: two interrupts may come in between, one before
+        # they are switched off and one that was pending.
         try:
             try:
                 try:
@@ -105,36 +108,34 @@ class App:
         try:
             if self._leave_until is None:
                 self._leave_until = clock.ticks_add(clock.ticks_us(), _LAST_US)
-            self._set_time()
+            self._time.update()
             self.uses.finish(clock, self._leave_until)
         finally:
-            try:
-                self.strip.sensor.stop()
-            except OSError:
-                pass
+            self.strip.stop()
         self._left = True
 
     def step(self):
-        """Do what is due now; sleeps at most a slice. Allocates nothing while sampling."""
+        """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
         self.feed()
         self._listen()
         self.uses.pump()
-        if self._lost:
-            self._find_sensor()
+        if self.reconnect.lost:
+            self._time.update()  # more often than it wraps
+            self.reconnect.search()
             return
-        wait_us = self.strip.sensor.remaining_us()
+        sensor = self._sensor
+        wait_us = sensor.remaining_us()
         if wait_us > 0:
             self._clock.sleep_us(min(wait_us, _SLICE_US))
             if wait_us > _SLICE_US:
                 return
         try:
-            if self.strip.sensor.poll():
-                if self.fault:
-                    self.fault = None
-                    self.log("info", "the sensor is back")
+            if sensor.poll():
+                if self.reconnect.fault:
+                    self.reconnect.sampled()
                 self.strip.take()
         except (OSError, SensorError) as error:
-            self._lose(error)
+            self.reconnect.lose(error)
 
     def measure(self):
         """Measure what a sample costs from now on; until that is done, it costs a little more."""
@@ -142,58 +143,42 @@ class App:
         self.step = self._measured_step
 
     def _measured_step(self):
-        clock, sensor = self._clock, self.strip.sensor
-        wait_us = 0 if self._lost else sensor.remaining_us()
+        clock, sensor = self._clock, self._sensor
+        wait_us = 0 if self.reconnect.lost else sensor.remaining_us()
         if wait_us > _SLICE_US:
-            return App.step(self)  # sleeps, and takes nothing
+            return BoardApp.step(self)  # sleeps, and takes nothing
         if wait_us > 0:
             clock.sleep_us(wait_us)
         began, complete = clock.ticks_us(), sensor.complete
-        App.step(self)
-        if self._lost or sensor.complete == complete:
+        BoardApp.step(self)
+        if self.reconnect.lost or sensor.complete == complete:
             return
         if self.meter.add(clock.ticks_diff(clock.ticks_us(), began)):
             del self.step
 
     def log(self, level, text):
         """Send a log line."""
-        self._send({"log": level, "text": text})
-
-    def claim(self, name):
-        """Take note that a reply will follow; ValueError while another one is awaited."""
-        if self._claimed:
-            raise ValueError("wait for '%s' to end" % self._claimed)
-        self._claimed = name
-
-    def finish(self, name, reply):
-        """Send the reply that was claimed."""
-        self._claimed = None
-        reply["re"] = name
-        self._send(reply)
+        self.replies.log(level, text)
 
     def restart(self):
-        """Bring the sensor up with the present settings."""
-        self.abandon("the sensor was set up anew")
-        if not self._lost:
-            try:
-                self.strip.start()
-            except (OSError, SensorError) as error:
-                self._lose(error)
+        """Start the sensor again with the present settings."""
+        self.abandon("the sensor was restarted")
+        self.reconnect.restart()
+
+    def abandon(self, why):
+        """Answer a request that will not end."""
+        self.strip.forget_requests()
+        self.replies.abandon(why)
 
     def use_calibration(self, lines):
-        """Take lines that were checked, or none; return why they do not hold now, or None."""
-        self.calibration_lines = lines
+        """Use lines that were checked, or none; return what keeps them from working, or None."""
+        self.calibration.use(lines)
         return self.apply_calibration()
 
     def use_layout(self, lines):
-        """Take lines that were checked, or none; return what keeps them from working, or None."""
+        """Use lines that were checked, or none; return what keeps them from working, or None."""
         self.uses.use_layout(lines)
         return self.apply_calibration()
-
-    @property
-    def calibration_id(self):
-        """Checksum of the calibration in use, or None."""
-        return checksum(self.calibration_lines) if self.strip.decode.calibration else None
 
     def apply_calibration(self):
         """Use the calibration if it fits the present settings, and what builds on it.
@@ -203,35 +188,54 @@ class App:
         str or None
             What keeps something that is wanted from working.
         """
-        why_not = self._choose_calibration()
-        calibration = self.strip.decode.calibration
-        self._set_time()
-        self.uses.apply(calibration)
+        notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
+        return "; ".join([note for note in notes if note]) or None
+
+    def _use_calibration(self):
+        if self.reconnect.lost:
+            found, why_not = None, self._why_lost()
+        else:
+            found, why_not = self.calibration.choose(
+                self.strip.conditions, self.settings.values["strain_ppm"]
+            )
+        self.strip.decode.calibration = found
+        self.strip.configure()
+        self._time.update()
+        self.uses.apply(found)
         self.measure()
-        return "; ".join([note for note in (why_not, self.uses.note(calibration)) if note]) or None
+        return why_not
 
-    def _choose_calibration(self):
-        self.strip.decode.calibration = None
-        if not self.calibration_lines:
+    def _sensor_lost(self):
+        self.let_go()
+        self.abandon("the sensor was lost")
+
+    def _why_lost(self):
+        if not self.calibration.lines:
             return None
-        if self._lost:
-            return "not in use until the sensor is back: %s" % self.fault
-        sensor = self.strip.sensor
-        try:
-            calibration = Calibration(self.calibration_lines, self.settings.values["strain_ppm"])
-        except CalibrationError as error:
-            return str(error)
-        reason = calibration.mismatch(
-            self.uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
-        )
-        if reason is None:
-            self.strip.decode.calibration = calibration
-        return reason
+        why_not = "the calibration is not in use until the sensor answers"
+        return "%s: %s" % (why_not, self.reconnect.fault) if self.reconnect.fault else why_not
 
-    def settings_now(self):
-        """Return the settings as a reply holds them."""
-        reply = dict(self.settings.values)
-        reply["plan"] = list(reply["plan"])
+    def identity(self):
+        """Return what the board is, as ``hello`` returns it."""
+        reply = self.settings.reply()
+        reply["board"] = self._board.NAME
+        reply["runtime"] = self._runtime
+        reply["id"] = self._uid
+        reply["sensors"] = 1
+        calibration = self.strip.decode.calibration
+        reply["calibration"] = self.calibration.checksum() if calibration else None
+        reply["length_um"] = calibration and calibration.length_um
+        reply["layout"] = self.uses.layout_checksum()
+        return reply
+
+    def state(self):
+        """Return settings, counters and faults, as ``get`` returns them."""
+        reply = self.settings.reply()
+        self.strip.report(reply)
+        self.reconnect.report(reply)
+        reply["dropped"] = self.framer.dropped
+        reply["dropped_reports"] = self.uses.dropped()
+        reply["saturation"] = None if self.reconnect.lost else self.strip.saturation()
         return reply
 
     def rate_mHz(self):
@@ -240,48 +244,41 @@ class App:
         return self.meter.rate_mHz(s["exposure_us"], s["average"])
 
     def let_go(self):
-        """Release all keys, for no reading may come for a while."""
-        self._set_time()
+        """Release all keys: no reading may come for a while."""
+        self._time.update()
         self.uses.release()
 
     def save(self):
-        """Store settings and calibration."""
+        """Store settings, calibration and layout."""
         save_lines(SETTINGS_FILE, self.settings.lines())
-        save_lines(CALIBRATION_FILE, self.calibration_lines)
+        save_lines(CALIBRATION_FILE, self.calibration.lines)
         save_lines(LAYOUT_FILE, self.uses.layout_lines)
 
     def time_us(self):
         """Return the board's time in us modulo 2**32."""
-        self._set_time()
-        return self._time.high << 16 | self._time.low
+        self._time.update()
+        return self._time.us()
 
     def _load(self):
-        try:
-            self.settings.change(load_lines(SETTINGS_FILE))
-        except ValueError as error:
-            self.log("error", "stored settings are not used: %s" % error)
-        try:
-            lines = load_lines(CALIBRATION_FILE)
-            if lines:
-                Calibration(lines)
-            self.calibration_lines = lines
-        except ValueError as error:  # CalibrationError is one
-            self.log("error", "the stored calibration is not used: %s" % error)
+        """Load what was saved; return the lines of the layout."""
+        self._load_lines(SETTINGS_FILE, "stored settings are", self.settings.change)
+        self.calibration.use(
+            self._load_lines(CALIBRATION_FILE, "the stored calibration is", self.calibration.check)
+        )
+        return self._load_lines(LAYOUT_FILE, "the stored layout is", check_layout)
 
-    def _stored_layout(self):
+    def _load_lines(self, path, what, check):
         try:
-            lines = load_lines(LAYOUT_FILE)
+            lines = load_lines(path)
             if lines:
-                from .layout import Layout  # only where it is used
-
-                Layout(lines)
+                check(lines)
             return lines
-        except ValueError as error:  # LayoutError is one
-            self.log("error", "the stored layout is not used: %s" % error)
+        except ValueError as error:
+            self.replies.log("error", "%s not used: %s" % (what, error))
             return []
 
     def _listen(self):
-        # One line at most: whatever the host sends, readings and reports get their turn.
+        # At most one command per pass, so a flood from the host cannot starve sampling.
         for _ in range(LINE_MAX):
             byte = self._serial.read()
             if byte < 0:
@@ -292,48 +289,7 @@ class App:
                 except ValueError as error:
                     reply = {"re": "", "error": str(error)}
                 if reply is not None:
-                    self._send(reply)
+                    self.replies.send(reply)
                 # Here a pause is expected; in the loop it would cost samples.
                 gc.collect()
                 return
-
-    def _find_sensor(self):
-        # Nothing is sampled now, so a pause costs nothing. A heap full of what earlier searches
-        # left would slow the loop down as long as nobody sends a command.
-        gc.collect()
-        self._set_time()  # or it would lose its turns meanwhile
-        try:
-            self.strip.start()
-        except (OSError, SensorError) as error:
-            self._lose(error)
-            self._clock.sleep_us(_RETRY_US)
-            return
-        self._lost = False
-        self.apply_calibration()
-
-    def _lose(self, error):
-        self._lost = True
-        self.let_go()
-        self.abandon("the sensor was lost")
-        known, self.fault = self.fault, str(error)
-        if isinstance(error, OSError):
-            self.fault = "the I2C bus failed (%s)" % error
-        if not known:  # once, not a flood
-            self.faults += 1
-            self.log("error", self.fault)
-
-    def abandon(self, why):
-        """Answer a request that will not end."""
-        self.strip.forget_requests()
-        if self._claimed:
-            self.finish(self._claimed, {"error": why + " before this ended"})
-
-    def _set_time(self):
-        self._time.set(self._clock.ticks_us())
-
-    def _send(self, reply):
-        self._set_time()
-        data = json.dumps(reply).encode()
-        if len(data) > TEXT_MAX:
-            data = json.dumps({"re": reply.get("re"), "error": "the reply is too long"}).encode()
-        self.framer.text(data)

@@ -94,7 +94,7 @@ class AS7341:
         self.retries = 0  # transfers that failed while sampling, and were tried again
 
     def start(self, plan, gain, exposure_us, led_mA):
-        """Identify the chip, set it up and let it sample. Also the way back after an error.
+        """Identify the chip, set it up and start sampling. Also recovers it after an error.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class AS7341:
         gain : int
             Register code 0 to 10 for 0.5x to 512x (CFG1).
         exposure_us : int
-            Integration time; `exposure_us` then tells the nearest one that the chip can do.
+            Integration time; the attribute `exposure_us` gets the nearest one that the chip has.
         led_mA : int
             Current of the LED driver, 0 for off, else 4 to 258.
 
@@ -166,8 +166,8 @@ class AS7341:
     def poll(self):
         """Read a new sample, if there is one, in a single burst.
 
-        AVALID is no new-sample flag: it stays up between samples. AINT is raised by each sample
-        and taken back here, after the read of ASTATUS has latched the counts.
+        AVALID is not a new-sample flag: it stays set between samples. Each sample sets AINT; it is
+        cleared here, after the read of ASTATUS has latched the counts. Allocates nothing.
 
         Returns
         -------
@@ -215,8 +215,8 @@ class AS7341:
                 saturated = True
         self.saturated = saturated
         if not self.steady:
-            # Asked only until it is: ticks that lie too far back compare wrongly. As early as it
-            # may have begun, the oscillator being trusted to a sixteenth.
+            # Checked only until it is steady: ticks too far back compare wrongly. This is the
+            # earliest that the sample may have begun, with the oscillator trusted to a sixteenth.
             longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
             began = clock.ticks_add(self.complete, -longest_us)
             self.steady = clock.ticks_diff(began, self._settled) >= 0
@@ -247,6 +247,12 @@ class AS7341:
         self._bus.read_into(_STATUS2, self._byte)
         return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
 
+    def report(self, reply):
+        """Put what ``get`` returns of this sensor into a reply; without bus traffic."""
+        reply["missed"] = self.pacing.missed
+        reply["retries"] = self.retries
+        reply["full_scale"] = self.full_scale
+
     def _overdue(self, now):
         silent_us = self._clock.ticks_diff(now, self.complete)
         return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US
@@ -272,7 +278,7 @@ class AS7341:
             self._ask_id()
         except OSError:
             # The chip does not answer for about 200 us after power-up (section 8.2). No third
-            # attempt: whoever searches comes again, and each failure is garbage.
+            # attempt: the caller tries again, and each failure is garbage.
             self._clock.sleep_us(_POWER_UP_US)
             try:
                 self._ask_id()

@@ -1,4 +1,4 @@
-"""A calibration as the board holds it: lines of integers, checked before they are believed.
+"""A calibration as the board stores it: lines of integers, validated before they are used.
 
 One statement a line; weights are Q13, logarithms Q20::
 
@@ -6,8 +6,8 @@ One statement a line; weights are Q13, logarithms Q20::
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
-    coarse 1 -2 ...            six weights, sum 0: a contrast that tells the segment
-    fit 1 -2 ...               six weights, sum 0: what one press cannot do
+    coarse 1 -2 ...            six weights, sum 0: a contrast that chooses the segment
+    fit 1 -2 ...               six weights, sum 0: the misfit to a single press
     segment 1 -2 ... 3 4 ...   twelve weights, for each segment of the strip in turn: six for the
                                position (sum 0), six for the force (sum 8192)
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
@@ -22,6 +22,7 @@ next in straight lines. Segments follow the ascending coarse contrast.
 
 from array import array
 
+from .conditions import Conditions
 from .smux import CHANNELS, PIXELS
 
 ONE_Q13 = 1 << 13
@@ -79,6 +80,11 @@ class Calibration:
     ------
     CalibrationError
         If a statement is missing, unknown or out of range, or the strain is.
+
+    Attributes
+    ----------
+    conditions : conditions.Conditions
+        What it was made with.
     """
 
     def __init__(self, lines, strain_ppm=0):
@@ -91,9 +97,7 @@ class Calibration:
         for name in ("board", "plan") + tuple(_ONCE):
             if name not in seen:
                 raise CalibrationError("the line '%s' is missing" % name)
-        self.board = seen["board"]
-        self.plan = seen["plan"]
-        self.gain, self.exposure_us, self.led_mA = seen["made"]
+        self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
             raise CalibrationError("'touch' needs 0 < end <= begin")
@@ -112,17 +116,25 @@ class Calibration:
         )
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
 
-    def mismatch(self, board, plan, gain, exposure_us, led_mA):
-        """Return why this calibration does not hold for such readings, or None."""
-        if board != self.board:
-            return "the calibration was made on board %s, this is %s" % (self.board, board)
-        if tuple(plan) != self.plan:
-            return "the calibration was made with channels " + " ".join(self.plan)
-        made = (self.gain, self.exposure_us, self.led_mA)
-        if (gain, exposure_us, led_mA) != made:
+    def mismatch(self, conditions):
+        """Return why this calibration is invalid for readings taken so, or None.
+
+        Parameters
+        ----------
+        conditions : conditions.Conditions
+        """
+        made = self.conditions
+        if conditions.board != made.board:
+            return "the calibration was made on board %s, this is %s" % (
+                made.board,
+                conditions.board,
+            )
+        if conditions.plan != made.plan:
+            return "the calibration was made with channels " + " ".join(made.plan)
+        if conditions != made:
             return (
                 "the calibration was made at gain=%d exposure_us=%d led_mA=%d; "
-                "set these, or calibrate anew" % made
+                "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
             )
         return None
 
@@ -161,7 +173,7 @@ def _take(line, words, seen, strains):
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
     else:
-        raise CalibrationError("'%s' is no line of a calibration" % line[:40])
+        raise CalibrationError("'%s' is not a line of a calibration" % line[:40])
 
 
 def _integers(line, count):

@@ -4,13 +4,13 @@ A bad line changes nothing and is answered with a sentence. Commands allocate; t
 """
 
 from . import PROTOCOL, __version__
-from .calibration import Calibration
 from .exposure import DONE, TOO_DARK
-from .settings import checksum
+from .replies import NO_MEMORY
 from .upload import Upload
+from .uses import check_layout
 
 LINE_MAX = 255
-NAME_MAX = 20  # so much of an unknown name comes back in the reply
+NAME_MAX = 20  # so much of an unknown name is repeated in the reply
 
 
 class LineReader:
@@ -51,13 +51,14 @@ class Commands:
 
     Parameters
     ----------
-    app : app.App
+    app : app.BoardApp
     """
 
     def __init__(self, app):
         self._app = app
-        self._cal = Upload("cal", "calibration", Calibration, app.use_calibration)
-        self._layout = Upload("layout", "layout", _check_layout, app.use_layout)
+        self._replies = app.replies
+        self._cal = Upload("cal", "calibration", app.calibration.check, app.use_calibration)
+        self._layout = Upload("layout", "layout", check_layout, app.use_layout)
         self._table = {
             "hello": self._hello,
             "get": self._get,
@@ -97,44 +98,19 @@ class Commands:
         except MemoryError:
             self._cal.forget()
             self._layout.forget()
-            reply = {"error": "no memory left for this; reboot and try again"}
+            reply = {"error": NO_MEMORY}
         if reply is not None:
             reply["re"] = name
         return reply
 
     def _hello(self, words):
-        app = self._app
-        reply = app.settings_now()
+        reply = self._app.identity()
         reply["protocol"] = PROTOCOL
         reply["firmware"] = __version__
-        reply["board"] = app.board.NAME
-        reply["runtime"] = app.runtime
-        reply["id"] = app.uid
-        reply["sensors"] = 1
-        calibration = app.strip.decode.calibration
-        reply["calibration"] = app.calibration_id
-        reply["length_um"] = calibration and calibration.length_um
-        lines = app.uses.layout_lines
-        reply["layout"] = checksum(lines) if lines else None
         return reply
 
     def _get(self, words):
-        app = self._app
-        reply = app.settings_now()
-        reply["dark"] = list(app.strip.dark)
-        reply["rest"] = app.strip.rest()
-        reply["missed"] = app.strip.sensor.pacing.missed
-        reply["dropped"] = app.framer.dropped
-        reply["dropped_reports"] = app.uses.dropped()
-        reply["retries"] = app.strip.sensor.retries
-        reply["faults"] = app.faults
-        reply["fault"] = app.fault
-        reply["full_scale"] = app.strip.sensor.full_scale
-        try:
-            reply["saturation"] = None if app.fault else app.strip.sensor.saturation()
-        except OSError:  # the sensor went away just now; the loop will tell
-            reply["saturation"] = None
-        return reply
+        return self._app.state()
 
     def _set(self, words):
         if not words:
@@ -142,7 +118,7 @@ class Commands:
         app = self._app
         if app.settings.change(words):
             app.restart()
-        reply = app.settings_now()
+        reply = app.settings.reply()
         reply["rate_mHz"] = app.rate_mHz()
         note = app.apply_calibration()
         if note:
@@ -155,16 +131,9 @@ class Commands:
             raise ValueError("stream takes touch, spectrum, both, or off")
         if "off" in kinds and len(kinds) > 1:
             raise ValueError("stream takes off alone")
-        strip = self._app.strip
-        strip.stream_touch = "touch" in kinds
-        strip.stream_spectrum = "spectrum" in kinds
+        self._app.strip.stream(kinds)
         self._app.measure()
         return {"stream": sorted(kinds)}
-
-    def _streamed(self):
-        strip = self._app.strip
-        on = (("spectrum", strip.stream_spectrum), ("touch", strip.stream_touch))
-        return [name for name, streamed in on if streamed]
 
     def _keys(self, words):
         return self._switch("keys", words)
@@ -184,12 +153,13 @@ class Commands:
         return reply
 
     def _dark(self, words):
-        self._app.claim("dark")
+        self._replies.check_unclaimed()
         self._app.strip.request_dark(self._dark_done)
+        self._replies.claim("dark")
         return None
 
     def _dark_done(self):
-        self._app.finish("dark", {"dark": list(self._app.strip.dark)})
+        self._replies.finish("dark", {"dark": self._app.strip.dark_frame()})
 
     def _rest(self, words):
         if not self._app.settings.values["baseline"]:
@@ -198,15 +168,16 @@ class Commands:
         return {}
 
     def _auto(self, words):
-        self._app.claim("auto")
+        self._replies.check_unclaimed()
         self._app.let_go()
         self._app.strip.request_search(self._auto_done)
+        self._replies.claim("auto")
         return None
 
-    def _auto_done(self, outcome, search):
+    def _auto_done(self, outcome):
         app = self._app
         if outcome == DONE:
-            reply = app.settings_now()
+            reply = app.settings.reply()
         elif outcome == TOO_DARK:
             reply = {"error": "too dark at full gain and LED current; press harder, check the LED"}
         else:
@@ -214,23 +185,17 @@ class Commands:
         note = app.apply_calibration()
         if note and outcome == DONE:
             reply["note"] = note
-        app.finish("auto", reply)
+        self._replies.finish("auto", reply)
 
     def _save(self, words):
         self._app.save()
         return {}
 
     def _sync(self, words):
-        # What is streamed tells a host that the board has restarted.
-        return {"t_us": self._app.time_us(), "stream": self._streamed()}
+        # A host detects by the streams that the board has restarted.
+        return {"t_us": self._app.time_us(), "stream": self._app.strip.streams()}
 
     def _reboot(self, words):
         self._app.abandon("the board was rebooted")
         self._app.reboot = True
         return {}
-
-
-def _check_layout(lines):
-    from .layout import Layout  # only where it is used
-
-    Layout(lines)

@@ -1,8 +1,8 @@
-"""Readings to touches: where a finger comes down, where it goes, how hard it gets, when it leaves.
+"""Readings to touches: press, movement, force and release, debounced.
 
-A press is believed after `detect` readings in a row, a lift after a time; a doubtful reading
-neither begins nor ends anything. A finger that lies elsewhere all of a sudden is the next one, for
-with two on the strip the reading is of neither. Integers only, allocates nothing.
+A press counts after `detect` valid readings in a row, a release after a time (release debounce); an
+untrusted reading neither begins nor ends a touch. A finger whose place jumps is the next finger:
+with two on the strip the reading belongs to neither. Integers only; allocates nothing.
 """
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
@@ -15,7 +15,7 @@ TICKS = 1 << 22
 
 _UP = 0
 _DOWN = 1
-_SPENT = 2  # whatever lies there is no touch any more, until it is lifted
+_SPENT = 2  # what lies there must be lifted before it makes another touch
 
 
 def elapsed(since, now):
@@ -57,7 +57,7 @@ class Contact:
         return self._state == _DOWN
 
     def set_layout(self, layout):
-        """Go on with these limits; what lies on the strip is no touch until it is lifted."""
+        """Use these limits; what lies on the strip must be lifted before it makes a touch."""
         self._layout = layout
         self.spend()
 
@@ -70,7 +70,7 @@ class Contact:
     def take(self, flags, position_um, force_mN, t):
         """Take a reading, at time `t` in ticks."""
         if flags & LED_OFF:
-            return  # blind: neither a touch nor the end of one
+            return  # the LED was off: neither a touch nor the end of one
         layout = self._layout
         if not flags & TOUCHING or (force_mN < layout.release_mN and not flags & DOUBTFUL):
             self._seen = 0

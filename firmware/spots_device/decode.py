@@ -4,8 +4,7 @@ With L_i = log2(counts_i - dark_i), Eq. 1 of the paper is linear in the filterin
 logarithm of the coupled light. Weights that add up to 0 leave x (the position contrast), weights
 that add up to 1 and cancel the decay leave the light (the brightness). What is best changes along
 the strip, as the counts do: a coarse contrast chooses the segment whose weights are used. One more
-set tells whether one press can have made this spectrum. Integers of 31 bits only, allocates
-nothing.
+set measures the misfit to a single press. Integers of 31 bits only; allocates nothing.
 """
 
 from array import array
@@ -21,8 +20,8 @@ DROPPED = 1 << 5
 NOT_CALIBRATED = 1 << 6
 LED_OFF = 1 << 7
 
-DARK_SAMPLES = 4  # a dark frame is the sum of these
-AVERAGE_MAX = 64  # DARK_SAMPLES * AVERAGE_MAX full-scale counts reach 2**24
+DARK_SAMPLES = 64  # replies give a dark frame as sums over so many
+AVERAGE_MAX = 64  # times 4 samples of a dark frame, full-scale counts reach 2**24
 
 
 class Decode:
@@ -36,10 +35,14 @@ class Decode:
         Q20, in units of log2.
     position_um, force_mN : int
         0 where the flags say that they cannot be known.
+    dark_samples : int
+        Over how many samples the dark frame that `update` gets is summed; times the samples of a
+        reading at most 256.
     """
 
     def __init__(self):
         self.calibration = None
+        self.dark_samples = 4
         self.flags = NOT_CALIBRATED
         self.contrast = self.brightness = self.position_um = self.force_mN = 0
         self._scratch = array("i", bytes(4 * SCRATCH))
@@ -55,7 +58,7 @@ class Decode:
         samples : int
             1 to `AVERAGE_MAX`.
         dark : sequence of int
-            Six sums over `DARK_SAMPLES` dark samples, or zeros.
+            Six sums over `dark_samples` dark samples, or zeros.
         flags : int
             What is known already: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
         """
@@ -68,7 +71,9 @@ class Decode:
             self.flags = flags | self.flags & TOUCHING
             return
         reading = self._reading
-        found = estimate(calibration, sums, samples, dark, DARK_SAMPLES, self._scratch, reading)
+        found = estimate(
+            calibration, sums, samples, dark, self.dark_samples, self._scratch, reading
+        )
         self.contrast = reading[0]
         self.brightness = reading[1]
         self.position_um = reading[2]

@@ -68,7 +68,7 @@ class Search:
     gain, led_mA, exposure_us : int
         The setting to begin with.
     led_max_mA : int
-        What the LED stands.
+        Largest current of the LED.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):

@@ -20,7 +20,7 @@ HEADER_SIZE = 7
 TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 SPECTRUM_BODY = "BB6H"  # flags, gain, counts
 KEY_BODY = "BHBB"  # usage page, usage, modifiers, pressed
-TEXT_MAX = 600  # the longest reply is that to `get`
+TEXT_MAX = 640  # the longest reply is that to `get`, 602
 
 _DELIMITER = b"\0"
 _TOUCH_FRAME = HEADER + TOUCH_BODY
@@ -41,6 +41,7 @@ class Time32:
     """
 
     def __init__(self, clock):
+        self._ticks_us = clock.ticks_us
         self._diff = clock.ticks_diff
         self._last = clock.ticks_us()
         self.low = self.high = 0
@@ -51,6 +52,14 @@ class Time32:
         self._last = ticks
         self.high = (self.high + (low >> 16)) & 0xFFFF
         self.low = low & 0xFFFF
+
+    def update(self):
+        """Move to now."""
+        self.set(self._ticks_us())
+
+    def us(self):
+        """Return the time in us; allocates where it does not fit a small integer."""
+        return self.high << 16 | self.low
 
 
 class Framer:
@@ -141,14 +150,15 @@ class Framer:
         return self._send(HEADER_SIZE + len(data), self._gap)
 
     def _send(self, size, gap_after):
-        # `gap_after` is what is left to tell of a gap once this one is out: some have no flags.
+        # `gap_after`: the gap that remains to be marked once this frame is out, for KEY and TEXT
+        # frames have no flags.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
             self._encoded[length] = 0
             length += 1
         self._sequence = (self._sequence + 1) & 0xFFFF
-        # What was dropped may have been cut short: without a delimiter it would swallow this one.
+        # A dropped frame may be out in part: without a delimiter this one would be lost too.
         if (not self._gap or self._write(_DELIMITER, 1)) and self._write(self._encoded, length):
             self._gap = gap_after
             return True

@@ -1,6 +1,6 @@
-"""Readings to a gamepad: X is where on the strip, Z how hard, button 1 whether.
+"""Readings to a gamepad: X is the position, Z the force, button 1 the touch.
 
-Without a touch all is 0, as a stick that springs back. Integers only, allocates nothing.
+Without a touch all is 0, like a centred stick. Integers only; allocates nothing.
 """
 
 from .contact import DOUBTFUL
@@ -16,7 +16,7 @@ class GamepadAxes:
     Parameters
     ----------
     sink : object
-        As `hid.Gamepad`.
+        As `hid.GamepadReports`.
     """
 
     def __init__(self, sink):
@@ -24,7 +24,7 @@ class GamepadAxes:
         self._length_um = self._shift = self._full_mN = 0
 
     def set_range(self, length_um, full_mN):
-        """Let go, and take what X and Z at their ends stand for."""
+        """Release all, and set the length and force at the ends of X and Z."""
         self.release()
         self._length_um = max(1, length_um)
         self._full_mN = full_mN
@@ -33,14 +33,14 @@ class GamepadAxes:
             self._shift += 1
 
     def take(self, flags, position_um, force_mN):
-        """Take a reading; a doubtful one leaves all as it is while the touch lasts."""
+        """Take a reading; an untrusted one changes nothing while the touch lasts."""
         if not flags & TOUCHING:
             self._sink.update(0, 0, 0, 0)
         elif not flags & DOUBTFUL:
             self._sink.update(self._x(position_um), 0, self._z(force_mN), 1)
 
     def release(self):
-        """Centre the axes and let go of the button."""
+        """Centre the axes and release the button."""
         self._sink.release()
 
     def _x(self, position_um):

@@ -1,7 +1,7 @@
-"""USB reports: keyboard, consumer control, gamepad, and the line in which they wait for the host.
+"""HID reports of keyboard, consumer control and gamepad, and their queue to the host.
 
-Knows no USB: ``send(report) -> bool`` hands a report to the stack without waiting and tells
-whether it took it. Integers only, allocates nothing once made.
+Independent of the USB stack: ``send(report) -> bool`` offers a report without waiting and returns
+whether the stack took it. Integers only; allocates nothing once constructed.
 """
 
 from struct import pack_into
@@ -21,7 +21,7 @@ KEYBOARD_DESCRIPTOR = (
     b"\x05\x07\x19\x00\x29\xdd\x15\x00\x26\xdd\x00\x75\x08\x95\x06\x81\x00"  # six usages
     b"\xc0"
 )
-# One key at a time, such as volume or play, by its usage; 0 is none.
+# One key at a time, such as volume or play, by its usage; 0 means no key.
 CONSUMER_DESCRIPTOR = (
     b"\x05\x0c\x09\x01\xa1\x01"  # consumer, consumer control, application
     b"\x15\x00\x26\xff\x03\x19\x00\x2a\xff\x03\x75\x10\x95\x01\x81\x00"  # 16 bits
@@ -45,10 +45,10 @@ def with_report_id(descriptor, report_id):
 
 
 class Outbox:
-    """Reports in their order, each handed over once, however often the host refuses.
+    """First-in first-out queue of reports; each is sent once, however often the host refuses.
 
-    A line that is full is dropped as a whole: what the host gets next is a report with nothing
-    pressed. Keys that do not come are better than keys that stay.
+    A full queue is dropped as a whole, and a report with nothing pressed follows: a lost key is
+    better than a stuck key.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Outbox:
     Attributes
     ----------
     dropped : int
-        Reports that the host never got.
+        Reports that were never sent.
     """
 
     def __init__(self, send, size=REPORT_SIZE):
@@ -73,13 +73,13 @@ class Outbox:
         self.dropped = 0
 
     def newest(self):
-        """Return the report that waits longest to go, to be changed in place, or None."""
+        """Return the last report in the queue, to be changed in place, or None."""
         if self._count == 0:
             return None
         return self._waiting[(self._first + self._count - 1) % WAITING_MAX]
 
     def put(self, report):
-        """Let a report wait; False if there was no room for it and all is dropped."""
+        """Queue a copy of a report; False if the queue was full and all of it is dropped."""
         if self._count == WAITING_MAX:
             self.dropped += 1
             self.release()
@@ -88,14 +88,14 @@ class Outbox:
         return True
 
     def release(self):
-        """Drop what waits; if the host may know of something pressed, it is to be released."""
+        """Drop the queue; if the host may have something pressed, queue its release."""
         self.dropped += self._count
         self._count = 0
         if self._maybe_down:
             self._append(None)
 
     def pump(self):
-        """Offer the oldest report, once; return whether nothing waits any more."""
+        """Offer the oldest report, once; return whether the queue is empty."""
         if self._count:
             report = self._waiting[self._first]
             down = _any(report)
@@ -121,11 +121,8 @@ def _any(report):
     return bits != 0
 
 
-class Keyboard:
-    """Key events in, one report for each.
-
-    A key beyond six at once is not taken.
-    """
+class KeyboardReports:
+    """Turns key events into boot-keyboard reports, one each; ignores a seventh key at once."""
 
     def __init__(self, send):
         self.outbox = Outbox(send)
@@ -163,7 +160,7 @@ class Keyboard:
         return True
 
     def release(self):
-        """Let go of all keys."""
+        """Release all keys."""
         self._forget()
         self.outbox.release()
 
@@ -181,8 +178,8 @@ class Keyboard:
             self._modifiers[i] = 0
 
 
-class Consumer:
-    """Key events of the consumer page in, one report for each; the last key pressed counts."""
+class ConsumerReports:
+    """Turns key events of the consumer page into reports, one each; the last key pressed wins."""
 
     def __init__(self, send):
         self.outbox = Outbox(send, CONSUMER_SIZE)
@@ -199,13 +196,13 @@ class Consumer:
             report[0] = report[1] = 0
 
     def release(self):
-        """Let go."""
+        """Release the key."""
         self._report[0] = self._report[1] = 0
         self.outbox.release()
 
 
-class Gamepad:
-    """Axes and buttons in. Every change of a button is a report; of an axis, the latest value."""
+class GamepadReports:
+    """Turns axes and buttons into reports: one for each change of a button; axes are merged."""
 
     def __init__(self, send):
         self.outbox = Outbox(send)
@@ -227,7 +224,7 @@ class Gamepad:
         _copy(report, last)
 
     def release(self):
-        """Let go of all buttons and centre all axes."""
+        """Release all buttons and centre all axes."""
         for i in range(REPORT_SIZE):
             self._last[i] = 0
         self.outbox.release()

@@ -17,7 +17,7 @@ CRC_SIZE = 4  # bytes
 
 
 def accumulate(sums, counts, samples):
-    """Add six counts to the sums of `samples` earlier ones; with 0 of them, begin anew."""
+    """Add six counts to the sums of `samples` earlier ones; with 0 of them, restart."""
     if samples == 0:
         for i in range(CHANNELS):
             sums[i] = counts[i]
@@ -26,27 +26,30 @@ def accumulate(sums, counts, samples):
             sums[i] += counts[i]
 
 
-def follow(rest, floor, sums, samples, dark, dark_samples, up, down):
-    """Let the light of the untouched strip follow what it is now.
+def follow(rest, floor, sums, samples, dark, shift, up, down):
+    """Move the baseline, the light of the untouched strip, towards a reading.
 
     Parameters
     ----------
     rest : sequence of int
-        Six sums over `dark_samples` samples, Q10, without the dark; moved a part of the way, a
-        half to the power of `up` or `down`.
+        Six counts in Q12, without the dark; moved a part of the way, a half to the power of `up`
+        or `down`.
     floor : sequence of int
-        Gets the dark and the rest, as `estimate` takes off.
-    sums, dark : sequence of int
-        As for `estimate`.
-    samples, dark_samples, up, down : int
+        Gets the sum of dark and rest, which `estimate` takes off, rounded to Q12 - `shift`.
+    sums : sequence of int
+        Six sums of counts over `samples` samples.
+    dark : sequence of int
+        Six counts in Q12.
+    samples, shift, up, down : int
     """
+    half = 1 << shift >> 1
     for i in range(CHANNELS):
-        gap = (sums[i] * dark_samples // samples - dark[i] << 10) - rest[i]
+        gap = (sums[i] * 4 // samples << 10) - dark[i] - rest[i]
         level = rest[i] + (gap >> (up if gap > 0 else down))
         if level < 0:
             level = 0
         rest[i] = level
-        floor[i] = dark[i] + (level >> 10)
+        floor[i] = dark[i] + level + half >> shift
 
 
 def look_up(knots, columns, at, found):
@@ -98,7 +101,7 @@ def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
     Returns
     -------
     int
-        1 where it is too dark to tell a position, 2 if one press cannot have made this, else 0.
+        1 if it is too dark for a position, 2 if the spectrum misfits a single press, else 0.
     """
     for i in range(4):
         reading[i] = 0

@@ -35,13 +35,14 @@ def follow(
     sums: ptr32,
     samples: int,
     dark: ptr32,
-    dark_samples: int,
+    shift: int,
     up: int,
     down: int,
 ):
+    half = 1 << shift >> 1
     for i in range(6):
         level = rest[i]
-        gap = ((sums[i] * dark_samples // samples - dark[i]) << 10) - level
+        gap = ((sums[i] * 4 // samples) << 10) - dark[i] - level
         if gap > 0:
             level += gap >> up
         else:
@@ -49,7 +50,7 @@ def follow(
         if level < 0:
             level = 0
         rest[i] = level
-        floor[i] = dark[i] + (level >> 10)
+        floor[i] = (dark[i] + level + half) >> shift
 
 
 @micropython.viper

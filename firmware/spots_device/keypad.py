@@ -1,8 +1,8 @@
 """Touches to keys: tap, double tap, hold, firm press, slide, swipe, and layers.
 
-What a finger does on a key is decided as early as it can be told apart from what else that key
-may mean: at once where it has one meaning. What was pressed is what is released, whatever layer is
-on by then. Integers only, allocates nothing; time is in the ticks of contact.py.
+A gesture is decided as early as it is unambiguous: at once where the key has one meaning. A release
+belongs to what was pressed, whatever layer is on by then. Integers only; allocates nothing; time is
+in the ticks of contact.py.
 """
 
 from .contact import Contact, elapsed
@@ -38,8 +38,8 @@ class Keypad:
     Parameters
     ----------
     sink : object
-        ``key(page, usage, modifiers, pressed)``; ``stuck()``, told when something has lain on the
-        strip for so long that it is no finger.
+        ``key(page, usage, modifiers, pressed)``; ``stuck()``, called when something has lain
+        on the strip for too long to be a finger.
     """
 
     def __init__(self, sink):
@@ -53,7 +53,7 @@ class Keypad:
         self._clear()
 
     def set_layout(self, layout, length_um):
-        """Let go, and lay these keys over a strip of this length."""
+        """Release all, and spread these keys over a strip of this length."""
         self.release()
         self._layout = layout
         # Shares are in thousandths: a thousandth of a strip this long is so many micrometres.
@@ -61,7 +61,7 @@ class Keypad:
         self.contact.set_layout(layout)
 
     def tick(self, t):
-        """Do what is due at time `t`; after every reading."""
+        """Run the deadlines up to time `t`; call it after every reading."""
         # A time is forgotten as soon as it means nothing more: it would wrap.
         if self._tapped_at >= 0:
             self._age_tap(t)
@@ -73,7 +73,7 @@ class Keypad:
                 self._press(self._action(TAP))
 
     def release(self):
-        """Let go of all; a finger that is still there presses nothing until it was lifted."""
+        """Release all; a finger that is still there presses nothing until it was lifted."""
         self._let_go()
         self._state = _IDLE
         self._clear()
@@ -83,7 +83,7 @@ class Keypad:
         """Forget the tap that waits for a second one, and the layer for one key."""
         self._due = self._tapped_at = self._once = _NONE
 
-    # What contact.py tells.
+    # Events of contact.Contact.
 
     def down(self, x_um, t):
         again = self._tapped_at

@@ -1,4 +1,4 @@
-"""A layout of keys as the board holds it: lines of integers, checked before they are believed.
+"""A layout of keys as the board stores it: lines of integers, validated before they are used.
 
 One statement a line; what `LIMITS` names may be left out::
 

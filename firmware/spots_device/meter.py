@@ -1,4 +1,4 @@
-"""What a sample costs the loop, and the rate of readings to expect from that."""
+"""Measures the time that the loop takes for a sample, and predicts the rate of readings."""
 
 _SKIPPED = 2  # passes after a command are late
 _COUNTED = 16

@@ -5,9 +5,9 @@ early and the one that then succeeds bracket the end of a sample; two brackets n
 bound the period from below. Polling by that bound, and a little earlier still, never
 oversleeps, and comes too early about once in twenty samples. Integers only, allocates nothing.
 
-A loop that is slower than the sensor is never early, so nothing brackets a sample. The one that it
-finds is the newest: it ended within the last period. It is used with that uncertainty, and what
-ended unread is counted by the chip's period.
+A loop that is slower than the sensor never polls early, so nothing brackets a sample. The sample
+that it finds is the newest: it ended within the last period. It is used with that uncertainty, and
+samples that ended unread are counted by the chip's period.
 """
 
 RETRY_US = 200
@@ -71,7 +71,7 @@ class Pacing:
         -------
         int or None
             Ticks at which that sample was complete, or up to `slack_us` later. None if the sample
-            must not be used, after a stall: that cannot be told, and `missed` has grown.
+            must not be used: it cannot be dated after a stall, and `missed` has grown.
         """
         late = self._diff(after, self.due)
         if self._was_early:

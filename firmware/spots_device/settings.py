@@ -1,8 +1,8 @@
 """What the user may set, and text files that survive a power cut.
 
-A file ends in a checksum line. A new one is written beside the old one, which is kept as the last
-good copy; at every moment of a save at least one whole file is there. Nothing is written but by the
-command ``save``.
+A file ends in a checksum line. A new one is written beside the old one, which remains as the last
+good copy: at every moment of a save there is at least one valid file. Only the command ``save``
+writes.
 """
 
 import os
@@ -25,21 +25,30 @@ LIMITS = {
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
+    "dark_every": (0, 10_000, 0),  # one dark sample in so many, also while touched; 0 for none
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
 }
-# A change of these needs no new start of the sensor.
-_AFTER_THE_SENSOR = ("average", "strain_ppm", "baseline", "keys", "gamepad", "watchdog")
+# A change of these needs no restart of the sensor.
+_AFTER_THE_SENSOR = (
+    "average",
+    "strain_ppm",
+    "baseline",
+    "dark_every",
+    "keys",
+    "gamepad",
+    "watchdog",
+)
 
 
-class Settings:
+class BoardSettings:
     """What the user may set.
 
     Parameters
     ----------
     led_max_mA : int
-        What the board's LED stands.
+        Largest current of the board's LED.
 
     Attributes
     ----------
@@ -53,14 +62,14 @@ class Settings:
         self.values["plan"] = DEFAULT_PLAN
 
     def change(self, words):
-        """Take assignments such as ``gain=9``: all of them, or none.
+        """Apply assignments such as ``gain=9``; atomic, unchanged on error.
 
         Exposure and LED current become what the chip makes of them.
 
         Returns
         -------
         bool
-            Whether the sensor has to be started anew.
+            Whether the sensor has to be restarted.
 
         Raises
         ------
@@ -87,6 +96,12 @@ class Settings:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         self.values.update(checked)
         return any(name not in _AFTER_THE_SENSOR for name in checked)
+
+    def reply(self):
+        """Return the settings as replies contain them."""
+        reply = dict(self.values)
+        reply["plan"] = list(reply["plan"])
+        return reply
 
     def lines(self):
         """Return the settings as assignments, as `change` takes them."""
@@ -163,7 +178,7 @@ def load_lines(path):
         lines = _lines_of(candidate)
         if lines is not None:
             return lines
-        # A new file that is cut short is none yet.
+        # A new file that is cut short was never valid.
         damaged = damaged or (candidate != path + ".new" and _exists(candidate))
     if damaged:
         raise ValueError("the file %s and its copies are damaged" % path)

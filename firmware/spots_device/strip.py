@@ -1,48 +1,27 @@
 """One strip: samples of its sensor in, frames out.
 
-Holds the order of things: the LED-off window in which dark frames are taken, the averaging, the
-search for an exposure. `take` allocates nothing but in the rare steps that end a window or a
-search.
+Holds the path of a sample: average, decode, frame. What happens rarely is in modules of its own:
+`dark`, `baseline`, `ambient` and `exposure`. `take` allocates nothing but in the steps that end a
+dark window or a search.
 """
 
 from array import array
 
-from .decode import (
-    DARK_SAMPLES,
-    DARK_SUBTRACTED,
-    LED_OFF,
-    MISFIT,
-    NOT_CALIBRATED,
-    SATURATED,
-    TOUCHING,
-    Decode,
-)
+from .ambient import OddLight
+from .baseline import Baseline
+from .conditions import Conditions
+from .dark import Dark
+from .decode import DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE, Search
-from .kernel import accumulate, follow
+from .kernel import accumulate
 from .smux import CHANNELS
 
 IDLE_US = 1_000_000  # untouched for so long before the strip may blink
-# Light that is no press for so long, or light without a touch that is not what it was by so many
-# counts in all, may be a lamp that was switched on: the dark is taken again, but not more often.
-ODD_US = 300_000
-ODD_COUNTS = 24
-ODD_EVERY_US = 2_000_000
-# A dark window takes six samples: rare enough that the strip is hardly ever blind.
-DARK_EVERY_US = 10_000_000
-DARK_EVERY_SAMPLES = 100
-# Light of the untouched strip: followed so long after a touch, and in how many readings, as a
-# power of 2. What grows may be a finger that comes slowly; what fades is none.
-SETTLED_US = 200_000
-_UP = 10
-_DOWN = 6
 
 _LIT = 0
-_BLINKING = 1  # LED off, dark samples wanted
-_RISING = 2  # LED on again, a wholly lit sample wanted
-
-
-def _six():
-    return array("i", bytes(4 * CHANNELS))
+_UNKNOWN = 1  # LED on, but without a dark frame: a dark window must come first
+_BLINKING = 2  # LED off, dark samples wanted
+_RISING = 3  # LED on again, a wholly lit sample wanted
 
 
 class Strip:
@@ -52,102 +31,148 @@ class Strip:
     ----------
     index : int
         Sensor number in the frames.
+    board_id : str
+        Unique id of the board.
     sensor : as7341.AS7341
     framer : frame.Framer
     time : frame.Time32
         Set to the middle of the integration before each frame.
     clock : object
         ``ticks_add``.
-    settings : settings.Settings
+    settings : settings.BoardSettings
         Read at every (re)start.
     uses : uses.Uses
         Gets every reading.
+
+    Attributes
+    ----------
+    conditions : conditions.Conditions or None
+        What readings are taken with; None before the first start.
     """
 
-    def __init__(self, index, sensor, framer, time, clock, settings, uses):
+    def __init__(self, index, board_id, sensor, framer, time, clock, settings, uses):
         self.index = index
         self.sensor = sensor
         self.settings = settings
+        self.conditions = None
         self.decode = Decode()
-        self.dark = _six()
-        self._rest = _six()
-        self._floor = _six()
-        self._followed = False
+        self._dark = Dark()
+        self._baseline = Baseline(self._dark)
+        self._odd_light = OddLight()
         self.stream_touch = self.stream_spectrum = False
+        self._board_id = board_id
+        self._pacing = sensor.pacing
         self._framer = framer
         self._uses = uses
         self._time = time
         self._add = clock.ticks_add
-        self._sums = _six()
-        self._blink_sums = _six()
+        self._sums = array("i", bytes(4 * CHANNELS))
         self._samples = 0
         self._flags = 0
-        self._blink = _LIT
-        self._blink_samples = 0
-        self._dark_known = False
-        self._dark_wanted = False
-        self._idle_us = self._odd_us = 0
-        self._quiet = -1
-        self._dark_age_us = 0
-        self._dark_every_us = DARK_EVERY_US
+        self._state = _UNKNOWN
+        self._idle_us = 0
         self._missed = 0
-        self._rest_wanted = False
         self._search = None
         self._on_dark = self._on_search = None
 
     def start(self):
-        """Set the sensor up as the settings say and begin with a dark frame."""
+        """Set the sensor up as the settings say and begin with a dark frame.
+
+        Raises
+        ------
+        as7341.SensorError, OSError
+            As `as7341.AS7341.start`.
+        """
         s = self.settings.values
         self._begin(s["gain"], s["led_mA"], s["exposure_us"])
 
-    def _begin(self, gain, led_mA, exposure_us):
-        self.sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
-        self._missed = 0
-        self._framer.gap()
-        self._dark_known = False
-        self._dark_wanted = True
-        self._dark_every_us = max(DARK_EVERY_US, DARK_EVERY_SAMPLES * self.sensor.exposure_us)
-        self._forget_rest()
-        self._blink = _LIT
-        self._restart_average()
+    def stop(self):
+        """Stop sampling and switch the LED off; a sensor that does not answer is left alone."""
+        try:
+            self.sensor.stop()
+        except OSError:
+            pass
+
+    def report(self, reply):
+        """Put what ``get`` returns of this strip and its sensor into a reply."""
+        reply["dark"] = self.dark_frame()
+        reply["rest"] = self._baseline.sums()
+        self.sensor.report(reply)
+
+    def saturation(self):
+        """Return what saturated in the last sample; None if nothing did or the bus fails."""
+        try:
+            return self.sensor.saturation()
+        except OSError:
+            return None
+
+    def dark_frame(self):
+        """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples."""
+        return self._dark.sums()
+
+    @property
+    def floor(self):
+        """What is taken off a reading: six sums over `Decode.dark_samples` samples."""
+        return self._baseline.floor
+
+    def configure(self):
+        """Apply settings that need no restart of the sensor."""
+        self._dark.schedule(self.sensor.exposure_us, self.settings.values["dark_every"])
+
+    def streams(self):
+        """Return the names of the frames that are streamed."""
+        on = (("spectrum", self.stream_spectrum), ("touch", self.stream_touch))
+        return [name for name, streamed in on if streamed]
+
+    def stream(self, names):
+        """Stream these frames and no others: ``touch``, ``spectrum``."""
+        self.stream_touch = "touch" in names
+        self.stream_spectrum = "spectrum" in names
 
     def request_dark(self, done):
         """Take a dark frame now; then call ``done()``."""
-        self._dark_wanted = True
+        self._dark.request_pool()
         self._on_dark = done
 
     def request_search(self, done):
-        """Search gain, LED current and exposure; then call ``done(outcome, Search)``."""
+        """Search gain, LED current and exposure; then call ``done(outcome)``."""
         s = self.settings.values
         self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
         self._on_search = done
-        self._dark_wanted = True
+        self._dark.request()
 
     def request_rest(self):
-        """Take what lies on the strip now as its untouched state."""
-        self._rest_wanted = True
+        """Use what lies on the strip now as its baseline."""
+        self._baseline.wanted = True
 
     def forget_requests(self):
-        """Drop what was requested and not done yet."""
+        """Drop what was requested and is not done yet."""
         self._search = self._on_search = self._on_dark = None
 
-    def rest(self):
-        """Return the light of the untouched strip beyond the dark, as `dark` is counted."""
-        return [level >> 10 for level in self._rest]
+    # The path of a sample.
 
     def take(self):
         """Use the sample that the sensor has just read."""
         sensor = self.sensor
-        if sensor.pacing.missed != self._missed:
-            self._missed = sensor.pacing.missed
+        missed = self._pacing.missed
+        if missed != self._missed:
+            self._missed = missed
             self._framer.gap()
-        if self._dark_age_us < self._dark_every_us:
-            self._dark_age_us += sensor.exposure_us
-        if self._blink != _LIT:
+        dark = self._dark
+        if dark.age_us < dark.every_us:
+            dark.age_us += sensor.exposure_us
+        if self._state == _LIT:
+            if sensor.steady:
+                self._take_lit(sensor)
+        elif self._state != _UNKNOWN:
             self._take_blink(sensor)
-        elif sensor.steady and self._dark_known:
-            self._take_lit(sensor)
-        if self._blink == _LIT and self._dark_due():
+        # Never in the middle of an average, however long it is, unless it is asked for.
+        due = dark.wanted or (
+            dark.age_us >= dark.every_us
+            and not self._samples
+            and (self._idle_us >= IDLE_US or dark.always)
+        )
+        if due and self._state <= _UNKNOWN:
             self._start_blink(sensor)
 
     def _take_lit(self, sensor):
@@ -162,127 +187,94 @@ class Strip:
 
     def _emit(self, flags):
         sensor = self.sensor
+        sums = self._sums
         samples = self._samples
-        if not sensor.led_on:
-            flags |= LED_OFF
-        elif self._dark_known:
-            flags |= DARK_SUBTRACTED
+        lasted_us = samples * sensor.exposure_us
+        flags |= DARK_SUBTRACTED if sensor.led_on else LED_OFF
         decode = self.decode
-        decode.update(self._sums, samples, self._floor, flags)
-        self._judge_quiet(decode.flags, samples * sensor.exposure_us)
-        self._time.set(self._add(sensor.complete, -(samples * sensor.exposure_us >> 1)))
+        baseline = self._baseline
+        if samples != baseline.samples and sensor.led_on:
+            decode.dark_samples = baseline.rescale(samples)
+        decode.update(sums, samples, baseline.floor, flags)
+        flags = decode.flags
+        if flags & TOUCHING:
+            self._idle_us = 0
+        elif self._idle_us < IDLE_US:
+            self._idle_us += lasted_us
+        if self._odd_light.take(flags, sums, samples, lasted_us, self._dark.age_us):
+            self._dark.request()
+        self._time.set(self._add(sensor.complete, -(lasted_us >> 1)))
         if self.stream_touch:
             self._framer.touch(self.index, decode)
         rests = self._uses.take(self.index, decode)
         if self.settings.values["baseline"]:
             if not flags & LED_OFF:
-                self._follow(samples, rests)
-        elif self._followed:
-            self._forget_rest()
+                baseline.follow(sums, samples, self._idle_us, rests)
+        elif baseline.followed:
+            baseline.forget()
         if self.stream_spectrum:
             if samples > 1:
-                sums = self._sums
                 for i in range(CHANNELS):
                     sums[i] = (sums[i] + (samples >> 1)) // samples
-            self._framer.spectrum(self.index, decode.flags, sensor.gain, self._sums)
+            self._framer.spectrum(self.index, flags, sensor.gain, sums)
+        self._samples = 0
+        self._flags = 0
+
+    # What happens rarely.
+
+    def _begin(self, gain, led_mA, exposure_us):
+        sensor = self.sensor
+        sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
+        self.conditions = Conditions(
+            self._board_id, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
+        )
+        self._missed = 0
+        self._framer.gap()
+        self._dark.request()
+        self.configure()
+        self._baseline.forget()
+        self._state = _UNKNOWN
         self._restart_average()
-
-    def _judge_quiet(self, flags, lasted_us):
-        if flags & TOUCHING:
-            self._idle_us = 0
-        elif self._idle_us < IDLE_US:
-            self._idle_us += lasted_us
-        if not self._is_odd(flags):
-            self._odd_us = 0
-        elif self._odd_us < ODD_US:
-            self._odd_us += lasted_us
-        elif self._dark_age_us >= ODD_EVERY_US:
-            self._dark_wanted = True
-
-    def _is_odd(self, flags):
-        if flags & NOT_CALIBRATED:
-            return False  # nobody knows what a press looks like
-        if flags & (TOUCHING | LED_OFF):
-            return flags & MISFIT
-        light = 0
-        for i in range(CHANNELS):
-            light += self._sums[i]
-        light //= self._samples
-        if self._quiet < 0:
-            self._quiet = light
-        return abs(light - self._quiet) > ODD_COUNTS
-
-    def _follow(self, samples, rests):
-        if rests or self._rest_wanted:
-            self._rest_wanted = False
-            up = down = 0
-        elif self._idle_us >= SETTLED_US:
-            up = _UP
-            down = _DOWN
-        else:
-            return
-        self._followed = True
-        follow(self._rest, self._floor, self._sums, samples, self.dark, DARK_SAMPLES, up, down)
-
-    def _forget_rest(self):
-        self._followed = False
-        for i in range(CHANNELS):
-            self._rest[i] = 0
-            self._floor[i] = self.dark[i]
 
     def _restart_average(self):
         self._samples = 0
         self._flags = 0
 
-    def _dark_due(self):
-        if self._dark_wanted:
-            return True
-        if self._samples:
-            return False  # never in the middle of an average, however long it is
-        return self._dark_age_us >= self._dark_every_us and self._idle_us >= IDLE_US
-
     def _start_blink(self, sensor):
         sensor.switch_led(False)
         self._restart_average()
-        self._blink_samples = 0
-        self._blink = _BLINKING
+        self._dark.begin(sensor.exposure_us)
+        self._state = _BLINKING
 
     def _take_blink(self, sensor):
-        if self._blink == _RISING:
+        complete = False
+        if self._state == _RISING:
             if sensor.steady:
-                self._blink = _LIT
+                self._state = _LIT
                 self._take_lit(sensor)
                 return
         elif sensor.steady:
-            accumulate(self._blink_sums, sensor.counts, self._blink_samples)
-            self._blink_samples += 1
+            complete = self._dark.add(sensor.counts)
         accumulate(self._sums, sensor.counts, 0)
         self._samples = 1
         self._emit(LED_OFF)
-        if self._blink_samples == DARK_SAMPLES and self._blink == _BLINKING:
+        if complete:
             self._end_blink(sensor)
 
     def _end_blink(self, sensor):
-        for i in range(CHANNELS):
-            self.dark[i] = self._blink_sums[i]
-            self._floor[i] = self.dark[i] + (self._rest[i] >> 10)
+        self._dark.end()
+        self._baseline.update()
+        self._odd_light.restart()
         sensor.switch_led(True)
         sensor.check()
-        self._blink = _RISING
-        self._dark_known = True
-        self._dark_wanted = False
-        self._dark_age_us = self._odd_us = 0
-        self._quiet = -1
-        done, self._on_dark = self._on_dark, None
-        if done:
+        self._state = _RISING
+        if self._on_dark and not self._dark.wanted:  # else it was requested meanwhile
+            done, self._on_dark = self._on_dark, None
             done()
 
     def _judge(self, sensor):
         search = self._search
-        peak = 0
-        for i in range(CHANNELS):
-            peak = max(peak, sensor.counts[i] - self.dark[i] // DARK_SAMPLES)
-        outcome = search.step(peak, sensor.full_scale, sensor.saturated)
+        outcome = search.step(self._dark.peak(sensor.counts), sensor.full_scale, sensor.saturated)
         if outcome == AGAIN:
             self._begin(search.gain, search.led_mA, search.exposure_us)
             return
@@ -293,4 +285,4 @@ class Strip:
             s["exposure_us"] = sensor.exposure_us
         else:
             self.start()
-        self._on_search(outcome, search)
+        self._on_search(outcome)

@@ -1,4 +1,4 @@
-"""Lines that come one by one and are taken whole or not at all."""
+"""Uploads of lines, one command each; atomic: the end with a checksum makes them valid."""
 
 from .settings import checksum
 
@@ -27,7 +27,7 @@ class Upload:
         self.forget()
 
     def forget(self):
-        """Drop what came so far."""
+        """Drop the lines received so far."""
         self._lines = None
         self._bytes = 0
 

@@ -1,8 +1,10 @@
-"""What readings become besides frames: keys, and a gamepad.
+"""Keys and gamepad: what readings become besides frames.
 
-Settings say which; a board without USB for them sends keys as frames alone. What is not switched
-on is not loaded, so that the memory is there for something else.
+The settings choose; a board without USB HID sends keys as frames alone. What is switched off is not
+loaded, which saves memory.
 """
+
+from .settings import checksum
 
 # USB interface, and the setting that wants it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
@@ -10,18 +12,26 @@ INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad")
 _KEYBOARD_PAGE = 7
 _CONSUMER_PAGE = 12
 _WAIT_US = 1_000  # between two offers, when there is nothing else to do
+_NO_MEMORY = "no memory is left for keys: save and reboot"
+
+
+def check_layout(lines):
+    """Raise LayoutError, a ValueError, if lines are no layout."""
+    from .layout import Layout  # only where it is used
+
+    Layout(lines)
 
 
 class Uses:
-    """Hands readings to what the settings switch on, and reports to the host.
+    """Passes readings to keypad and gamepad, and their reports to the host.
 
     Parameters
     ----------
-    settings : settings.Settings
+    settings : settings.BoardSettings
         ``keys`` and ``gamepad``; read at `apply`.
     framer : frame.Framer
     time : frame.Time32
-        Set to the time of what happens before it is told.
+        Set to the time of an event before the event is passed on.
     usb : object or None
         ``open(names) -> dict``: for each interface of `INTERFACES` that there is now, what sends
         its reports. Raises OSError with a sentence if it cannot. None on a board without.
@@ -42,6 +52,7 @@ class Uses:
         self._sensor = 0
         self._rests = False
         self.fault = None
+        self._memory_fault = None
         self._keypad = self._layout = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # interfaces by name
@@ -55,29 +66,34 @@ class Uses:
         self.layout_lines = lines
         self._layout = None
 
+    def layout_checksum(self):
+        """Return the checksum of the layout, or None without one."""
+        return checksum(self.layout_lines) if self.layout_lines else None
+
     def apply(self, calibration):
-        """Let go of all, and go on as the settings and the calibration, or None, say."""
+        """Release all keys, then follow the settings and this calibration, or None."""
         self.release()
         known = calibration is not None
+        self._memory_fault = None
         self._keys_on = bool(self._values["keys"]) and known
         self._gamepad_on = bool(self._values["gamepad"]) and known and self._axes is not None
         if self._keys_on:
-            try:
-                self._prepare_keypad(calibration.length_um)
-            except MemoryError:
-                self._keys_on = False
-                self.fault = "no memory is left for keys: save and reboot"
+            self._keys_on = self._prepare_keypad(calibration.length_um)
         if self._gamepad_on:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
 
     def note(self, calibration):
-        """Return what keeps the uses that are switched on from working, or None."""
+        """Return what keeps keys or gamepad from working although they are on, or None."""
         wanted = self._wanted()
+        if not wanted:
+            return None
         notes = []
-        if wanted and calibration is None:
+        if calibration is None:
             notes.append("without a calibration no touch is a key or moves an axis")
         missing = [name for name in wanted if name not in self._there]
-        if self.fault:
+        if self._memory_fault:
+            notes.append(self._memory_fault)
+        if missing and self.fault:
             notes.append(self.fault)
         elif missing and self._usb is None:
             notes.append("this board has no USB %s" % " and ".join(missing))
@@ -88,7 +104,10 @@ class Uses:
         return "; ".join(notes) or None
 
     def take(self, sensor, decode):
-        """Take a reading; return whether what lies there has rested too long to be a finger."""
+        """Take a reading; return whether what lies there has rested too long to be a finger.
+
+        Allocates nothing.
+        """
         self._sensor = sensor
         self._rests = False
         if self._keys_on:
@@ -109,39 +128,45 @@ class Uses:
             self._consumer.key(usage, pressed)
 
     def stuck(self):
-        """Take note that what lies there is no finger."""
+        """Record that what lies on the strip is not a finger."""
         self._rests = True
 
     def pump(self):
-        """Offer what waits to the host, once; return whether nothing waits any more."""
+        """Offer queued reports to the host, once; return whether all queues are empty."""
         idle = True
         for output in self._outputs:
             idle = output.outbox.pump() and idle
         return idle
 
     def release(self):
-        """Let go of all; a touch that lasts is none until it was lifted."""
+        """Release all; a touch that lasts counts again only after it was lifted."""
         if self._keypad is not None:
             self._keypad.release()
         for output in self._outputs:
             output.release()
 
     def finish(self, clock, until):
-        """Release all and see that the host gets it, but wait no longer than until these ticks."""
+        """Release all and send it to the host; give up at these ticks."""
         self.release()
         while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
             clock.sleep_us(_WAIT_US)
 
     def dropped(self):
-        """Return how many reports the host never got."""
+        """Return how many reports were never sent."""
         return sum(output.outbox.dropped for output in self._outputs)
 
     def _prepare_keypad(self, length_um):
-        if self._keypad is None:
-            from .keypad import Keypad
+        """Load the keypad and its layout; return whether memory sufficed."""
+        try:
+            if self._keypad is None:
+                from .keypad import Keypad
 
-            self._keypad = Keypad(self)
-        self._keypad.set_layout(self._get_layout(), length_um)
+                self._keypad = Keypad(self)
+            self._keypad.set_layout(self._get_layout(), length_um)
+        except MemoryError:
+            self._memory_fault = _NO_MEMORY
+            return False
+        return True
 
     def _get_layout(self):
         if self._layout is None:
@@ -152,9 +177,16 @@ class Uses:
 
     def _wanted(self):
         names = [name for name, setting in INTERFACES if self._values[setting]]
-        if "consumer" in names and _CONSUMER_PAGE not in self._get_layout().pages:
+        if "consumer" in names and not self._has_consumer_keys():
             names.remove("consumer")
         return names
+
+    def _has_consumer_keys(self):
+        try:
+            return _CONSUMER_PAGE in self._get_layout().pages
+        except MemoryError:
+            self._memory_fault = _NO_MEMORY
+            return False
 
     def _open(self):
         names = self._wanted()
@@ -166,9 +198,13 @@ class Uses:
             self.fault = str(error)
             return
         from .gamepad import GamepadAxes
-        from .hid import Consumer, Gamepad, Keyboard
+        from .hid import ConsumerReports, GamepadReports, KeyboardReports
 
-        kinds = {"keyboard": Keyboard, "consumer": Consumer, "gamepad": Gamepad}
+        kinds = {
+            "keyboard": KeyboardReports,
+            "consumer": ConsumerReports,
+            "gamepad": GamepadReports,
+        }
         self._there = {name: kinds[name](send) for name, send in sends.items()}
         self._outputs = tuple(self._there.values())
         self._keyboard = self._there.get("keyboard")

@@ -4,7 +4,7 @@ Stands where bus, clock and serial port stand on a board, and allocates nothing 
 what a sample costs is the firmware's own. Used by the benchmark and by the tests.
 """
 
-from spots_device.app import App
+from spots_device.app import BoardApp
 from spots_device.as7341 import AS7341
 
 _AINT = 0x08
@@ -73,6 +73,9 @@ class Bus:
         if register == 0x80:
             self._start(registers[0x80] & _SP_EN)
 
+    def recover(self):
+        pass
+
     def _start(self, running):
         r = self.registers
         steps = (r[0x81] + 1) * ((r[0xCA] | r[0xCB] << 8) + 1)
@@ -92,7 +95,7 @@ class Serial:
     """A port that takes everything and keeps the last frame."""
 
     def __init__(self):
-        self.last = bytearray(600)
+        self.last = bytearray(700)
         self.size = 0
         self.frames = 0
 
@@ -114,7 +117,7 @@ class BoardConfig:
     LED_MAX_MA = 100
 
 
-def app(calibration=(), serial=None, usb=None, make=App):
+def app(calibration=(), serial=None, usb=None, make=BoardApp):
     """Return (App, Bus, Clock, Serial), past the dark window, streaming readings and spectra.
 
     Parameters
@@ -124,9 +127,9 @@ def app(calibration=(), serial=None, usb=None, make=App):
     serial : object, optional
         A port in place of `Serial`.
     usb : object, optional
-        As `app.App` asks for.
+        As `app.BoardApp` asks for.
     make : type, optional
-        The `App` of another copy of the firmware.
+        The `BoardApp` of another copy of the firmware.
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()

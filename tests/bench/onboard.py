@@ -12,14 +12,14 @@ import time
 
 import canned
 from floats import FloatPath
-from spots_device.app import App
+from spots_device.app import BoardApp
 
 try:
-    from spots_device_viper.app import App as ViperApp
+    from spots_device_viper.app import BoardApp as ViperApp
 except SyntaxError:  # this MicroPython makes no machine code
     ViperApp = None
 
-_DARK_SAMPLES = 4
+_DARK_SAMPLES = 64
 _WARM_UP = 100
 
 
@@ -72,13 +72,13 @@ class Spots:
         touch = self._touch
         decode = self._decode
         counts = self.app.strip.sensor.counts
-        dark = self.app.strip.dark
+        dark = self.app.strip.floor
         for _ in range(samples):
             update(counts, 1, dark, 0)
             touch(0, decode)
 
     def dark(self):
-        return [total / _DARK_SAMPLES for total in self.app.strip.dark]
+        return [total / _DARK_SAMPLES for total in self.app.strip.dark_frame()]
 
 
 class Floats:
@@ -109,7 +109,7 @@ def main():
     """Measure, and print what was found."""
     with open("inputs.json") as file:
         given = json.load(file)
-    spots = Spots(given["calibration"], App)
+    spots = Spots(given["calibration"], BoardApp)
     paths = {
         "spots": spots,
         "float_json": Floats(given["calibration"], spots.dark(), "send_json"),

@@ -194,7 +194,7 @@ def test_a_setting_that_leaves_the_calibration_says_so_and_coming_back_restores_
     rig, calibration
 ):
     made = rig(calibration=calibration)
-    assert "calibrate anew" in made.board.command("set exposure_us=20000")["note"]
+    assert "calibrate again" in made.board.command("set exposure_us=20000")["note"]
     made.press(42.0, 3000.0)
     assert all(not r.touching and r.flags & 1 << 6 for r in made.readings(5))
     assert "note" not in made.board.command("set exposure_us=10000")
@@ -234,6 +234,6 @@ def test_a_request_that_is_interrupted_is_answered(rig):
 def test_one_request_at_a_time(rig):
     made = rig()
     made.board._link.write(b"dark\ndark\n")
-    made.settle(0.3)
+    made.settle(1.0)
     replies = [reply.content for reply in made.board._replies]
     assert sorted("error" in reply for reply in replies) == [False, True]

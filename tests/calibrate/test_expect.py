@@ -12,6 +12,7 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Spectrum, Touch
 from spots.web.expected import expected_shown
+from spots_device.decode import DARK_SAMPLES
 from spots_device.settings import checksum
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
@@ -46,7 +47,7 @@ def departure(strip, calibration, *presses):
         pass
     frames = list(board.frames(READ_S))
     counts = np.mean([frame.counts for frame in frames if isinstance(frame, Spectrum)], axis=0)
-    counts -= np.array(board.command("get")["dark"]) / 4
+    counts -= np.array(board.command("get")["dark"]) / DARK_SAMPLES
     touches = [frame for frame in frames if isinstance(frame, Touch)]
     position_um = np.mean([touch.position_um for touch in touches])
     brightness = np.mean([touch.brightness for touch in touches])

@@ -7,7 +7,6 @@ import pytest
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
-from spots.calibrate.presses import Conditions
 from spots_device.calibration import Calibration
 
 RESIDUALS = [
@@ -26,8 +25,7 @@ JOINT = file.Joint(
 
 @pytest.fixture
 def made(calibration):
-    c = Calibration(calibration)
-    conditions = Conditions(c.board, c.plan, c.gain, c.exposure_us, c.led_mA)
+    conditions = Calibration(calibration).conditions
     return file.CalibrationFile.now(conditions, calibration, RESIDUALS, JOINT)
 
 

@@ -24,12 +24,13 @@ from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
 from spots.calibrate.presser import PersonPresser
-from spots.calibrate.presses import FULL_MN, Conditions
+from spots.calibrate.presses import FULL_MN
 from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_device.calibration import Calibration
-from spots_device.decode import Decode
+from spots_device.conditions import Conditions
+from spots_device.decode import DARK_SAMPLES, Decode
 from spots_device.settings import checksum
 from spots_sim.bound import Bound
 from spots_sim.files import DATA
@@ -646,7 +647,7 @@ def test_the_integers_tell_what_float64_tells(sensor, full, strain_ppm):
 def test_the_board_tells_what_float64_tells(sensor, full):
     with Touched(sensor, full.out) as touched:
         calibration = Calibration(touched.made.lines)
-        dark = touched.board.command("get")["dark"]
+        dark = np.array(touched.board.command("get")["dark"]) / (DARK_SAMPLES / 4)
         for position_um in np.linspace(1000, 84_000, 12):
             for force_mN in (calibration.forces_mN[0] + 100.0, 1500.0, 9900.0):
                 for touch, spectrum in touched.readings(position_um, force_mN, 3):

@@ -6,6 +6,7 @@ import pytest
 from smallint import SmallInt
 
 from spots_device.calibration import Calibration, CalibrationError
+from spots_device.conditions import Conditions
 
 GOOD = """\
 board 00ff
@@ -41,7 +42,7 @@ def changed(old, new):
 
 def test_the_real_one_is_good(calibration):
     made = Calibration(calibration)
-    assert made.plan == ("F3", "F4", "F5", "F6", "F7", "F8")
+    assert made.conditions.plan == ("F3", "F4", "F5", "F6", "F7", "F8")
     assert made.length_um == 85_000
     assert min(min(part.positions_um) for part in made.segments) == 0
 
@@ -95,15 +96,15 @@ def test_a_strain_beyond_the_known_ones_is_refused(strain_ppm):
         ("from 90000", "from 0", "must ascend"),
         ("f 1000 200 900", "f 1000 -200 900", "forces of 'f'"),
         ("f 100000 6000 90", "f 10000 70000 90", "forces of 'f'"),
-        ("segment -8192", "# -8192", "no line"),
+        ("segment -8192", "# -8192", "not a line"),
         ("segment 0 -8192 0 0 0 8192 0 0 0 0 8192 0\n", "", "one 'from' for each"),
         ("strain 0\n", "", "after a line 'strain'"),
         ("strain 0\nfrom 0\n", "strain 0\n", "after a line 'from'"),
         ("strain 0\n", "strain 5\n", "ascending values from 0"),
         ("strain 100000", "strain 0", "ascending values from 0"),
         ("strain 100000", "strain 600000", "ends at"),
-        ("board 00ff", "board 00ff\ncolour red", "no line"),
-        ("board 00ff", "board", "no line"),
+        ("board 00ff", "board 00ff\ncolour red", "not a line"),
+        ("board 00ff", "board", "not a line"),
         ("board 00ff", "board 00ff\nboard 00ff", "twice"),
         ("plan F3", "plan F4", "six different"),
         ("plan F3", "plan F9", "six different"),
@@ -140,8 +141,8 @@ def test_every_accepted_number_is_a_small_int(calibration):
 )
 def test_a_mismatch_says_what_to_do(board, plan, gain, exposure_us, led_mA, says):
     made = Calibration(GOOD)
-    assert says in made.mismatch(board, plan.split()[1:], gain, exposure_us, led_mA)
+    assert says in made.mismatch(Conditions(board, plan.split()[1:], gain, exposure_us, led_mA))
 
 
 def test_a_match_says_nothing():
-    assert Calibration(GOOD).mismatch("00ff", GOOD[1].split()[1:], 9, 10000, 20) is None
+    assert Calibration(GOOD).mismatch(Conditions("00ff", GOOD[1].split()[1:], 9, 10000, 20)) is None

@@ -3,14 +3,15 @@
 from spots_device.kernel import follow
 
 UP, DOWN = 10, 6
+Q = 10  # from counts in Q12 to sums over four samples
 
 
 def followed(level, start=0, dark=4, readings=1, up=UP, down=DOWN):
     """Return the rest after so many readings at a level of counts, in counts of four samples."""
-    rest, floor = [start << 10] * 6, [0] * 6
+    rest, floor = [start << Q] * 6, [0] * 6
     for _ in range(readings):
-        follow(rest, floor, [level] * 6, 1, [dark] * 6, 4, up, down)
-    assert floor == [dark + (one >> 10) for one in rest]
+        follow(rest, floor, [level] * 6, 1, [dark << Q] * 6, Q, up, down)
+    assert floor == [dark + ((one + 512) >> Q) for one in rest]
     return rest[0] / 1024
 
 

@@ -14,9 +14,9 @@ from spots_device.hid import (
     KEYS_MAX,
     REPORT_SIZE,
     WAITING_MAX,
-    Consumer,
-    Gamepad,
-    Keyboard,
+    ConsumerReports,
+    GamepadReports,
+    KeyboardReports,
     Outbox,
     with_report_id,
 )
@@ -27,7 +27,7 @@ SHIFT, ALT = 2, 4
 
 
 class Host:
-    """Accepts as many reports as a test sets, and keeps them."""
+    """Accepts or refuses reports as the test sets it, and stores the accepted ones."""
 
     def __init__(self, takes=True):
         self.takes = takes
@@ -48,7 +48,7 @@ def drain(outbox, most=100):
 
 def keyboard(takes=True):
     host = Host(takes)
-    return Keyboard(host.send), host
+    return KeyboardReports(host.send), host
 
 
 def report(*usages, modifiers=0):
@@ -99,7 +99,7 @@ def test_a_modifier_is_a_key_too():
 
 def test_the_last_media_key_counts():
     host = Host()
-    keys = Consumer(host.send)
+    keys = ConsumerReports(host.send)
     keys.key(0xE9, True)
     keys.key(0x1B5, True)
     keys.key(0xE9, False)  # it is up already
@@ -254,7 +254,7 @@ def test_whatever_is_dropped_no_key_stays_that_was_let_go(events, takes):
 
 def test_a_gamepad_sends_the_latest_of_its_axes_and_every_change_of_its_buttons():
     host = Host(takes=False)
-    pad = Gamepad(host.send)
+    pad = GamepadReports(host.send)
     for x in range(50):
         pad.update(x, 0, 2 * x, 1)
         pad.outbox.pump()
@@ -272,7 +272,7 @@ def test_a_gamepad_sends_the_latest_of_its_axes_and_every_change_of_its_buttons(
 
 def test_a_gamepad_that_rests_sends_nothing():
     host = Host()
-    pad = Gamepad(host.send)
+    pad = GamepadReports(host.send)
     for _ in range(3):
         pad.update(0, 0, 0, 0)
         drain(pad.outbox)
@@ -285,7 +285,7 @@ def test_a_gamepad_that_rests_sends_nothing():
 
 def test_a_gamepad_lets_go_and_begins_again():
     host = Host()
-    pad = Gamepad(host.send)
+    pad = GamepadReports(host.send)
     pad.update(5, 0, 5, 1)
     drain(pad.outbox)
     pad.release()

@@ -8,7 +8,7 @@ from spots_device import settings
 
 
 def made():
-    return settings.Settings(led_max_mA=100)
+    return settings.BoardSettings(led_max_mA=100)
 
 
 def test_defaults_are_within_their_own_limits():

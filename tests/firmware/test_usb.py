@@ -10,6 +10,7 @@ from spots_device.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, with_repor
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
 OTHER = bytes(8)
+ENDPOINT_DESCRIPTOR = 5
 
 
 def fresh(monkeypatch, name, **modules):
@@ -23,19 +24,46 @@ def fresh(monkeypatch, name, **modules):
     return importlib.import_module(name)
 
 
+class Descriptor:
+    """The part of a configuration descriptor that one interface writes, as usb-device makes it.
+
+    Parameters
+    ----------
+    b : bytearray or None
+        Where to write; None only measures.
+    """
+
+    def __init__(self, b):
+        self.b = b
+        self.o = 0
+
+    def pack(self, data):
+        if self.b:
+            self.b[self.o : self.o + len(data)] = data
+        self.o += len(data)
+
+
 class HIDInterface:
-    """As published in micropython-lib, as far as the firmware can see."""
+    """What usb-device-hid 0.1 and 0.2 have in common, where the firmware can notice it.
+
+    0.2 reads the interval of the endpoint from a parameter that 0.1 refuses, and both default to
+    8 ms.
+    """
 
     def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
         self.report_descriptor = report_descriptor
         self.protocol = protocol
-        self.binterval = 8
         self.open = False
         self.pending = None
         self.described = []
 
     def desc_cfg(self, desc, itf_num, ep_num, strs):
         self.described.append(self.protocol)
+        boot = 1 if self.protocol else 0
+        desc.pack(bytes((9, 4, itf_num, 0, 1, 3, boot, self.protocol, 0)))
+        length = len(self.report_descriptor)
+        desc.pack(bytes((9, 0x21, 0x11, 1, 0, 1, 0x22, length & 0xFF, length >> 8)))
+        desc.pack(bytes((7, 5, ep_num | 0x80, 3, 8, 0, 8)))
         self.protocol = 1
 
     def on_interface_control_xfer(self, stage, request):
@@ -64,9 +92,12 @@ class MicroPythonUsb:
 
     def init(self, *interfaces, **options):
         self.interfaces, self.options = interfaces, options
+        measured = Descriptor(None)
         for interface in interfaces:
-            interface.desc_cfg(None, 0, 0, [])
-            interface.desc_cfg(None, 2, 3, [])
+            interface.desc_cfg(measured, 0, 0, [])
+        self.descriptor = Descriptor(bytearray(measured.o))
+        for interface in interfaces:
+            interface.desc_cfg(self.descriptor, 2, 3, [])
 
 
 @pytest.fixture
@@ -94,7 +125,18 @@ def test_micropython_describes_each_interface_as_what_it_is(micropython):
     assert gamepad.described == [0, 0]
     assert keyboard.report_descriptor == KEYBOARD_DESCRIPTOR
     assert gamepad.report_descriptor == GAMEPAD_DESCRIPTOR
-    assert keyboard.binterval == 1
+
+
+def test_micropython_lets_the_host_poll_every_millisecond(micropython):
+    module, device = micropython
+    names = ["keyboard", "consumer", "gamepad"]
+    module.open_interfaces(names, None)
+    described, endpoints = bytes(device.descriptor.b), []
+    while described:
+        if described[1] == ENDPOINT_DESCRIPTOR:
+            endpoints.append(described[: described[0]])
+        described = described[described[0] :]
+    assert endpoints == [bytes((7, 5, 0x83, 3, 8, 0, 1))] * len(names)
 
 
 def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(micropython):
@@ -169,7 +211,7 @@ def serial(monkeypatch):
         ticks_add=lambda ticks, us: (ticks + us) % turn,
         ticks_diff=lambda end, start: (end - start + turn // 2) % turn - turn // 2,
     )
-    return module.Serial(), port
+    return module.StdioSerial(), port
 
 
 def test_micropython_waits_ever_more_rarely_for_a_host_that_does_not_read(serial):
@@ -224,7 +266,7 @@ def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypat
         implementation = SimpleNamespace(version=version)
         module.sys = SimpleNamespace(platform=platform, implementation=implementation)
         with pytest.raises(OSError, match=why):
-            module.Usb(SimpleNamespace()).open(["keyboard"])
+            module.MachineUsb(SimpleNamespace()).open(["keyboard"])
 
 
 class Pin:
@@ -242,12 +284,12 @@ class Pin:
 def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     constants = {"const": lambda value: value}
     module = fresh(monkeypatch, "micropython", micropython=constants, machine={"Pin": Pin})
-    usb = module.Usb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
+    usb = module.MachineUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Pin.made.number, Pin.made.level) == ("LED", 1 - level)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
         usb._show_leds(leds)
         assert (Pin.made.level == level) == lit
-    module.Usb(SimpleNamespace())._show_leds(2)  # a board without one
+    module.MachineUsb(SimpleNamespace())._show_leds(2)  # a board without one
 
 
 @pytest.mark.parametrize("error", [OSError, RuntimeError])
@@ -442,9 +484,9 @@ def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
         digitalio={"DigitalInOut": Wire},
         micropython={"const": lambda value: value},
     )
-    usb = module.Usb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
+    usb = module.CircuitUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Wire.made.pin, Wire.made.value) == ("the red one", level == 0)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
         usb._show_leds(leds)
         assert (Wire.made.value == bool(level)) == lit
-    module.Usb(SimpleNamespace())._show_leds(2)  # a board without one
+    module.CircuitUsb(SimpleNamespace())._show_leds(2)  # a board without one

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from smallint import small
 
 from spots.link.frames import Decoder, Touch
+from spots_device.as7341 import AS7341
 from spots_device.contact import TICKS
 from spots_device.decode import MISFIT, TOO_DARK, TOUCHING
 from spots_device.settings import checksum
@@ -19,7 +20,7 @@ from spots_device.settings import checksum
 # More would be one more of the same, and slow.
 LINES_MAX = 40
 _WRAP = 1 << 30
-_SETTLE_STEPS = 60  # a search over all gains ends within so many samples
+_SETTLE_STEPS = 100  # a search over all gains and a dark frame end within so many samples
 _COUNTS = (900, 1200, 2000, 2500, 3000, 1500)
 _LENGTH_UM = 85_000
 
@@ -78,7 +79,7 @@ class _Sensor:
         self.pacing = SimpleNamespace(missed=0)
         self.counts = array("i", bytes(4 * 6))
         self.retries = self.complete = 0
-        self.steady = True
+        self.steady, self.saturated = True, False
 
     def start(self, plan, gain, exposure_us, led_mA):
         self.plan, self.gain = tuple(plan), gain
@@ -108,6 +109,9 @@ class _Sensor:
     def check(self):
         pass
 
+    def report(self, reply):
+        AS7341.report(self, reply)
+
     def saturation(self):
         return "digital" if self.saturated else None
 
@@ -120,7 +124,7 @@ class Board:
             path.unlink()
         clock, self._serial = _Clock(), _Serial()
         board = SimpleNamespace(NAME="virtual", LED_MAX_MA=100)
-        self.app = _app.App(board, "cpython", "00ff", _Sensor(clock), clock, self._serial)
+        self.app = _app.BoardApp(board, "cpython", "00ff", _Sensor(clock), clock, self._serial)
         self._decoder = Decoder()
         self.settle()
         self.said()
@@ -150,7 +154,7 @@ class Board:
         """Let it end what was asked of it."""
         for _ in range(_SETTLE_STEPS):
             self.app.step()
-            if not self.app._claimed:
+            if not self.app.replies.pending:
                 return
 
     def state(self):
@@ -160,7 +164,7 @@ class Board:
             dict(app.settings.values),
             app.strip.stream_touch,
             app.strip.stream_spectrum,
-            list(app.calibration_lines),
+            list(app.calibration.lines),
             list(app.uses.layout_lines),
         )
 

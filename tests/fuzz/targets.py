@@ -39,7 +39,7 @@ from spots.web.feel import layout_shown
 from spots.web.guard import Guard
 from spots_device import PROTOCOL, settings
 from spots_device.calibration import Calibration, CalibrationError
-from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES, Decode
+from spots_device.decode import AVERAGE_MAX, Decode
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout, LayoutError
 from spots_sim import files
@@ -133,7 +133,7 @@ def calibration(data: bytes) -> None:
             for sums in ([1] * 6, [full] * 6, [1, full] * 3, [full, 1] * 3):
                 decode.update(small(sums), samples, small([0] * 6), 0)
                 assert 0 <= decode.force_mN <= 65_535
-            decode.update(small([full] * 6), samples, small([DARK_SAMPLES * 9] * 6), 0)
+            decode.update(small([full] * 6), samples, small([decode.dark_samples * 9] * 6), 0)
 
 
 def layout_lines(data: bytes) -> None:
@@ -158,7 +158,7 @@ def settings_file(data: bytes) -> None:
             texts = [line for line in data[1:].decode().split("\n") if line]
             lines = [*data[1:].split(b"\n"), b"crc " + settings.checksum(texts).encode(), b""]
     path = str(_file("settings.txt", b"\n".join(lines)))
-    fresh = settings.Settings(led_max_mA=100)
+    fresh = settings.BoardSettings(led_max_mA=100)
     before = dict(fresh.values)
     try:
         fresh.change(settings.load_lines(path))

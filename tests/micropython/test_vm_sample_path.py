@@ -8,6 +8,7 @@ import pytest
 
 from spots.link.frames import Decoder, Key, Spectrum, Touch
 from spots_device.calibration import Calibration, CalibrationError
+from spots_device.dark import DARK_EVERY_US
 from spots_device.decode import (
     DARK_SUBTRACTED,
     DROPPED,
@@ -20,7 +21,7 @@ from spots_device.decode import (
 )
 from spots_device.exposure import MAX_US
 from spots_device.layout import KEYBOARD, action
-from spots_device.strip import DARK_EVERY_US, IDLE_US
+from spots_device.strip import IDLE_US
 
 # Presses of the default sensor at its two ends, and what more and less light would give.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
@@ -32,6 +33,7 @@ UNEVEN = [65_535, 1] * 3
 
 UNCALIBRATED, REAL, LEAST, LARGEST = range(4)
 DARK_WINDOW_MS = 150  # more than one takes, at 10 ms a sample
+DARK_FRAME_MS = 750  # sixteen of them
 
 
 def scene(flags, lit, calibration=REAL, lasts_ms=60, average=1, **other):
@@ -44,7 +46,7 @@ def scene(flags, lit, calibration=REAL, lasts_ms=60, average=1, **other):
 
 SCENES = {
     "no calibration": scene(NOT_CALIBRATED, NEAR, UNCALIBRATED, lasts_ms=1500),
-    "a dark window on request": scene(TOUCHING, NEAR, request_dark=True, lasts_ms=DARK_WINDOW_MS),
+    "a dark frame on request": scene(TOUCHING, NEAR, request_dark=True, lasts_ms=DARK_FRAME_MS),
     "a finger near the sensor": scene(TOUCHING, NEAR),
     "a finger at the far end": scene(TOUCHING, FAR),
     "a feeble touch": scene(TOUCHING, FEEBLE),
@@ -74,7 +76,7 @@ SCENES = {
         TOUCHING | SATURATED | MISFIT, UNEVEN, LARGEST, average=64, lasts_ms=1500
     ),
 }
-WITH_DARK_WINDOW = {"a dark window on request", "the dark window when it lifts", "nobody for long"}
+WITH_DARK_WINDOW = {"a dark frame on request", "the dark window when it lifts", "nobody for long"}
 AFTER_A_GAP = {
     "a port that takes again",
     "a stall of three samples",

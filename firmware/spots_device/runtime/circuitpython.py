@@ -16,30 +16,21 @@ from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
 
 from ..as7341 import AS7341, SensorError
-from ..settings import SETTINGS_FILE, Settings, load_lines
-from .stay import stay_after_reset, told_to_stay
+from ..settings import SETTINGS_FILE, BoardSettings, load_lines
+from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
+from .stay import told_to_stay
 
-_ADDRESS = const(0x39)
-_RECOVERY_CLOCKS = const(9)
-_HALF_CLOCK_US = const(5)
 _PERIOD_US = const(1 << 30)
 _HALF_PERIOD_US = const(1 << 29)
-# Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
-_SAFE_BOOT_MS = const(500)
-_SAFE_BOOT_STEP_MS = const(20)
-_AFTER_CRASH_S = const(1)  # for Ctrl-C, when it crashes again and again
-_WATCHDOG_S = const(8)  # the RP2040 knows no longer ones
-_CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
 _FINISH_US = const(20_000)  # what a frame longer than the port's buffer may take
 _COMMON_SIZE = const(64)  # frames up to here are sent again and again
-_CAPS_LOCK = const(2)  # HID usage tables, LED page, as a keyboard's output report has it
 
 
-class Bus:
+class BusioBus:
     """The sensor's registers over ``busio``. Allocates nothing but what Adafruit's device does."""
 
     def __init__(self, i2c):
-        self.device = I2CDevice(i2c, _ADDRESS, probe=False)
+        self.device = I2CDevice(i2c, ADDRESS, probe=False)
         self._register = bytearray(1)
 
     def read_into(self, register, buffer):
@@ -52,16 +43,16 @@ class Bus:
             device.write(buffer)
 
 
-class Sensor(AS7341):
-    """An AS7341 that Adafruit's driver brings up: power, exposure, gain and LED are its part.
+class AdafruitSensor(AS7341):
+    """An AS7341 whose power, exposure, gain and LED are set by Adafruit's driver.
 
     Parameters
     ----------
     scl, sda : microcontroller.Pin
     frequency_hz : int
-        Of the bus. It is opened anew until it does, for it raises RuntimeError where nothing
-        pulls the wires up, or something holds them low: so does a chip whose board was reset in
-        the middle of a byte.
+        Of the bus. Opening is tried again until it succeeds: it raises RuntimeError where nothing
+        pulls the wires up or something holds them low, such as a chip whose board was reset in the
+        middle of a byte.
     clock : object
         As `as7341.AS7341` asks for.
     """
@@ -81,10 +72,7 @@ class Sensor(AS7341):
         super().start(plan, gain, exposure_us, led_mA)
 
     def recover(self):
-        """Clock out a chip that holds SDA in the middle of a byte, STOP, and begin anew.
-
-        Source: UM10204, section 3.1.16.
-        """
+        """Free the wires and open the controller again."""
         if self._i2c is not None:
             self._i2c.deinit()
             self._i2c = None
@@ -92,13 +80,7 @@ class Sensor(AS7341):
         with scl, sda:
             for wire in (scl, sda):
                 wire.switch_to_output(value=True, drive_mode=digitalio.DriveMode.OPEN_DRAIN)
-            for _ in range(_RECOVERY_CLOCKS):
-                if sda.value:
-                    break
-                _set(scl, False)
-                _set(scl, True)
-            for wire, level in ((scl, False), (sda, False), (scl, True), (sda, True)):
-                _set(wire, level)
+            free_bus(scl, sda, _is_high, _put)
         self._open()
 
     def _open(self):
@@ -107,7 +89,7 @@ class Sensor(AS7341):
             self._i2c = busio.I2C(scl, sda, frequency=self._frequency_hz)
         except RuntimeError as error:
             raise SensorError("the I2C bus does not start (%s)" % error)
-        self._bus = Bus(self._i2c)
+        self._bus = BusioBus(self._i2c)
         if self._driver is not None:
             self._driver.i2c_device = self._bus.device
 
@@ -132,15 +114,19 @@ class Sensor(AS7341):
         self._driver.led = on
 
 
-def _set(wire, level):
-    wire.value = level
-    microcontroller.delay_us(_HALF_CLOCK_US)
+def _is_high(wire):
+    return wire.value
 
 
-class Clock:
+def _put(wire, level):
+    wire.value = bool(level)
+    microcontroller.delay_us(HALF_CLOCK_US)
+
+
+class MonotonicClock:
     """Ticks as in MicroPython's ``time``.
 
-    The only clock of microseconds here is a long integer, so that each look at it allocates.
+    The only clock of microseconds here is a long integer, so each call allocates.
     """
 
     @staticmethod
@@ -166,11 +152,11 @@ class Clock:
             microcontroller.delay_us(us)
 
 
-class Serial:
-    """The USB serial port for data; the console stays what it was."""
+class CdcSerial:
+    """The USB serial port for data; the console is another one."""
 
     def __init__(self, port, clock):
-        # Either one left at None waits for ever.
+        # With None they would block for ever.
         port.timeout = 0
         port.write_timeout = 0
         self._port = port
@@ -208,7 +194,7 @@ class Serial:
         return False
 
 
-class Usb:
+class CircuitUsb:
     """The board as a USB keyboard and gamepad, where `boot` made it one.
 
     Parameters
@@ -233,17 +219,17 @@ class Usb:
 
     def _show_leds(self, leds):
         if self._led is not None:
-            self._led.value = self._on == bool(leds & _CAPS_LOCK)
+            self._led.value = self._on == bool(leds & CAPS_LOCK)
 
 
 def boot():
-    """Prepare USB, once after a reset; all stays as it was while the board's button is pressed.
+    """Prepare USB, once after a reset; changes nothing while the board's button is pressed.
 
-    The drive is the board's to write on, so that ``save`` works: the host may then only read it.
+    The drive becomes writable for the board, so that ``save`` works, and read-only for the host.
     """
     import board_config
 
-    if _asked_to_stay(board_config):
+    if _is_safe_boot(board_config):
         return
     usb_cdc.enable(console=True, data=True)
     storage.remount("/", readonly=False)
@@ -255,10 +241,10 @@ def boot():
 
 
 def main():
-    """Run the application on this board until it is told to reboot.
+    """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if there is no port for data. An exception of the application is told to
-    the host before the board starts anew; Ctrl-C gives it back.
+    Returns to the prompt if there is no port for data. An exception of the application is logged
+    to the host before the board restarts.
     """
     import board_config
 
@@ -268,66 +254,51 @@ def main():
     if usb_cdc.data is None:
         print("no port for data, so the application was not started: press reset, not the button")
         return
-    from ..app import App
+    from ..app import BoardApp
 
+    clock = MonotonicClock
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
-    serial = Serial(usb_cdc.data, Clock)
-    usb = Usb(board_config) if board_config.USB_HID else None
+    usb = CircuitUsb(board_config) if board_config.USB_HID else None
     scl = getattr(board, board_config.SCL_PIN)
     sda = getattr(board, board_config.SDA_PIN)
-    sensor = Sensor(scl, sda, board_config.I2C_HZ, Clock)
-    app = App(board_config, runtime, uid, sensor, Clock, serial, usb)
-    # Not every build has it; then what an interrupt breaks off is only tried again.
+    sensor = AdafruitSensor(scl, sda, board_config.I2C_HZ, clock)
+    serial = CdcSerial(usb_cdc.data, clock)
+    app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
+    # Not every build has it; without it, the end of a run is only tried again after Ctrl-C.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
-    watched = app.settings.values["watchdog"]
-    if watched:
-        app.feed = _watchdog_feed()
-    try:
-        app.run()
-    except KeyboardInterrupt:
-        if not watched:
-            raise
-        stay_after_reset()
-    except Exception as error:
-        app.log("error", _crash(error))
-        time.sleep(_AFTER_CRASH_S)
-    microcontroller.reset()
+    run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
 
 
-def _watchdog_feed():
+def _watchdog():
     from watchdog import WatchDogMode
 
-    microcontroller.watchdog.timeout = _WATCHDOG_S
+    microcontroller.watchdog.timeout = WATCHDOG_MS / 1000
     microcontroller.watchdog.mode = WatchDogMode.RESET
     return microcontroller.watchdog.feed
 
 
-def _asked_to_stay(board_config):
+def _is_safe_boot(board_config):
     name = getattr(board_config, "SAFE_BOOT", None)
     if name is None:
         return False
     with digitalio.DigitalInOut(getattr(board, name)) as button:
         button.switch_to_input(pull=digitalio.Pull.UP)
-        for _ in range(_SAFE_BOOT_MS // _SAFE_BOOT_STEP_MS):
-            if not button.value:
-                return True
-            time.sleep(_SAFE_BOOT_STEP_MS / 1000)
-    return False
+        return is_held(lambda: not button.value, _sleep_ms)
+
+
+def _sleep_ms(ms):
+    time.sleep(ms / 1000)
 
 
 def _stored_settings(board_config):
-    settings = Settings(board_config.LED_MAX_MA)
+    settings = BoardSettings(board_config.LED_MAX_MA)
     try:
         settings.change(load_lines(SETTINGS_FILE))
     except ValueError:
-        pass  # the application says so
+        pass  # the application logs it
     return settings.values
 
 
-def _crash(error):
-    try:
-        text = "".join(traceback.format_exception(error))
-        return "crashed and starts anew: " + text[-_CRASH_CHARACTERS:]
-    except MemoryError:
-        return "crashed and starts anew: no memory left"
+def _traceback(error):
+    return "".join(traceback.format_exception(error))

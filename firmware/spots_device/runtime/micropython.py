@@ -9,27 +9,18 @@ import machine
 import micropython
 from micropython import const
 
-from .stay import stay_after_reset, told_to_stay
+from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
+from .stay import told_to_stay
 
-_ADDRESS = const(0x39)
 _I2C_TIMEOUT_US = const(50_000)
-_RECOVERY_CLOCKS = const(9)
-_HALF_CLOCK_US = const(5)
 _CTRL_C = const(3)
-_CAPS_LOCK = const(2)  # HID usage tables, LED page, as a keyboard's output report has it
-# Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
-_SAFE_BOOT_MS = const(500)
-_SAFE_BOOT_STEP_MS = const(20)
-_AFTER_CRASH_MS = const(1_000)  # for Ctrl-C, when it crashes again and again
-_WATCHDOG_MS = const(8_000)  # the RP2040 knows no longer ones
-_CRASH_CHARACTERS = const(300)  # the end of a traceback; more would not fit a frame
-_SLOW_US = const(200_000)  # a port whose host does not read keeps a write for half a second
+_SLOW_US = const(200_000)  # a port whose host does not read blocks a write for half a second
 _PAUSE_US = const(250_000)  # after such a write; twice as long after each further one
 _PAUSE_MAX_US = const(64_000_000)
 
 
-class Bus:
-    """The sensor's registers over ``machine.I2C``. Transfers allocate nothing.
+class MachineBus:
+    """Reads and writes the sensor's registers over ``machine.I2C``. Transfers allocate nothing.
 
     Parameters
     ----------
@@ -47,27 +38,18 @@ class Bus:
         self._open()
 
     def read_into(self, register, buffer):
-        self._read(_ADDRESS, register, buffer)
+        self._read(ADDRESS, register, buffer)
 
     def write(self, buffer):
-        self._write(_ADDRESS, buffer)
+        self._write(ADDRESS, buffer)
 
     def recover(self):
-        """Clock out a chip that holds SDA in the middle of a byte, STOP, and begin anew.
-
-        Source: UM10204, section 3.1.16.
-        """
+        """Free the wires and open the controller again."""
         scl, sda = [
             machine.Pin(pin, machine.Pin.OPEN_DRAIN, machine.Pin.PULL_UP, value=1)
             for pin in self._pins
         ]
-        for _ in range(_RECOVERY_CLOCKS):
-            if sda.value():
-                break
-            _set(scl, 0)
-            _set(scl, 1)
-        for pin, level in ((scl, 0), (sda, 0), (scl, 1), (sda, 1)):
-            _set(pin, level)
+        free_bus(scl, sda, machine.Pin.value, _put)
         self._open()
 
     def _open(self):
@@ -78,20 +60,20 @@ class Bus:
         self._write = i2c.writeto
 
 
-def _set(pin, level):
+def _put(pin, level):
     pin.value(level)
-    time.sleep_us(_HALF_CLOCK_US)
+    time.sleep_us(HALF_CLOCK_US)
 
 
-class Serial:
+class StdioSerial:
     """The USB serial port behind stdin and stdout.
 
     Frames go out on ``sys.stdout.buffer``: ``sys.stdout`` would add a CR to every LF. Each
     direction has its own poll, for `ipoll` allocates nothing once it has run.
 
-    While the host does not read, a full port of the RP2040 is not writable. The ESP32's always says
-    that it is, and then waits: so after a slow write nothing is sent for a while, but to a host
-    that says something.
+    While the host does not read, a full port of the RP2040 is not writable. The ESP32's is always
+    writable, and then blocks: so after a slow write nothing is sent for a back-off time, unless
+    the host sends something.
     """
 
     def __init__(self):
@@ -107,7 +89,7 @@ class Serial:
     def write(self, buffer, size):
         """Write `size` bytes if the port takes them now; return whether it took them all."""
         began = time.ticks_us()
-        # A time long past looks as one to come.
+        # The ticks wrap: a time long past looks like a future one.
         if 0 < time.ticks_diff(self._from, began) <= self._pause_us:
             return False
         for _, event in self._writable.ipoll(0):
@@ -142,7 +124,7 @@ class Serial:
         self._from = time.ticks_add(now, self._pause_us)
 
 
-class Usb:
+class MachineUsb:
     """The board as a USB keyboard and gamepad, beside its serial port.
 
     Parameters
@@ -161,7 +143,7 @@ class Usb:
             self._led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
 
     def open(self, names):
-        """See `uses.Uses`. The host sees the board leave and come back."""
+        """See `uses.Uses`. The host sees the board disconnect and reconnect."""
         if not hasattr(machine, "USBDevice"):
             raise OSError("this MicroPython cannot be a USB device: install the newest one")
         if sys.platform == "esp32" and sys.implementation.version[:2] == (1, 26):
@@ -179,69 +161,54 @@ class Usb:
 
     def _show_leds(self, leds):
         if self._led is not None:
-            self._led.value(self._on if leds & _CAPS_LOCK else 1 - self._on)
+            self._led.value(self._on if leds & CAPS_LOCK else 1 - self._on)
 
 
 def main():
-    """Run the application on this board until it is told to reboot.
+    """Run the application on this board until a command or Ctrl-C ends it.
 
     Returns to the prompt if the board's button is pressed soon after a reset. An exception of the
-    application is told to the host before the board starts anew; Ctrl-C gives it back.
+    application is logged to the host before the board restarts.
     """
     import board_config
 
     if told_to_stay():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
-    if _asked_to_stay(board_config):
+    if _is_safe_boot(board_config):
         print("the button is held: the application was not started")
         return
-    from spots_device.app import App
+    from spots_device.app import BoardApp
     from spots_device.as7341 import AS7341
 
-    bus = Bus(board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ)
+    bus = MachineBus(
+        board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ
+    )
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
-    usb = Usb(board_config) if board_config.USB_HID else None
-    app = App(board_config, runtime, uid, AS7341(bus, time), time, Serial(), usb)
+    usb = MachineUsb(board_config) if board_config.USB_HID else None
+    app = BoardApp(board_config, runtime, uid, AS7341(bus, time), time, StdioSerial(), usb)
     app.interrupt_at = micropython.kbd_intr
-    watched = app.settings.values["watchdog"]
-    if watched:
-        app.feed = machine.WDT(timeout=_WATCHDOG_MS).feed
-    try:
-        app.run()
-    except KeyboardInterrupt:
-        if not watched:
-            raise
-        stay_after_reset()
-    except Exception as error:
-        app.log("error", _crash(error))
-        time.sleep_ms(_AFTER_CRASH_MS)
-    machine.reset()
+    run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)
 
 
-def _asked_to_stay(board_config):
+def _watchdog():
+    return machine.WDT(timeout=WATCHDOG_MS).feed
+
+
+def _is_safe_boot(board_config):
     button = getattr(board_config, "SAFE_BOOT", None)
     if button is None:
         return False
     if button == "BOOTSEL":
         import rp2
 
-        held = rp2.bootsel_button
-    else:
-        pin = machine.Pin(button, machine.Pin.IN, machine.Pin.PULL_UP)
-        held = lambda: not pin.value()  # noqa: E731
-    for _ in range(_SAFE_BOOT_MS // _SAFE_BOOT_STEP_MS):
-        if held():
-            return True
-        time.sleep_ms(_SAFE_BOOT_STEP_MS)
-    return False
+        return is_held(rp2.bootsel_button, time.sleep_ms)
+    pin = machine.Pin(button, machine.Pin.IN, machine.Pin.PULL_UP)
+    return is_held(lambda: not pin.value(), time.sleep_ms)
 
 
-def _crash(error):
-    try:
-        text = io.StringIO()
-        sys.print_exception(error, text)
-        return "crashed and starts anew: " + text.getvalue()[-_CRASH_CHARACTERS:]
-    except MemoryError:
-        return "crashed and starts anew: no memory left"
+def _traceback(error):
+    text = io.StringIO()
+    sys.print_exception(error, text)
+    return text.getvalue()

@@ -1,4 +1,7 @@
-"""Ctrl-C where a watchdog runs, which cannot be stopped: a reset, and no application after it."""
+"""A mark in the file system: the application must not start after the next reset.
+
+For Ctrl-C where a watchdog runs: a watchdog cannot be stopped, so the board is reset.
+"""
 
 import os
 
@@ -11,7 +14,7 @@ def stay_after_reset():
 
 
 def told_to_stay():
-    """Return whether `stay_after_reset` was called before the reset; forget it."""
+    """Return whether `stay_after_reset` was called before the reset; remove the mark."""
     try:
         os.remove(_FILE)
     except OSError:

@@ -1,9 +1,9 @@
 """USB reports through CircuitPython's usb_hid, which boot.py sets up before USB connects.
 
 All devices share one endpoint, which the host asks every 8 ms. While it is full ``send_report``
-waits for up to 2 s, and while the host sleeps it discards the report without a word
-(shared-module/usb_hid/Device.c). So reports are spaced out, none is sent to a host that is not
-there, and after a wait that was in vain the next one has to be earned.
+blocks for up to 2 s, and while the host sleeps it discards the report without an error
+(shared-module/usb_hid/Device.c). So reports are spaced out, none is sent while the host is
+disconnected, and after each timeout the back-off doubles.
 """
 
 import supervisor
@@ -15,7 +15,7 @@ from ..hid import GAMEPAD_DESCRIPTOR, REPORT_SIZE, with_report_id
 _USAGES = {"keyboard": (0x01, 0x06), "consumer": (0x0C, 0x01), "gamepad": (0x01, 0x05)}
 _GAMEPAD_ID = 4  # 1 to 3 are those of CircuitPython's own devices
 _SPACE_MS = 10
-_PAUSE_MS = 2_000  # after a wait in vain; twice as long after each further one
+_PAUSE_MS = 2_000  # after a timeout; twice as long after each further one
 _PAUSE_MAX_MS = 64_000
 _HALF = 1 << 28  # of the period of ticks_ms
 
@@ -42,16 +42,16 @@ def enable(keyboard, gamepad):
 def open_interfaces(names, show_leds):
     """Return what sends reports, by name, for those of the names that boot.py has set up.
 
-    ``show_leds(leds)`` is told what the host wants of a keyboard's, at its next report: bit 1 is
-    caps lock.
+    ``show_leds(leds)`` gets the LEDs that the host sets on a keyboard, at the next report: bit 1
+    is caps lock.
     """
     endpoint = _Endpoint()
     sends = {}
     for device in usb_hid.devices:
         for name in names:
             if (device.usage_page, device.usage) == _USAGES[name]:
-                told = show_leds if name == "keyboard" else None
-                sends[name] = _Interface(endpoint, device, told).send
+                show = show_leds if name == "keyboard" else None
+                sends[name] = _Interface(endpoint, device, show).send
     return sends
 
 
@@ -68,7 +68,7 @@ class _Endpoint:
             self._wait(0)
             self._pause_ms = _PAUSE_MS
             return False
-        # A time long past looks as one to come.
+        # The ticks wrap: a time long past looks like a future one.
         if 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= self._wait_ms:
             return False
         self._wait_ms = 0  # over, however often the ticks wrap until the next one
@@ -98,7 +98,7 @@ class _Interface:
         self._show_leds = show_leds
 
     def send(self, report):
-        """Give a report to the stack, if that is not going to wait for the host."""
+        """Offer a report to the stack, unless that would block; return whether it was sent."""
         if self._show_leds is not None:
             leds = self._device.get_last_received_report()  # None unless it is news
             if leds:
@@ -111,6 +111,6 @@ class _Interface:
             self._endpoint.refused()
             return False
         self._endpoint.took()
-        # A host that has just gone to sleep did not get it. To be told of the same state twice
-        # does not harm.
+        # A host that has just gone to sleep did not get it. Sending the same state twice is
+        # harmless.
         return supervisor.runtime.usb_connected

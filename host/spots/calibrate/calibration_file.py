@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 
 from spots_device.calibration import Calibration, CalibrationError
+from spots_device.conditions import Conditions
 from spots_device.settings import checksum
 
 from .. import atomic, toml
@@ -21,7 +22,6 @@ from ..bounded import read_text
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.connect import upload
-from .presses import Conditions
 
 VERSION = 1
 _END = "[end]\n"
@@ -87,7 +87,7 @@ class CalibrationFile(_Struct, kw_only=True):
     date : datetime
         UTC.
     board, plan, gain, exposure_us, led_mA
-        See `presses.Conditions`.
+        See `spots_device.conditions.Conditions`.
     residuals : list of Residual
         One for each strain.
     joint : Joint or None
@@ -202,8 +202,7 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         KeyError,
     ) as error:
         raise SpotsError(f"{path} is no calibration ({error}): {_AGAIN}") from None
-    c = found.conditions
-    reason = made.mismatch(c.board, c.plan, c.gain, c.exposure_us, c.led_mA)
+    reason = made.mismatch(found.conditions)
     if reason is not None:
         raise SpotsError(f"{path} contradicts itself ({reason}): {_AGAIN}")
     return found

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.polynomial import Chebyshev
 
 from spots_device.calibration import ONE_Q13
+from spots_device.conditions import Conditions
 from spots_device.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
 from .monotone import monotone
-from .presses import Conditions, Noise, Presses
+from .presses import Noise, Presses
 
 SEGMENTS = 5
 _KNOTS = 9  # of a segment

@@ -16,17 +16,6 @@ _REWEIGHTINGS = 4
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """What a calibration belongs to, as the board's ``hello`` tells it."""
-
-    board: str
-    plan: tuple[str, ...]
-    gain: int
-    exposure_us: int
-    led_mA: int
-
-
-@dataclass(frozen=True)
 class Presses:
     """Readings of presses that were held.
 

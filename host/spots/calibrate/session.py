@@ -10,9 +10,11 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from spots_device.conditions import Conditions
+
 from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
-from .presses import Conditions, Presses
+from .presses import Presses
 from .spectra import Reading
 
 _SAME_UM, _SAME_SHARE = 1.0, 1e-3
@@ -60,7 +62,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     length_um : float or None
         Of the strip, as this session has it; what older programs wrote does not tell.
     board, plan, gain, exposure_us, led_mA
-        See `presses.Conditions`.
+        See `spots_device.conditions.Conditions`.
     time : str
         UTC.
     """

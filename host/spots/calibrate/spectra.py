@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spots_device.conditions import Conditions
 from spots_device.decode import DARK_SAMPLES, LED_OFF, SATURATED
 
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.frames import Spectrum
-from .presses import Conditions, own_variance
+from .presses import own_variance
 
 _TOLD_APART = 3  # channels; of fewer, what is common to all cannot be told
 _PATIENCE_S = 10.0  # more than any dark window takes

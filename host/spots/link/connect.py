@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from spots_device.calibration import Calibration, CalibrationError
+from spots_device.conditions import Conditions
 from spots_device.settings import checksum
 
 from ..errors import SpotsError
@@ -108,7 +109,7 @@ def prepare(board: Board, calibration) -> None:
     SpotsError
         As `upload` does, or if the board refuses the settings.
     """
-    made = _checked(calibration)
+    made = _checked(calibration).conditions
     board.command(
         f"set gain={made.gain} exposure_us={made.exposure_us} led_mA={made.led_mA} "
         f"plan={','.join(made.plan)}"
@@ -133,7 +134,8 @@ def upload(board: Board, calibration) -> None:
     """
     made = _checked(calibration)
     i = board.command("hello")
-    reason = made.mismatch(i["id"], i["plan"], i["gain"], i["exposure_us"], i["led_mA"])
+    now = Conditions(i["id"], i["plan"], i["gain"], i["exposure_us"], i["led_mA"])
+    reason = made.mismatch(now)
     if reason is not None:
         raise SpotsError(reason)
     board.command("cal begin")

@@ -11,7 +11,8 @@ from locked import locked
 
 with open("given.json") as file:
     given = json.load(file)
-cases = getattr(trials, "prepare_" + given["trial"], list)(given["cases"])
+# Popped: they must not lie twice in a heap as small as a board's.
+cases = getattr(trials, "prepare_" + given["trial"], list)(given.pop("cases"))
 width = given["width"]
 results = array("i", bytes(4 * width * len(cases)))
 locked(getattr(trials, given["trial"]), cases, results)

@@ -2,8 +2,8 @@
 
 Reads from given.json: ``settings``, ``calibrations``, ``scenes`` (see `play`), ``port_bytes`` for
 what the port is to keep, ``uses`` and ``layout``: settings and keys at the start, and ``lock``:
-whether the heap is locked meanwhile. The last line but one has the USB reports; the last one has
-the bytes that are allocated after the scenes less those before.
+whether the heap is locked meanwhile. The last line but one has the USB reports; the last one is
+how many bytes more are allocated after the scenes than before.
 """
 
 import gc
@@ -86,7 +86,7 @@ def play(scenes, ends):
         ends[i] = port.size
 
 
-def show(port, begin, end):
+def print_kept(port, begin, end):
     """Print what was kept, in a line."""
     while begin < end:
         piece = min(_PIECE_BYTES, end - begin)
@@ -136,7 +136,7 @@ ends = [0] * len(given["scenes"])
 allocated = allocated_by(given["scenes"], ends)
 begin = 0
 for end in ends:
-    show(port, begin, end)
+    print_kept(port, begin, end)
     begin = end
-show(usb.kept, 0, usb.kept.size)
+print_kept(usb.kept, 0, usb.kept.size)
 print(allocated)

@@ -1,0 +1,153 @@
+"""The dark frame: what the sensor counts while the LED is off, and when to measure it again.
+
+One window of four samples has up to three times the error that the light allows, because counts are
+whole. So the frame is the mean of the last 16 windows. It restarts where a window does not fit the
+others: then the ambient light has changed.
+"""
+
+from array import array
+
+from .kernel import accumulate
+from .smux import CHANNELS
+
+WINDOW_SAMPLES = 4
+WINDOWS = 16
+# A dark window takes six samples: rare enough that the strip is hardly ever blind.
+DARK_EVERY_US = 10_000_000
+DARK_EVERY_SAMPLES = 100
+_REQUEST_US = 2_000_000  # what a pool on request may take
+_EVERY_MAX_US = 500_000_000  # so that the age fits a small integer
+# A window whose six sums differ from those expected, squared and over their variance, by more than
+# this in all: chance does that less than once in 1000 windows. The variance of a sum s is taken as
+# s + 4 counts**2, for the noise of light, converter and rounding; of the expected one as well.
+_JUMP = 24
+_JUMP_MAX = 1 << 12  # a difference whose square, times 2**4, fits a small integer
+_Q = 12
+_SUMS_SHIFT = 6  # from Q12 to sums over `decode.DARK_SAMPLES`
+
+
+class Dark:
+    """Pools dark windows. `add` allocates nothing.
+
+    Attributes
+    ----------
+    mean : array of int
+        Six mean dark counts, Q12.
+    wanted : bool
+        Whether a window must begin as soon as possible, which restarts the pool.
+    age_us, every_us : int
+        Time since the last window, and from when on the next one may begin. The age stops there,
+        so that it never overflows.
+    always : bool
+        Whether single dark samples are taken even while the strip is touched.
+    """
+
+    def __init__(self):
+        self.mean = array("i", bytes(4 * CHANNELS))
+        self._window = array("i", bytes(4 * CHANNELS))
+        self._ring = array("i", bytes(4 * CHANNELS * WINDOWS))
+        self._total = array("i", bytes(4 * CHANNELS))
+        self._count = 0  # windows in the pool
+        self._slot = 0  # where the next one goes
+        self._taken = 0  # samples in the window
+        self._left = 0  # samples until the LED is switched on again
+        self._pool_wanted = False
+        self._fresh = True
+        self.wanted = True
+        self.age_us = 0
+        self.every_us = DARK_EVERY_US
+        self.always = False
+
+    def schedule(self, exposure_us, every):
+        """Set how often windows are taken.
+
+        Parameters
+        ----------
+        exposure_us : int
+        every : int
+            One dark sample in so many, also while touched; 0 for windows on the untouched strip.
+        """
+        self.always = every > 0
+        self.every_us = min(every * exposure_us, _EVERY_MAX_US)
+        if not self.always:
+            self.every_us = max(DARK_EVERY_US, DARK_EVERY_SAMPLES * exposure_us)
+
+    def request(self):
+        """Restart the pool with one window, as soon as possible."""
+        self.wanted = True
+
+    def request_pool(self):
+        """Restart the pool with all windows, or as many as fit into two seconds."""
+        self.wanted = self._pool_wanted = True
+
+    def begin(self, exposure_us):
+        """Begin to take samples: the LED is off."""
+        if self.wanted:
+            windows = 1
+            if self._pool_wanted:
+                windows = min(max(1, _REQUEST_US // (WINDOW_SAMPLES * exposure_us)), WINDOWS)
+            self.wanted = self._pool_wanted = False
+            self._fresh = True
+            self._taken = 0
+            self._left = WINDOW_SAMPLES * windows
+        else:
+            self._left = 1 if self.always else WINDOW_SAMPLES
+
+    def add(self, counts):
+        """Add a dark sample; return whether there are enough of them."""
+        accumulate(self._window, counts, self._taken)
+        self._taken += 1
+        if self._taken == WINDOW_SAMPLES:
+            self._taken = 0
+            self._pool()
+        self._left -= 1
+        return self._left <= 0
+
+    def end(self):
+        """End what `begin` began: the LED is on again."""
+        self.age_us = 0
+
+    def sums(self):
+        """Return the dark frame as six sums over `decode.DARK_SAMPLES` samples, rounded."""
+        return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
+
+    def peak(self, counts):
+        """Return the brightest channel of a sample without its dark count."""
+        peak = 0
+        for i in range(CHANNELS):
+            peak = max(peak, counts[i] - (self.mean[i] >> _Q))
+        return peak
+
+    def _pool(self):
+        window, total = self._window, self._total
+        if self._fresh or self._is_jump():
+            self._fresh = False
+            self._count = self._slot = 0
+            for i in range(CHANNELS):
+                total[i] = 0
+        at = CHANNELS * self._slot
+        full = self._count == WINDOWS
+        self._slot = (self._slot + 1) % WINDOWS
+        if not full:
+            self._count += 1
+        count = self._count
+        for i in range(CHANNELS):
+            if full:
+                total[i] -= self._ring[at + i]
+            total[i] += window[i]
+            self._ring[at + i] = window[i]
+            # In two steps: no product leaves 31 bits.
+            whole = total[i] // count
+            self.mean[i] = (whole << 10) + ((total[i] - whole * count << 10) // count)
+
+    def _is_jump(self):
+        score = 0
+        for i in range(CHANNELS):
+            expected = self.mean[i] >> 10
+            off = abs(self._window[i] - expected)
+            if off >= _JUMP_MAX:
+                return True
+            score += (off * off << 4) // (expected + 4)
+            if score * self._count > (_JUMP << 4) * (self._count + 1):
+                return True
+        return False

@@ -1,0 +1,207 @@
+"""The application around the sample path: memory that runs out, and a sensor that returns."""
+
+import json
+
+import pytest
+from bench import canned
+
+from spots_device import layout as layout_module
+from spots_device.calibration import Calibration
+from spots_device.decode import DARK_SAMPLES
+from spots_device.exposure import Search
+from spots_device.frame import TEXT_MAX
+from spots_device.layout import default_lines
+from spots_device.settings import LIMITS, checksum, save_lines
+
+LINES = """\
+board 00
+plan F3 F4 F5 F6 F7 F8
+made 9 10000 20
+touch 300 200
+coarse -4096 -4096 0 0 4096 4096
+fit 8192 -8192 0 0 0 0
+segment -8192 0 0 0 0 8192 0 0 0 0 0 8192
+f 1000 200 900
+f 100000 6000 90
+strain 0
+from 0
+x 0 0 5 100
+x 100000 8000 5 200
+""".splitlines()
+
+
+class Usb:
+    def __init__(self, fault=None):
+        self.fault = fault
+
+    def open(self, names):
+        if self.fault:
+            raise OSError(self.fault)
+        return dict.fromkeys(names, lambda report: True)
+
+
+class Host(canned.Serial):
+    """A port on which a host sends lines and reads what is answered."""
+
+    def __init__(self):
+        super().__init__()
+        self.sent = b""
+
+    def read(self):
+        if not self.sent:
+            return -1
+        byte, self.sent = self.sent[0], self.sent[1:]
+        return byte
+
+
+class Board:
+    """The application on a canned sensor, and a host that talks to it."""
+
+    def __init__(self, settings=(), usb=None, calibration=()):
+        self.host = Host()
+        self.replies = []
+        self.app, self.bus, self.clock, _ = canned.app(calibration, self.host, usb)
+        self.app.replies.send = self.replies.append
+        for word in settings:
+            self.command("set " + word)
+
+    def command(self, line):
+        """Send a line; return the first reply."""
+        del self.replies[:]
+        self.host.sent = line.encode() + b"\n"
+        while self.host.sent:
+            self.app.step()
+        return self.replies[0] if self.replies else None
+
+    def lose(self):
+        """Unplug the sensor and let the board notice."""
+        self._registers = self.bus.read_into
+        self.bus.read_into = self._refuse
+        while not self.app.reconnect.fault:
+            self.app.step()
+
+    def find(self):
+        """Plug it in again, and let the board sample."""
+        self.bus.read_into = self._registers
+        while self.app.reconnect.fault:
+            self.app.step()
+
+    def _refuse(self, register, buffer):
+        raise OSError(5)
+
+
+@pytest.fixture(autouse=True)
+def store(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def full(*_):
+    raise MemoryError
+
+
+def test_a_sensor_that_returns_without_memory_for_keys_does_not_end_the_loop(monkeypatch):
+    board = Board(["keys=1"], calibration=LINES)
+    board.app.use_layout(default_lines())
+    board.lose()
+    board.app.uses._layout = None
+    monkeypatch.setattr(layout_module.Layout, "__init__", full)
+    board.find()
+    assert "no memory is left for keys" in board.app.apply_calibration()
+
+
+def test_memory_that_ran_out_once_is_not_reported_for_ever(monkeypatch):
+    board = Board(calibration=LINES)
+    with monkeypatch.context() as patch:
+        patch.setattr(layout_module.Layout, "__init__", full)
+        assert "no memory is left for keys" in board.command("keys on")["note"]
+    assert "no memory" not in board.command("keys on")["note"]
+
+
+def test_a_fault_of_usb_is_reported_only_to_who_wants_it():
+    save_lines("settings.txt", ["keys=1"])
+    board = Board(usb=Usb("this board has no USB today"), calibration=LINES)
+    assert "no USB today" in board.command("keys on")["note"]
+    assert "note" not in board.command("keys off")
+
+
+def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):
+    board = Board()
+    with monkeypatch.context() as patch:
+        patch.setattr(Search, "__init__", full)
+        assert "no memory left" in board.command("auto")["error"]
+    assert board.command("dark") is None  # answered when it is done
+    while not board.replies:
+        board.app.step()
+    assert board.replies[0]["re"] == "dark"
+
+
+def test_before_the_sensor_has_started_a_note_says_so():
+    board = Board(calibration=LINES)
+    board.app.reconnect.lost, board.app.reconnect.fault = True, None
+    note = board.app.apply_calibration()
+    assert "None" not in note
+    assert note == "the calibration is not in use until the sensor answers"
+
+
+def test_a_note_says_why_the_sensor_is_lost():
+    board = Board(calibration=LINES)
+    board.lose()
+    assert "until the sensor answers: the I2C bus failed" in board.app.apply_calibration()
+
+
+def test_a_calibration_is_parsed_once_however_often_the_sensor_returns(monkeypatch):
+    board = Board(["keys=1"], calibration=LINES)
+    parsed = []
+    init = Calibration.__init__
+
+    def counted(self, *arguments):
+        parsed.append(arguments)
+        init(self, *arguments)
+
+    board.command("hello")
+    monkeypatch.setattr(Calibration, "__init__", counted)
+    for _ in range(3):
+        board.lose()
+        board.find()
+        assert board.command("hello")["calibration"] == checksum(LINES)
+    assert parsed == []
+
+
+def test_a_strain_is_part_of_what_was_parsed(monkeypatch):
+    lines = [*LINES, "strain 100000", "from 0", "x 0 0 5 300", "x 80000 8800 5 400"]
+    board = Board(calibration=lines)
+    lengths_um = [board.command("hello")["length_um"]]
+    board.command("set strain_ppm=100000")
+    lengths_um.append(board.command("hello")["length_um"])
+    assert lengths_um == [8000, 8800]
+
+
+def test_a_reply_without_memory_does_not_end_the_loop(monkeypatch):
+    board = Board()
+    del board.app.replies.send
+    board.app.strip.stream_touch = board.app.strip.stream_spectrum = False
+    frames = board.host.frames
+    dumps = json.dumps
+
+    def scarce(reply):
+        return full() if len(reply) > 3 else dumps(reply)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(json, "dumps", scarce)
+        board.command("get")
+    assert board.host.frames > frames  # an answer, not silence
+    assert b"no memory" in bytes(board.host.last[: board.host.size])
+
+
+def test_the_longest_reply_fits_a_frame():
+    board = Board()
+    app = board.app
+    app.settings.values.update({name: limits[1] for name, limits in LIMITS.items()})
+    app.settings.values["plan"] = ("CLEAR", "DARK", "NIR", "F1", "F2", "F3")
+    reply = app.state()
+    reply["dark"] = reply["rest"] = [DARK_SAMPLES * 65_535] * 6
+    for name in ("missed", "retries", "dropped", "dropped_reports", "faults"):
+        reply[name] = 1 << 30
+    reply["fault"] = "the AS7341 does not hold its settings; check its supply and wiring"
+    reply["saturation"], reply["full_scale"], reply["re"] = "digital", 65_535, "get"
+    assert TEXT_MAX - 50 < len(json.dumps(reply)) <= TEXT_MAX

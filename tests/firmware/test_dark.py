@@ -1,0 +1,177 @@
+"""The dark frame: the mean of the last sixteen windows, restarted where the light has changed."""
+
+import random
+from array import array
+
+import pytest
+from bench import canned
+from smallint import SmallInt, small
+
+from spots_device.baseline import Baseline
+from spots_device.dark import WINDOW_SAMPLES, WINDOWS, Dark
+from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES
+
+EXPOSURE_US = 10_000
+FULL = 65_535
+
+
+def window(dark, counts):
+    """Take a window of these counts, or of what they return for each sample."""
+    dark.begin(EXPOSURE_US)
+    samples = 1
+    while not dark.add(counts() if callable(counts) else counts):
+        samples += 1
+    dark.end()
+    return samples
+
+
+def mean(dark):
+    return [total / DARK_SAMPLES for total in dark.sums()]
+
+
+def noisy(rng, level, sigma=0.6):
+    return lambda: array("i", [max(0, round(rng.gauss(level, sigma))) for _ in range(6)])
+
+
+def test_a_pool_is_nearer_to_the_truth_than_a_window():
+    rng = random.Random(1)
+    errors = {1: [], WINDOWS: []}
+    for _ in range(40):
+        dark = Dark()
+        for windows in range(1, WINDOWS + 1):
+            window(dark, noisy(rng, 5.5))
+            if windows in errors:
+                errors[windows] += [abs(one - 5.5) for one in mean(dark)]
+    assert sum(errors[WINDOWS]) < 0.4 * sum(errors[1])
+
+
+def test_only_the_last_sixteen_windows_count():
+    dark = Dark()
+    for level in (4, 5):
+        for _ in range(WINDOWS):
+            window(dark, [level] * 6)
+    assert mean(dark) == [5] * 6
+    window(dark, [4] * 6)
+    assert mean(dark) == pytest.approx([5 - 1 / WINDOWS] * 6, abs=0.01)
+
+
+@pytest.mark.parametrize(("before", "after"), [(5, 40), (40, 5), (0, 20_000), (FULL, 0)])
+def test_a_window_that_does_not_fit_restarts_the_pool(before, after):
+    dark = Dark()
+    for _ in range(5):
+        window(dark, [before] * 6)
+    window(dark, [before] * 5 + [after])
+    assert mean(dark) == [before] * 5 + [after]
+
+
+def test_noise_is_no_jump():
+    rng = random.Random(2)
+    for level in (0.5, 5.0, 300.0):
+        dark = Dark()
+        restarts = 0
+        for _ in range(200):
+            before = dark._count
+            window(dark, noisy(rng, level, sigma=0.4 + 0.9 * level**0.5))
+            restarts += dark._count < before
+        assert restarts < 10, level
+
+
+def test_a_faint_lamp_that_every_channel_sees_is_a_jump():
+    rng = random.Random(3)
+    dark = Dark()
+    for _ in range(WINDOWS):
+        window(dark, noisy(rng, 0.1, sigma=0.3))
+    window(dark, noisy(rng, 1.8, sigma=1.0))
+    assert min(mean(dark)) > 0.5
+
+
+def test_a_requested_pool_is_full_and_new():
+    dark = Dark()
+    window(dark, [5] * 6)
+    window(dark, [6] * 6)
+    dark.request_pool()
+    assert window(dark, [7] * 6) == WINDOWS * WINDOW_SAMPLES == DARK_SAMPLES
+    assert mean(dark) == [7] * 6
+
+
+def test_a_requested_pool_takes_no_more_than_two_seconds_or_a_window():
+    dark = Dark()
+    for exposure_us, samples in ((100_000, 20), (1_000_000, 4)):
+        dark.request_pool()
+        dark.begin(exposure_us)
+        taken = 1
+        while not dark.add([5] * 6):
+            taken += 1
+        assert taken == samples
+
+
+def test_single_samples_make_a_window():
+    dark = Dark()
+    window(dark, [5] * 6)
+    dark.schedule(EXPOSURE_US, 50)
+    assert dark.every_us == 50 * EXPOSURE_US
+    for _ in range(WINDOW_SAMPLES - 1):
+        assert window(dark, [6] * 6) == 1
+        assert mean(dark) == [5] * 6
+    assert window(dark, [6] * 6) == 1
+    assert mean(dark) == [5.5] * 6
+
+
+def test_the_largest_counts_fit_small_integers():
+    dark = Dark()
+    dark._window, dark._total = small([0] * 6), small([0] * 6)
+    dark.mean, dark._ring = small([0] * 6), small([0] * 6 * WINDOWS)
+    for level in (FULL, FULL, 0, FULL):
+        for _ in range(WINDOWS + 1):
+            window(dark, small([level] * 6))
+    assert all(isinstance(one, SmallInt) for one in dark.mean)
+    baseline = Baseline(dark)
+    for samples in (1, 2, 3, 4, 5, 63, AVERAGE_MAX):
+        dark_samples = baseline.rescale(samples)
+        assert 4 <= dark_samples <= DARK_SAMPLES
+        assert dark_samples * samples <= 256
+        assert list(baseline.floor) == [FULL * dark_samples] * 6
+
+
+class Board:
+    def __init__(self, *settings):
+        self.app, self.bus, self.clock, self.port = canned.app()
+        self.app.settings.change(settings)
+        self.app.strip.configure()
+
+    def run(self, seconds):
+        end = self.clock.ticks_add(self.clock.now, int(1e6 * seconds))
+        blinks, lit = 0, True
+        while self.clock.ticks_diff(end, self.clock.now) > 0:
+            self.app.step()
+            blinks += lit and not self.app.strip.sensor.led_on
+            lit = self.app.strip.sensor.led_on
+        return blinks
+
+
+@pytest.fixture(autouse=True)
+def store(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_pressed_strip_takes_single_dark_samples_if_told():
+    for settings, least, most in (((), 0, 0), (("dark_every=50",), 20, 40)):
+        board = Board(*settings)
+        board.app.strip._idle_us = 0
+        board.app.strip._odd_light.take = lambda *_: False
+        blinks = 0
+        for _ in range(40):
+            board.app.strip._idle_us = 0  # as if touched
+            blinks += board.run(0.5)
+        assert least <= blinks <= most
+
+
+def test_the_reading_is_scaled_to_the_average():
+    board = Board()
+    for average in (1, 4, 16, 64, 3):
+        board.app.settings.values["average"] = average
+        board.run(2.0)
+        strip = board.app.strip
+        assert strip.decode.dark_samples * average <= 256
+        mean = [one / strip.decode.dark_samples for one in strip.floor]
+        assert mean == pytest.approx([1, 0, 2, 1, 0, 1], abs=0.01)

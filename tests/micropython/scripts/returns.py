@@ -1,0 +1,46 @@
+"""Loses the sensor and finds it again; prints the bytes of garbage that the loop starts with.
+
+Reads ``calibration`` from given.json.
+"""
+
+import gc
+import json
+
+import canned
+from spots_device.settings import save_lines
+
+_RETURNS = 3
+
+
+class Absent:
+    """The bus of a chip that does not answer."""
+
+    def read_into(self, register, buffer):
+        raise OSError(5)
+
+    def write(self, buffer):
+        raise OSError(5)
+
+    def recover(self):
+        pass
+
+
+with open("given.json") as file:
+    lines = json.load(file)["calibration"]
+save_lines("settings.txt", ["keys=1"])
+save_lines("calibration.txt", lines)
+app, bus, clock, _ = canned.app(lines)
+lines = None
+sensor = app.strip.sensor
+for _ in range(_RETURNS):
+    sensor._bus = Absent()
+    while not app.reconnect.fault:
+        app.step()
+    sensor._bus = bus
+    while app.reconnect.lost:
+        app.step()
+    gc.disable()
+    before = gc.mem_alloc()
+    gc.collect()
+    print(before - gc.mem_alloc())
+    gc.enable()

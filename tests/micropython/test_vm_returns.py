@@ -1,0 +1,16 @@
+"""A sensor that returns: the loop goes on with a clean heap.
+
+Each allocation searches the heap for a free block, so garbage that is left behind slows the loop
+down as long as nobody sends a command.
+"""
+
+from bench.firmware import for_canned_board
+
+GARBAGE_MAX_BYTES = 2_000
+
+
+def test_the_loop_goes_on_without_garbage_of_the_return(machine, calibration):
+    lines = machine.run("returns", {"calibration": for_canned_board(calibration)})
+    garbage_bytes = [int(line) for line in lines]
+    assert len(garbage_bytes) == 3
+    assert max(garbage_bytes) < GARBAGE_MAX_BYTES, garbage_bytes
