@@ -187,7 +187,7 @@ class Twin:
         self._done_s = max(self._done_s, until_s)
         return sorted(moments)
 
-    def _terminal(self, time_s: float, angles: list[_Moment]) -> Terminal:
+    def _terminal(self, time_s: float, angles: list[Angle]) -> Terminal:
         theta = tuple(angle.angle_rad for angle in angles)
         within = all(angle.within for angle in angles)
         try:
@@ -195,7 +195,7 @@ class Twin:
             jacobian = self.linkage.jacobian(*theta)
         except LimitError as error:
             return Terminal(time_s, None, None, None, None, theta, error.limit, True, within)
-        cov = (jacobian * [angle.variance_rad2 for angle in angles]) @ jacobian.T
+        cov = (jacobian * [angle.sigma_rad**2 for angle in angles]) @ jacobian.T
         speeds = [angle.velocity_rad_s for angle in angles]
         velocity = None if None in speeds else tuple((jacobian @ speeds).tolist())
         return Terminal(
@@ -211,35 +211,28 @@ class Twin:
         )
 
 
-class _Moment(NamedTuple):
-    angle_rad: float
-    variance_rad2: float
-    velocity_rad_s: float | None
-    within: bool
-
-
-def _between(angles: deque[Angle], time_s: float) -> _Moment | None:
+def _between(angles: deque[Angle], time_s: float) -> Angle | None:
     """Return a joint at a moment up to its last reading; None if no two readings enclose it."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
     new = angles[i]
     if new.time_s == time_s:
-        return _Moment(new.angle_rad, new.sigma_rad**2, new.velocity_rad_s, new.within)
-    if i == 0:
+        return new
+    if i == 0 or new.time_s > angles[i - 1].time_s + _GAP_S:
         return None
     old = angles[i - 1]
-    if new.time_s > old.time_s + _GAP_S:
-        return None
     share = (time_s - old.time_s) / (new.time_s - old.time_s)
     bow_rad = _bow((angles[i - 2], old, new), time_s) if i > 1 else 0.0
-    return _Moment(
-        old.angle_rad + share * (new.angle_rad - old.angle_rad) + bow_rad,
+    variance_rad2 = (
         (1 - share) ** 2 * (old.sigma_rad**2 - old.systematic_rad**2)
         + share**2 * (new.sigma_rad**2 - new.systematic_rad**2)
-        + max(old.systematic_rad, new.systematic_rad) ** 2,
-        new.velocity_rad_s,
-        old.within and new.within,
+        + max(old.systematic_rad, new.systematic_rad) ** 2
+    )
+    return new._replace(
+        angle_rad=old.angle_rad + share * (new.angle_rad - old.angle_rad) + bow_rad,
+        sigma_rad=math.sqrt(variance_rad2),
+        within=old.within and new.within,
     )
 
 

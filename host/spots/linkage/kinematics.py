@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from ..errors import SpotsError, missing
-from .fivebar import Linkage
+from .fivebar import Linkage, assembled
 
 # What is unknown about each parameter beforehand: the scale in which parameters of different units
 # are compared, and a weak pull towards the start that decides only what the places leave open.
@@ -186,7 +186,7 @@ def calibrate(
     ranges = np.array(
         [_RANGES.get(name, _LENGTH_SHARE * value) for name, value in zip(names, centre)]
     )
-    fit = _Fit(angles, places, values, names, start.assembly)
+    fit = _Fit(angles, places, values, names, start.side)
     scale = np.full((len(places), 2, 2), np.eye(2) / place_sigma_mm)
     found = np.zeros(len(names))  # in units of the ranges, from the start
     outlier = np.zeros(len(places), bool)
@@ -220,10 +220,9 @@ def calibrate(
 
 
 class _Fit:
-    def __init__(self, angles, places, values, names, assembly):
-        self._angles, self._places = angles, places
+    def __init__(self, angles, places, values, names, side):
+        self._angles, self._places, self._side = angles, places, side
         self._values, self._names = values, names
-        self._side = 1.0 if assembly == "far" else -1.0
 
     def residual_mm(self, at) -> np.ndarray:
         """Return measured less fitted terminals, shape (n, 2)."""
@@ -269,19 +268,12 @@ class _Fit:
         return np.linalg.inv(np.linalg.cholesky(covariance))
 
     def _terminal(self, values, angles) -> np.ndarray:
-        # As `Linkage.forward`, but smooth beyond its limits, where a fit may pass through.
-        a1, b1, b2, a2 = (values[name] for name in LENGTHS[:4])
+        bar_mm = [values[name] for name in LENGTHS[:4]]
         t1 = values["offset1_rad"] + values["gain1"] * angles[0]
         t2 = values["offset2_rad"] + values["gain2"] * angles[1]
-        x1, y1 = a1 * np.sin(t1), a1 * np.cos(t1)
-        dx = values["base_mm"] - a2 * np.sin(t2) - x1
-        dy = a2 * np.cos(t2) - y1
-        apart2 = dx**2 + dy**2
-        along = 0.5 + (b1**2 - b2**2) / (2 * apart2)
-        off = self._side * np.sqrt(np.maximum(b1**2 / apart2 - along**2, 1e-12))
-        return np.stack(
-            framed(values, x1 + along * dx - off * dy, y1 + along * dy + off * dx), axis=-1
-        )
+        # A fit may pass through angles at which the linkage cannot be closed.
+        x, y, *_ = assembled(bar_mm, values["base_mm"], self._side, t1, t2, least=1e-12)
+        return np.stack(framed(values, x, y), axis=-1)
 
 
 def framed(values, x_mm, y_mm):

@@ -59,15 +59,15 @@ def twin_command(options: argparse.Namespace) -> None:
         )
         with driven(machine, options.record) as source:
             show(source, options.seconds, tell)
-    elif boards and options.measure:
-        if any(map(is_recording, ports)):
+    elif boards:
+        played = any(map(is_recording, ports))
+        if options.measure and played:
             raise SpotsError("--measure is for boards: a recording cannot be asked for a place")
         with opened(options.linkage, ports, options.record) as source:
-            _measure(source, Path(options.measure))
-    elif boards:
-        with opened(options.linkage, ports, options.record) as source:
-            played = bool(ports) and is_recording(ports[0])
-            show(source, options.seconds, tell, played)
+            if options.measure:
+                _measure(source, Path(options.measure))
+            else:
+                show(source, options.seconds, tell, played)
     elif options.record or options.measure or options.seconds:
         raise SpotsError("--record, --measure and --seconds are for boards: name them with --port")
     else:
@@ -137,13 +137,12 @@ class Lines:
 
     def __init__(self):
         self._began_s: float | None = None
-        self._due_s = -math.inf
+        self._pace = Pace(_LINES_PER_S)
 
     def __call__(self, terminal: Terminal) -> None:
         if self._began_s is None:
             self._began_s = terminal.time_s
-        if terminal.time_s >= self._due_s:
-            self._due_s = terminal.time_s + 1 / _LINES_PER_S
+        if self._pace.due(terminal.time_s):
             print(line(terminal, self._began_s), flush=True)
 
 

@@ -153,10 +153,8 @@ def _mean(angles: list[Angle]) -> tuple[float, float]:
 def _append(path: Path, row: Iterable[float]) -> None:
     try:
         new = not path.exists()
-        cut_off = not new and read_bytes(path, POINTS_MAX_BYTES)[-1:] not in (
-            b"",
-            b"\n",
-        )  # by an editor
+        # An editor may have left the last line without its end.
+        cut_off = not new and not read_bytes(path, POINTS_MAX_BYTES).endswith(b"\n")
         with open(path, "a", encoding="utf-8", newline="") as file:
             table = csv.writer(file)
             if cut_off:

@@ -236,7 +236,7 @@ class _Health:
 
 
 def finder(
-    port: str | None, sensor: str, scenario: str, seed: int
+    port: str | None, sensor: str = "default", scenario: str = "demo", seed: int = 0
 ) -> Callable[[str | None], Board]:
     """Return a function as `BoardReader` takes it; arguments as for `spots.open`.
 
@@ -246,18 +246,19 @@ def finder(
         If a file of the virtual board is wrong, which waiting does not mend.
     """
     module, rest = scheme(port)
+    simulated = {"sensor": sensor, "scenario": scenario, "seed": seed}
     if hasattr(module, "check"):
-        module.check(rest, sensor=sensor, scenario=scenario, seed=seed)
+        module.check(rest, **simulated)
 
     def open_board(board_id: str | None) -> Board:
         found = []
         if port is not None or board_id is None:
             try:
-                found = [open(port, sensor=sensor, scenario=scenario, seed=seed)]
+                found = [open(port, **simulated)]
             except SpotsError:
                 if board_id is None or module is not None:
                     raise
-        kind = RefusedError if found else SpotsError
+        refusal = RefusedError if found else SpotsError
         if board_id not in (None, *(one.info["id"] for one in found)):
             found += find()[0]  # its port may have another name now
         wanted = [one for one in found if board_id in (None, one.info["id"])][:1]
@@ -265,7 +266,7 @@ def finder(
             if one not in wanted:
                 one.close()
         if not wanted:
-            raise kind(f"waiting for board {board_id}: plug it in again")
+            raise refusal(f"waiting for board {board_id}: plug it in again")
         return wanted[0]
 
     return open_board

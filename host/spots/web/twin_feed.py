@@ -6,16 +6,14 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 
-from ..errors import SpotsError
 from ..keyboard.layout import KeyLayout
 from ..link.board import CONNECTED, Board
 from ..link.frames import Touch
-from ..linkage import mounted
 from ..linkage.digital_twin import Terminal, Twin
-from ..linkage.twin_source import Machine, check, give
+from ..linkage.twin_source import DrivenLinkage, check, give, loaded
 from ..terminal.view import Pace
 from .board_feed import BoardReader, finder
 from .state import State
@@ -24,8 +22,6 @@ _SHOWN_PER_S = 20
 # A trail is sent whole each time: no finer than a page shows it, and so long at most.
 _STEP_MM = 0.5
 _TRAIL = 1000
-
-Opener = Callable[[str | None], Board]
 
 
 class TwinFeed:
@@ -123,58 +119,48 @@ def linkage_readers(
     SpotsError
         If a file is wrong, or there are more than two ports.
     """
-    path = Path(linkage)
-    arm = mounted.load(path)
-    strips = arm.strips(path)
-    if len(ports) > 2:
-        raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
-    feed = TwinFeed(Twin(arm.linkage, arm.encoders(strips)), state)
+    twin, strips = loaded(linkage, ports)
+    feed = TwinFeed(twin, state)
     if len(ports) == 1:
-        found = finder(ports[0], "default", "demo", 0)
-        return [
-            BoardReader(found, layout, state, on_touch=lambda touch: feed.take(touch.sensor, touch))
-        ]
-    # One after the other: a board that is being asked who it is is busy for everyone else.
+
+        def of_any_sensor(touch: Touch) -> None:
+            feed.take(touch.sensor, touch)
+
+        return [BoardReader(finder(ports[0]), layout, state, on_touch=of_any_sensor)]
+    # One after the other: a board that one search asks for its id is busy for the other one.
     searching = threading.Lock()
 
-    def opener(joint: int) -> Opener:
-        strip, port = strips[joint], ports[joint] if ports else None
-        search = finder(port, "default", "demo", 0)
+    searches = [finder(port) for port in (ports or (None, None))]
 
-        def open_board(board_id: str | None) -> Board:
-            with searching:
-                board = search(board_id if port else strip.board)
-                try:
-                    check(strip, board.info, joint + 1, board.port)
-                    give(board, strip)
-                except BaseException:
-                    board.close()
-                    raise
-                return board
+    def open_board(joint: int, board_id: str | None) -> Board:
+        strip = strips[joint]
+        with searching, ExitStack() as stack:
+            board = stack.enter_context(searches[joint](board_id if ports else strip.board))
+            check(strip, board.info, joint + 1, board.port)
+            give(board, strip)
+            stack.pop_all()
+            return board
 
-        return open_board
-
-    return _readers(feed, [opener(joint) for joint in (0, 1)], layout, state)
+    return _readers(feed, open_board, layout, state)
 
 
-def machine_readers(machine: Machine, layout: KeyLayout, state: State) -> list[BoardReader]:
+def machine_readers(machine: DrivenLinkage, layout: KeyLayout, state: State) -> list[BoardReader]:
     """Return readers of the two boards of a machine.
 
     Parameters
     ----------
-    machine : Machine
+    machine : DrivenLinkage
     layout : KeyLayout
     state : State
     """
     feed = TwinFeed(Twin(machine.linkage, machine.encoders()), state)
-    openers = [lambda _, joint=joint: machine.open(joint) for joint in (0, 1)]
-    return _readers(feed, openers, layout, state)
+    return _readers(feed, lambda joint, board_id: machine.open(joint), layout, state)
 
 
 def _readers(
-    feed: TwinFeed, openers: list[Opener], layout: KeyLayout, state: State
+    feed: TwinFeed, open_board: Callable[[int, str | None], Board], layout: KeyLayout, state: State
 ) -> list[BoardReader]:
-    def reader(joint: int, of_board: State) -> BoardReader:
-        return BoardReader(openers[joint], layout, of_board, on_touch=partial(feed.take, joint))
-
-    return [reader(0, state), reader(1, _Aside(feed, 1))]
+    return [
+        BoardReader(partial(open_board, i), layout, of_board, on_touch=partial(feed.take, i))
+        for i, of_board in enumerate((state, _Aside(feed, 1)))
+    ]
