@@ -1,4 +1,4 @@
-"""Settings files: what is wrong is told, what is written is read back."""
+"""ControllerSettings files: what is wrong is told, what is written is read back."""
 
 import pytest
 from hypothesis import given
@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from spots import SpotsError
 from spots.controller.controller_settings import (
+    ControllerSettings,
     ForceAxis,
     PositionAxis,
     Pressed,
-    Settings,
     Tapped,
     load,
     save,
@@ -64,7 +64,7 @@ def test_no_such_file_says_how_to_make_one(tmp_path):
     with pytest.raises(SpotsError, match="--calibrate"):
         load(tmp_path / "none.toml")
     with pytest.raises(SpotsError, match="cannot write"):
-        save(Settings(), tmp_path / "none" / "none.toml")
+        save(ControllerSettings(), tmp_path / "none" / "none.toml")
 
 
 POSITIONS = st.lists(st.floats(0, 100), min_size=3, max_size=3, unique=True).map(sorted)
@@ -73,7 +73,7 @@ POSITIONS = st.lists(st.floats(0, 100), min_size=3, max_size=3, unique=True).map
 @given(POSITIONS, st.floats(0, 0.9), st.floats(0, 1), st.booleans(), st.integers(1, 16))
 def test_what_is_written_is_read_back(tmp_path_factory, places, deadband, expo, invert, number):
     low, rest, high = places
-    settings = Settings(
+    settings = ControllerSettings(
         hold_ms=deadband * 1000,
         x=PositionAxis(
             min_percent=low, rest_percent=rest, max_percent=high, deadband=deadband, expo=expo
@@ -93,9 +93,9 @@ def test_the_default_is_read_back_too(tmp_path):
 
 def test_a_full_disk_leaves_the_file_that_was_there(tmp_path, full_disk):
     path = tmp_path / "mine.toml"
-    save(Settings(hold_ms=42.0), path)
+    save(ControllerSettings(hold_ms=42.0), path)
     refused = pytest.raises(SpotsError, match=r"cannot write .*mine.toml: File too large")
     with full_disk(10), refused:
         save(load(), path)
-    assert load(path) == Settings(hold_ms=42.0)
+    assert load(path) == ControllerSettings(hold_ms=42.0)
     assert list(tmp_path.iterdir()) == [path]

@@ -97,7 +97,7 @@ class Tapped(_Button, tag="tapped"):
     pulse_ms: Annotated[float, msgspec.Meta(ge=1, le=10_000)] = 50.0
 
 
-class Settings(_Struct):
+class ControllerSettings(_Struct):
     """All of a controller."""
 
     hold_ms: Time = 100.0
@@ -113,7 +113,7 @@ class Settings(_Struct):
             raise ValueError("z has one side only: it cannot be inverted")
 
 
-def load(path: str | Path = DEFAULT) -> Settings:
+def load(path: str | Path = DEFAULT) -> ControllerSettings:
     """Read a settings file.
 
     Raises
@@ -127,10 +127,10 @@ def load(path: str | Path = DEFAULT) -> Settings:
         raise SpotsError(
             f"cannot read the settings file {path}: make one with 'spots controller --calibrate'"
         ) from None
-    return toml.checked(text, Settings, f"settings file {path}")
+    return toml.checked(text, ControllerSettings, f"settings file {path}")
 
 
-def save(settings: Settings, path: str | Path) -> None:
+def save(settings: ControllerSettings, path: str | Path) -> None:
     """Write a settings file, without comments; see `atomic.write_text`.
 
     Raises

@@ -12,7 +12,7 @@ from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.calibrated import length_of
 from ..link.frames import Touch
-from .controller_settings import DEFAULT, ForceAxis, PositionAxis, Settings, load, save
+from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, PositionAxis, load, save
 
 _HELD_S = 1.0  # how long a touch is looked at
 _SETTLE_S = 0.3  # and from when on
@@ -65,7 +65,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     say(f"wrote {shown}; play with: spots controller --settings {shown}")
 
 
-def _measured(settings: Settings, percent: dict, force_mN: dict) -> Settings:
+def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> ControllerSettings:
     low, high = sorted((percent["near"], percent["far"]))
     rest = percent["rest"]
     if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):

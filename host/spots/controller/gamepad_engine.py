@@ -13,7 +13,7 @@ from spots_device import decode
 
 from ..link.frames import Touch
 from ..outputs.devices import AXIS_MAX, REST, State
-from .controller_settings import ForceAxis, PositionAxis, Pressed, Settings, Tapped
+from .controller_settings import ControllerSettings, ForceAxis, PositionAxis, Pressed, Tapped
 from .one_euro import OneEuro
 from .shaping import deflection, shaped
 
@@ -29,7 +29,7 @@ class Controller:
 
     Parameters
     ----------
-    settings : controller_settings.Settings
+    settings : controller_settings.ControllerSettings
     length_um : float
         Of the strip.
 
@@ -42,19 +42,16 @@ class Controller:
         Whether that is kept only until a better reading comes.
     """
 
-    def __init__(self, settings: Settings, length_um: float):
+    def __init__(self, settings: ControllerSettings, length_um: float):
         self.length_um = length_um
         self._hold_s = settings.hold_ms / 1000
         self._release_s = settings.release_ms / 1000
         self._sender = _Sender(settings.rate_hz)
-        self._axes = [_axis(one, length_um) for one in (settings.x, settings.y, settings.z)]
-        percent_um = length_um / 100
-        self._pressed = [
-            _PressedButton(one, percent_um) for one in settings.button if isinstance(one, Pressed)
-        ]
-        self._tapped = [
-            _TappedButton(one, percent_um) for one in settings.button if isinstance(one, Tapped)
-        ]
+        axes = {"x": settings.x, "y": settings.y, "z": settings.z}
+        self._axes = {name: _Axis(one, length_um) for name, one in axes.items() if one is not None}
+        made = [_BUTTONS[type(one)](one, length_um / 100) for one in settings.button]
+        self._pressed = [one for one in made if isinstance(one, _PressedButton)]
+        self._tapped = [one for one in made if isinstance(one, _TappedButton)]
         self.state = REST
         self.held = False
         self._touched = False
@@ -109,7 +106,7 @@ class Controller:
         A finger that is still there moves the axes, and pushes no button until it was lifted.
         """
         self._touched = self._lifted = self.held = False
-        for axis in self._axes:
+        for axis in self._axes.values():
             axis.end()
         for button in (*self._pressed, *self._tapped):
             button.down = False
@@ -125,7 +122,7 @@ class Controller:
             self._touched = True
             self._whole = self._lifted
             self._began_us, self._began_um = touch.t_us, touch.position_um
-            for axis in self._axes:
+            for axis in self._axes.values():
                 axis.begin()
             for button in self._pressed:
                 button.begin(self._whole and button.has(touch.position_um))
@@ -135,14 +132,14 @@ class Controller:
         self._last_us = touch.t_us
         self._until_s = now_s + self._hold_s
         self._lifted = self.held = False
-        for axis in self._axes:
+        for axis in self._axes.values():
             axis.take(touch, dt_s)
         for button in self._pressed:
             button.take(touch.force_mN)
 
     def _end(self, now_s: float) -> None:
         self._touched = self.held = False
-        for axis in self._axes:
+        for axis in self._axes.values():
             axis.end()
         for button in self._pressed:
             button.down = False
@@ -157,31 +154,18 @@ class Controller:
         buttons = 0
         for button in (*self._pressed, *self._tapped):
             buttons |= button.bit if button.down else 0
-        x, y, z = (axis.value for axis in self._axes)
-        self.state = State(x, y, z, buttons)
+        values = {name: axis.value for name, axis in self._axes.items()}
+        self.state = REST._replace(buttons=buttons, **values)
         self._sender.put(self.state)
 
 
-class _NoAxis:
-    value = 0
-
-    def begin(self) -> None:
-        pass
-
-    def take(self, touch: Touch, dt_s: float) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
-
-
-class _Axis(_NoAxis):
-    def __init__(self, settings: PositionAxis | ForceAxis, field: str, rest, low, high):
+class _Axis:
+    def __init__(self, settings: PositionAxis | ForceAxis, length_um: float):
         self._settings = settings
-        self._field = field
-        self._rest, self._low, self._high = rest, low, high
+        self._field, *self._range = span(settings, length_um)
         smooth = settings.smooth
         self._filter = OneEuro(smooth.min_cutoff_hz, smooth.beta, smooth.derivative_cutoff_hz)
+        self.value = 0
 
     def begin(self) -> None:
         self._filter.reset()
@@ -189,7 +173,7 @@ class _Axis(_NoAxis):
     def take(self, touch: Touch, dt_s: float) -> None:
         if dt_s > _FORGET_S:
             self._filter.reset()
-        u = deflection(getattr(touch, self._field), self._rest, self._low, self._high)
+        u = deflection(getattr(touch, self._field), *self._range)
         self.value = axis_value(self._filter.take(u, dt_s), self._settings)
 
     def end(self) -> None:
@@ -199,12 +183,6 @@ class _Axis(_NoAxis):
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
     """Return what an axis tells at a deflection."""
     return round(AXIS_MAX * shaped(u, settings.deadband, settings.expo, settings.invert))
-
-
-def _axis(settings: PositionAxis | ForceAxis | None, length_um: float):
-    if settings is None:
-        return _NoAxis()
-    return _Axis(settings, *span(settings, length_um))
 
 
 def span(settings: PositionAxis | ForceAxis, length_um: float) -> tuple[str, float, float, float]:
@@ -254,6 +232,9 @@ class _TappedButton(_Button):
     def pass_time(self, now_s: float) -> None:
         if self.down and now_s >= self._up_s:
             self.down = False
+
+
+_BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
 
 
 class _Sender:
