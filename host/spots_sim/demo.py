@@ -160,12 +160,12 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     from spots.web.board_feed import BoardReader, finder
     from spots.web.browser import show
     from spots.web.serve import LOOPBACK, serve
-    from spots.web.state import State
-    from spots.web.twin_feed import machine_readers
+    from spots.web.state import PageState
+    from spots.web.twin_feed import driven_readers
 
-    state, layout = State(), load_layout(_PAGE_LAYOUT)
+    state, layout = PageState(), load_layout(_PAGE_LAYOUT)
     if use == FIVEBAR:
-        readers = machine_readers(endless(sensor, seed=seed), layout, state)
+        readers = driven_readers(endless(sensor, seed=seed), layout, state)
     else:
         readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
     serve(state, LOOPBACK, 0, readers, show)

@@ -7,7 +7,7 @@ import pytest
 from spots.keyboard.layout import load
 from spots.link.frames import Touch
 from spots.web.feel import Feel
-from spots.web.state import State
+from spots.web.state import PageState
 
 ONCE = """
 name = "x"
@@ -20,7 +20,7 @@ keys = ["1", "2"]
 """
 
 
-class Shown(State):
+class Shown(PageState):
     """Keeps what was put last."""
 
     def __init__(self):

@@ -15,7 +15,7 @@ from spots.link.frames import Touch
 from spots.recording.replay import open_recording
 from spots.web import board_feed as reader
 from spots.web.board_feed import BoardReader
-from spots.web.state import State
+from spots.web.state import PageState
 from spots_sim.demo import open_fast
 from spots_sim.files import ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
@@ -231,7 +231,7 @@ def test_a_board_that_is_unplugged_is_found_again(bench, serve, open_page):
 
 @pytest.mark.parametrize("name", [SEARCHING, STALLED, LOST, REFUSED])
 def test_whatever_is_wrong_with_a_board_has_words(name, serve, open_page):
-    state = State()
+    state = PageState()
     state.put("board", {"state": name, "message": "the reason"})
     board = open_page(serve(state).url).locator("#board")
     expect(board).to_have_text(re.compile(r"[a-z ]+: the reason"), timeout=LONG_MS)
@@ -248,7 +248,7 @@ def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
         for stream, seconds in (("touch", 0.3), ("off", 1.0), ("touch", 0.3)):
             board.command(f"stream {stream}")
             last = [frame for frame in board.frames(seconds) if isinstance(frame, Touch)][-1:]
-    state, opened, said = State(), [], []
+    state, opened, said = PageState(), [], []
 
     def open_board(board_id):
         opened.append(board_id)
@@ -322,7 +322,7 @@ def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
         board.command("stream touch spectrum")
         for _ in board.frames(1.5):
             pass
-    state, opened = State(), []
+    state, opened = PageState(), []
 
     def open_board(board_id):
         opened.append(board_id)

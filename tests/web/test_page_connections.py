@@ -10,7 +10,7 @@ import pytest
 
 from serving import run, until
 from spots.web import connections
-from spots.web.state import State
+from spots.web.state import PageState
 
 HALF_OPEN = 300
 WAIT_S = 60.0
@@ -48,7 +48,7 @@ def has_ended(connection, timeout_s=WAIT_S):
 
 
 def test_half_open_connections_are_bounded_and_a_page_gets_in(serve, open_page, caplog):
-    server = serve(State())
+    server = serve(PageState())
     with half_open(server, HALF_OPEN) as opened:
         page = open_page(server.url)
         until(page, "performance.getEntriesByType('resource').length > 0")
@@ -61,7 +61,7 @@ def test_half_open_connections_are_bounded_and_a_page_gets_in(serve, open_page, 
 @pytest.mark.parametrize("data", HALF.values(), ids=HALF)
 def test_a_connection_that_is_no_page_ends(serve, monkeypatch, caplog, data):
     monkeypatch.setattr(connections, "CONNECTION_S", 0.2)
-    server = serve(State())
+    server = serve(PageState())
     with half_open(server, 1, data) as (one,):
         assert has_ended(one)
     assert caplog.records == []
@@ -69,7 +69,7 @@ def test_a_connection_that_is_no_page_ends(serve, monkeypatch, caplog, data):
 
 def test_a_page_stays_when_others_end(serve, monkeypatch):
     monkeypatch.setattr(connections, "CONNECTION_S", 0.2)
-    state = State()
+    state = PageState()
     server = serve(state)
 
     async def look():
@@ -90,7 +90,7 @@ def test_a_page_stays_when_others_end(serve, monkeypatch):
 
 
 def test_ended_connections_are_not_counted(serve):
-    server = serve(State())
+    server = serve(PageState())
     with half_open(server, 1) as (kept,):
         for _ in range(2 * connections.CONNECTIONS_MAX):
             with half_open(server, 1, b"no HTTP\r\n\r\n") as (one,):

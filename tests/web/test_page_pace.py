@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from serving import Serving, run
 from spots.errors import RefusedError, SpotsError
 from spots.web import board_feed as reading
-from spots.web.state import EVENTS_KEPT, State
+from spots.web.state import EVENTS_KEPT, PageState
 
 
 def live(server):
@@ -24,7 +24,7 @@ def live(server):
 
 @pytest.fixture
 def state():
-    return State()
+    return PageState()
 
 
 def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, serve):
@@ -37,7 +37,7 @@ def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, 
             last = 0
             for i in range(1, 200):
                 state.put("touch", {"i": i})
-                state.tell({"kind": "key", "i": i})
+                state.add_event({"kind": "key", "i": i})
                 while last < i:
                     message = await awake.receive_json(timeout=60)
                     await awake.send_str(str(message["n"]))
@@ -154,13 +154,13 @@ def test_too_many_pages_are_refused(state, serve):
 
 @given(st.lists(st.sampled_from(["put", "tell", "read"]), max_size=60), st.integers(0, 700))
 def test_a_reader_knows_all_that_was_told_but_what_was_dropped(steps, burst):
-    state = State()
+    state = PageState()
     cursor, known, seen, missed, told = state.begin(), {}, [], 0, 0
     for step in [*steps, *["tell"] * burst, "read"]:
         if step == "put":
             state.put("touch", told)
         elif step == "tell":
-            state.tell({"i": told})
+            state.add_event({"i": told})
             told += 1
         else:
             cursor, news = state.since(cursor)

@@ -9,11 +9,11 @@ from rich.text import Text
 
 from ..errors import printable
 from ..outputs.devices import AXIS_MAX, BUTTONS, REST, State
+from ..terminal.view import bar
 
 _COLUMNS = 61  # odd, so that rest is a column
 _KNOB = 7
 _BAR_COLUMNS = 40
-_EIGHTHS = " ▏▎▍▌▋▊▉█"
 
 
 def picture(
@@ -39,7 +39,7 @@ def picture(
     numbers.add_row("x", f"{state.x:+d}" if state.x else "0", Text(along, style="yellow"))
     if state.y:
         numbers.add_row("y", f"{state.y:+d}")
-    numbers.add_row("z", str(state.z), Text(_bar(state.z / AXIS_MAX), style="cyan"))
+    numbers.add_row("z", str(state.z), Text(bar(state.z / AXIS_MAX, _BAR_COLUMNS), style="cyan"))
     parts = [*_stick(state), Text(), numbers, Text(), _buttons(state.buttons, buttons)]
     if facts:
         parts += [Text(), Text("  " + facts, style="dim")]
@@ -73,8 +73,3 @@ def _buttons(pressed: int, count: int) -> Text:
         line.append(f" {i + 1} ", style="bold black on yellow1" if down else "grey62 on grey23")
         line.append(" ")
     return line
-
-
-def _bar(share: float) -> str:
-    eighths = round(max(0.0, min(share, 1.0)) * _BAR_COLUMNS * 8)
-    return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()

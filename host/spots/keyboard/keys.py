@@ -7,17 +7,16 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from spots_device import layout as lines_of
 from spots_device.settings import checksum
 
 from ..errors import printable
 from ..link.board import Board
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
-from .layout import SLOTS, KeyLayout, PlacedKey, load
+from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load
 
 COLUMNS = 74
 _SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
-_VERBS = {lines_of.MOMENTARY: "layer", lines_of.TOGGLE: "toggle", lines_of.ONCE: "once"}
+_VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
 
 def check(name: str) -> None:

@@ -25,7 +25,7 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
 _FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
-_LAYER_VERBS = {
+LAYER_VERBS = {
     "layer": lines_of.MOMENTARY,
     "toggle": lines_of.TOGGLE,
     "once": lines_of.ONCE,
@@ -198,14 +198,14 @@ class _Compiler:
             return 0
         where = f"in layer '{layer.name}', {where}"
         verb, _, name = text.partition(" ")
-        if verb in _LAYER_VERBS:
+        if verb in LAYER_VERBS:
             if name not in self._names:
                 self._refuse(text, f"{where}: no layer is called '{name}'", self._names)
             number = self._names.index(name)
             self._reached.add(number)
             if verb == "toggle":
                 self._toggled.add(number)
-            return lines_of.action(_LAYER_VERBS[verb], number)
+            return lines_of.action(LAYER_VERBS[verb], number)
         try:
             page, usage, modifiers = chord_of(text)
         except SpotsError as error:
@@ -240,15 +240,20 @@ def _label(key: _Key) -> str:
 
 def _written(action: str) -> str:
     verb, _, name = action.partition(" ")
-    if verb in _LAYER_VERBS:
+    if verb in LAYER_VERBS:
         return name
     name = action.rpartition("+")[2] or action
     try:
-        known = USAGES.get(usage_of(name))
+        return typed(*usage_of(name)) or name.upper()
     except SpotsError:
         return name  # which is refused elsewhere
-    character = known.pynput if known else None
-    return character.upper() if character and len(character) == 1 else name.upper()
+
+
+def typed(page: int, usage: int) -> str:
+    """Return the character that a key types, as it stands on the key; empty if it types none."""
+    known = USAGES.get((page, usage))
+    character = (known and known.pynput) or ""
+    return character.upper() if len(character) == 1 else ""
 
 
 def _line_of(text: str, value: str) -> str:

@@ -22,7 +22,7 @@ from ..recording.replay import Replay
 from .expected import expected_shown
 from .feel import Feel, layout_shown
 from .recordings import Recordings
-from .state import State
+from .state import PageState
 
 _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
@@ -43,7 +43,7 @@ class BoardReader:
     open_board : callable
         Given the id of the board to find again, or None for any, returns it or raises SpotsError.
     layout : KeyLayout
-    state : State
+    state : PageState
         ``board`` (what it is, and whether it is there), ``touch``, ``spectrum``, ``keys``,
         ``stick`` and ``link`` are put there.
     search_every_s : float
@@ -58,7 +58,7 @@ class BoardReader:
         self,
         open_board: Callable[[str | None], Board],
         layout: KeyLayout,
-        state: State,
+        state: PageState,
         search_every_s: float = _SEARCH_EVERY_S,
         on_touch: Callable[[Touch], None] = lambda touch: None,
         recordings: Recordings | None = None,
@@ -203,7 +203,7 @@ _FACTS = (
 class _Health:
     """Rate, losses and latency of a link, twice a second."""
 
-    def __init__(self, board: Board, state: State):
+    def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
         self._readings = 0
         self._latencies_s: deque[float] = deque(maxlen=256)

@@ -13,7 +13,7 @@ LATE_S = 0.03
 _SLOWER, _FASTER = 1.25, 0.99
 
 
-class Pace:
+class PagePace:
     """The pace of one page, from the times at which it was told and at which it had drawn.
 
     Where processors are short, more messages do not show more, they only wait longer. So each

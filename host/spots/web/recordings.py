@@ -14,7 +14,7 @@ from ..errors import SpotsError
 from ..guarded import sentence_of
 from ..link.board import Board
 from ..recording.recorder import Recorder
-from .state import State
+from .state import PageState
 
 START, STOP = "start", "stop"
 _SHOWN_EVERY_S = 0.5
@@ -27,7 +27,7 @@ class Recordings:
     ----------
     folder : Path
         Where their files are made; the names tell date and board.
-    state : State
+    state : PageState
         ``recording`` is put there.
 
     Raises
@@ -36,7 +36,7 @@ class Recordings:
         If there is no such folder.
     """
 
-    def __init__(self, folder: Path, state: State):
+    def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
             raise SpotsError(f"there is no folder {folder} to record to: make it first")
         self._folder, self._state = folder, state

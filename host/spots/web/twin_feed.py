@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 
@@ -16,7 +15,7 @@ from ..linkage.digital_twin import Terminal, Twin
 from ..linkage.twin_source import DrivenLinkage, check, give, loaded
 from ..terminal.view import Pace
 from .board_feed import BoardReader, finder
-from .state import State
+from .state import PageState
 
 _SHOWN_PER_S = 20
 # A trail is sent whole each time: no finer than a page shows it, and so long at most.
@@ -30,10 +29,10 @@ class TwinFeed:
     Parameters
     ----------
     twin : Twin
-    state : State
+    state : PageState
     """
 
-    def __init__(self, twin: Twin, state: State):
+    def __init__(self, twin: Twin, state: PageState):
         self._twin, self._state = twin, state
         self._lock = threading.Lock()
         self._pace = Pace(_SHOWN_PER_S)
@@ -88,7 +87,7 @@ class TwinFeed:
         self._state.put("twin", {**self._shown, "trail": list(self._trail), "note": note})
 
 
-class _Aside(State):
+class _Aside(PageState):
     """Of a board that is not shown itself, only that it is away is told."""
 
     def __init__(self, feed: TwinFeed, joint: int):
@@ -101,7 +100,7 @@ class _Aside(State):
 
 
 def linkage_readers(
-    linkage: str, ports: list[str], layout: KeyLayout, state: State
+    linkage: str, ports: list[str], layout: KeyLayout, state: PageState
 ) -> list[BoardReader]:
     """Return a reader for each board of a linkage file; the first one's strip is shown, too.
 
@@ -112,7 +111,7 @@ def linkage_readers(
     ports : list of str
         Of joint 1 and joint 2, or of one board with two sensors; found, if not given.
     layout : KeyLayout
-    state : State
+    state : PageState
 
     Raises
     ------
@@ -144,22 +143,20 @@ def linkage_readers(
     return _readers(feed, open_board, layout, state)
 
 
-def machine_readers(machine: DrivenLinkage, layout: KeyLayout, state: State) -> list[BoardReader]:
-    """Return readers of the two boards of a machine.
+def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:
+    """Return readers of the two boards of a linkage that opens them itself.
 
     Parameters
     ----------
-    machine : DrivenLinkage
+    driven : DrivenLinkage
     layout : KeyLayout
-    state : State
+    state : PageState
     """
-    feed = TwinFeed(Twin(machine.linkage, machine.encoders()), state)
-    return _readers(feed, lambda joint, board_id: machine.open(joint), layout, state)
+    feed = TwinFeed(Twin(driven.linkage, driven.encoders()), state)
+    return _readers(feed, lambda joint, board_id: driven.open(joint), layout, state)
 
 
-def _readers(
-    feed: TwinFeed, open_board: Callable[[int, str | None], Board], layout: KeyLayout, state: State
-) -> list[BoardReader]:
+def _readers(feed: TwinFeed, open_board, layout: KeyLayout, state: PageState) -> list[BoardReader]:
     return [
         BoardReader(partial(open_board, i), layout, of_board, on_touch=partial(feed.take, i))
         for i, of_board in enumerate((state, _Aside(feed, 1)))
