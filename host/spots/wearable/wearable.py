@@ -17,6 +17,7 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
+from ..link.untrusted import Untrusted
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
@@ -110,12 +111,13 @@ def play(
         Whether to show a picture, with what `mapping` says.
     mapping : Mapping
     """
-    gestures, found = Gestures(), []
+    gestures, untrusted, found = Gestures(), Untrusted(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]
     pace, touch = Pace(), None
     with live(Console()) if drawing else nullcontext() as display:
         for touches in ticks(board, seconds, _TICK_S, gestures.release):
             for touch in touches:
+                untrusted.warn(touch, board.now_s())
                 for gesture in gestures.take(touch, board.now_s()):
                     found.append(gesture)
                     on_gesture(gesture)
