@@ -33,6 +33,17 @@ _WHY = {
     LOST: "the board was disconnected",
     REFUSED: "another board is in its place",
 }
+# What keeps the strip from being felt, and the next step.
+_NEXT = {
+    SEARCHING: "there is no board; next: plug one in, or name its port with --port",
+    STALLED: "the board sends no readings; next: wait a moment, or press its reset button",
+    LOST: "the board is lost; next: check its plug, and this page finds it again",
+    REFUSED: "this is another board; next: plug the first one in, or restart 'spots serve'",
+}
+_UNCALIBRATED = (
+    "the board is not calibrated, so no press has a place or a force; "
+    "next: spots calibrate position"
+)
 
 
 class BoardReader:
@@ -182,7 +193,10 @@ class BoardReader:
     def _say(self, state: str, message: str) -> None:
         said = state, message, self._known.get("port")
         if said != self._said:
-            self._state.put("board", {"state": state, "message": message, **self._known})
+            uncalibrated = self._known.get("layout", "") is None
+            step = _NEXT.get(state, _UNCALIBRATED if uncalibrated else "")
+            board = {"state": state, "message": message, "next": step, **self._known}
+            self._state.put("board", board)
             self._said = said  # now: what could not be shown is shown with the next attempt
 
 

@@ -13,6 +13,7 @@ from ..keyboard.key_engine import KeyEngine
 from ..keyboard.layout import KeyLayout, typed
 from ..link.board import Board
 from ..link.frames import Key, Touch
+from ..link.untrusted import Untrusted
 from ..outputs.devices import AXIS_MAX
 from ..outputs.usages import name_of
 from ..terminal.view import flag_words
@@ -49,6 +50,7 @@ class Feel:
                 self._engine = KeyEngine(layout, length_um, self)
         engines = self._engine, self._gestures, self._controller
         self._engines = [one for one in engines if one is not None]
+        self._untrusted = Untrusted()
         state.put("keys", None)
         state.put("stick", None)
         self._show()
@@ -56,6 +58,7 @@ class Feel:
     def take(self, touch: Touch, now_s: float) -> None:
         """Take a reading."""
         self._state.put("touch", _message(touch, now_s))
+        self._untrusted.take(touch, now_s)
         for engine in self._engines:
             found = engine.take(touch, now_s)
             for gesture in found if engine is self._gestures else ():
@@ -78,7 +81,7 @@ class Feel:
         if self._engine:
             self._engine.release()
         self._shown.clear()
-        for name in ("touch", "keys", "stick"):
+        for name in ("touch", "keys", "stick", "untrusted"):
             self._state.put(name, None)
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
@@ -110,6 +113,7 @@ class Feel:
         for name, engine, part in (
             ("keys", self._engine, self._keys),
             ("stick", self._controller, self._stick),
+            ("untrusted", self._untrusted, lambda: self._untrusted.sentence),
         ):
             if engine is not None and (value := part()) != self._shown.get(name):
                 self._shown[name] = value

@@ -11,6 +11,7 @@ import { keyboard } from "./panels/keyboard.js";
 import { stick } from "./panels/stick.js";
 import { twin } from "./panels/twin.js";
 import { recording } from "./panels/recording.js";
+import { next } from "./panels/next.js";
 import { link } from "./panels/link.js";
 
 // How often a panel is drawn at most, a second: what answers a finger at every frame, what is
@@ -27,6 +28,7 @@ const PANELS = [
   [history, LOOK, "touch"],
   [recording, READ, "recording", "may_record"],
   [link, READ, "link"],
+  [next, READ, "board", "untrusted", "connection"],
 ];
 // What waits is drawn with the next messages, or so long after the last one.
 const QUIET_MS = 100;
@@ -57,7 +59,7 @@ const receipt = connect(
 
 // What is not told any more is not shown as if it were.
 function letGo() {
-  take({ touch: null, stick: null, keys: null });
+  take({ touch: null, stick: null, keys: null, untrusted: null });
 }
 
 function take(parts, events = []) {
