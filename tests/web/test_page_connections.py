@@ -2,8 +2,10 @@
 
 import asyncio
 import contextlib
+import gc
 import select
 import socket
+import time
 
 import aiohttp
 import pytest
@@ -22,6 +24,17 @@ HALF = {
     "a request and no more": b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n",
     "half a second request": b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\nGET / HT",
 }
+UPGRADE = (
+    b"GET /live HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n\r\n"
+)
+# After the upgrade: an acknowledgement, a ping, a command, and half a frame.
+FRAMES = b"".join(
+    bytes((first, 0x80 | len(body), 0, 0, 0, 0)) + body
+    for first, body in ((0x81, b"1"), (0x89, b"x"), (0x81, b"set gain=3"), (0x01, b""))
+)
+VISITS = [*HALF.values(), b"no HTTP\r\n\r\n", UPGRADE, UPGRADE + FRAMES]
+ROUNDS = 30
 
 
 @contextlib.contextmanager
@@ -96,3 +109,28 @@ def test_ended_connections_are_not_counted(serve):
             with half_open(server, 1, b"no HTTP\r\n\r\n") as (one,):
                 assert has_ended(one)
         assert not has_ended(kept, 0.0)
+
+
+def test_connections_that_have_ended_leave_nothing_in_memory(serve):
+    state = PageState()
+    server = serve(state)
+
+    def visit(rounds):
+        for i in range(rounds):
+            state.put("touch", {"position_um": i})
+            for data in VISITS:
+                with half_open(server, 1, data) as (one,):
+                    if data.startswith(UPGRADE[:9]):
+                        one.recv(100)
+
+    def objects():
+        gc.collect()
+        return len(gc.get_objects())
+
+    visit(ROUNDS)  # caches fill
+    before, end_s = objects(), time.monotonic() + WAIT_S
+    visit(ROUNDS)
+    # Less than an object for two connections; the last ones may not have ended yet.
+    while objects() - before >= ROUNDS * len(VISITS) // 2:
+        assert time.monotonic() < end_s, "objects of connections that have ended are left"
+        time.sleep(0.1)
