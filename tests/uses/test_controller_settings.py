@@ -44,6 +44,9 @@ def test_what_a_file_leaves_out_is_as_in_the_default(tmp_path):
         ('[x]\nfrom = "position"\nrest_mN = 5', "rest_mN"),
         ('[x]\nfrom = "position"\ndeadband = 1.0', "deadband"),
         ('[y]\nfrom = "force"\nrest_mN = 7000', "below max_mN"),
+        ('[y]\nfrom = "force"\nrest_mN = 0.3\nmax_mN = 6', "max_mN"),  # in N
+        ('[[button]]\nwhen = "pressed"\nnumber = 1\npress_mN = 5', "5 mN, .* forces are in mN"),
+        ('[[button]]\nwhen = "tapped"\nnumber = 1\nlongest_ms = 0.2', "longest_ms"),  # in s
         ('[z]\nfrom = "position"', "position"),
         ('[z]\nfrom = "force"\ninvert = true', "cannot be inverted"),
         ('[[button]]\nwhen = "pressed"\nnumber = 17', "number"),
@@ -79,7 +82,7 @@ def test_what_is_written_is_read_back(tmp_path_factory, places, deadband, expo, 
             min_percent=low, rest_percent=rest, max_percent=high, deadband=deadband, expo=expo
         ),
         y=ForceAxis(invert=invert),
-        button=[Pressed(number=number, press_mN=5.0), Tapped(number=17 - number)],
+        button=[Pressed(number=number, press_mN=500.0), Tapped(number=17 - number)],
     )
     path = tmp_path_factory.mktemp("settings") / "mine.toml"
     save(settings, path)

@@ -54,12 +54,10 @@ def add(commands) -> None:
     )
     group.add_argument("--out", metavar="FILE.toml", help="the linkage file that was found")
     group = twin.add_argument_group("simulated linkage")
-    group.add_argument("--path", default="sust", metavar="FILE", help="path file or name")
+    group.add_argument("--path", metavar="FILE", help="path file or name")
     group.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
     group.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
-    group.add_argument(
-        "--exposure-us", type=arguments.exposure_us, default=30_000, help="of both strips"
-    )
+    group.add_argument("--exposure-us", type=arguments.exposure_us, help="of both strips")
     group.add_argument("--picture", metavar="FILE.png", help="draw path and truth")
     twin.set_defaults(run=_twin)
 

@@ -199,7 +199,10 @@ def calibrate(
         misfit = float(np.median(distance) / np.sqrt(np.log(2)))  # Rayleigh's median
         outlier = distance > _OUTLIER * max(misfit, 1)
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
-        raise SpotsError("the angles and places do not go together: is each of the same moment?")
+        raise SpotsError(
+            "the angles and places do not go together: is each pair of the same moment, "
+            "in mm, and in the unit of angle that its name has?"
+        )
     _check_enough(int((~outlier).sum()), names, f"without the {outlier.sum()} that do not fit, ")
     jacobian = fit.jacobian(at, ranges, scale)[np.repeat(~outlier, 2)]
     errors, unidentified, rank, condition = _told(jacobian, names, max(misfit, 1.0))

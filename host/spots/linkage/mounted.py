@@ -17,7 +17,8 @@ from .encoder import Encoder
 from .fivebar import Linkage
 from .kinematics import Kinematics
 
-_Length = Annotated[float, msgspec.Meta(gt=0, le=10_000)]
+# Shorter ones are lengths in metres.
+_Length = Annotated[float, msgspec.Meta(ge=1, le=10_000)]
 _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 _GAINS = 0.5, 2.0
 # Keys that a file of a simulated linkage does not have.
@@ -163,7 +164,8 @@ def load(path: str | Path) -> Mounted:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
-            f"cannot read the linkage file {path}: docs/fivebar.md shows how to write one"
+            f"cannot read the linkage file {path}: name one with --linkage; docs/fivebar.md shows "
+            "how to write it"
         ) from None
     return toml.checked(text, Mounted, f"linkage file {path}")
 

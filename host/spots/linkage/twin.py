@@ -54,10 +54,10 @@ def twin_command(options: argparse.Namespace) -> None:
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
     elif simulated:
-        machine = simulated(
-            options.sensor, options.linkage, options.path, options.seed, options.exposure_us
-        )
-        with driven(machine, options.record) as source:
+        given = {"path": options.path, "exposure_us": options.exposure_us}
+        given = {name: value for name, value in given.items() if value is not None}
+        linkage = simulated(options.sensor, options.linkage, seed=options.seed, **given)
+        with driven(linkage, options.record) as source:
             show(source, options.seconds, tell)
     elif boards:
         played = any(map(is_recording, ports))
