@@ -19,8 +19,8 @@ _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 
 _HEAD = """# The five-bar linkage and its twin
 
-Written by `make paper`; every number but the published one is measured anew by it. Two strips in
-the base joints of a planar five-bar linkage are its encoders, and tell where its terminal is
+Written by `make paper`; every number but the published one is measured by it. Two strips in
+the base joints of a planar five-bar linkage are its encoders, and give the place of its terminal
 (paper, section IV, Eqs. 3 and 4, Fig. 7).
 
 ![Bars, and where the terminal is with either joint at an angle](fivebar/angles.png)
@@ -34,7 +34,7 @@ x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 ```
 
 All of it takes scalars or arrays, in every quadrant. Where there is no answer, a scalar raises
-an error with the reason in a sentence; an array comes back masked, and `forward_limits` and
+an error with the reason in a sentence; an array is masked, and `forward_limits` and
 `inverse_limits` give the reason for each element (`spots.linkage.fivebar.Limit`). Two terminals go
 with the same two angles: `assembly="far"`, the usual one, has the terminal beyond the elbows,
 `"near"` the other. `jacobian` and `covariance` say how errors of the angles become errors of the
@@ -63,7 +63,7 @@ those of the page's message ([page.md](page.md)), and `velocity_mm_s`, `sigma_mm
 play is added or taken off as soon as the position has moved by more than its noise; at rest the
 joint may stand anywhere in its play, and the standard error says so. The speed is by the board's
 clock. `spots.Twin` takes the readings of both joints as they come, live or from recordings, and
-tells the terminal at the moment of each reading, the other joint being taken between two of its
+gives the terminal at the moment of each reading, the other joint being taken between two of its
 own: nothing is extrapolated, and it makes no difference which board was heard first. The boards'
 clocks are compared with the computer's, see `Touch.time_s`. A board that restarts is given its
 calibration again.
@@ -77,7 +77,7 @@ with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/d
 ```
 
 With `--record a.spots --record b.spots` both boards are recorded, and
-`--port recording:a.spots --port recording:b.spots` tells exactly the same terminals again.
+`--port recording:a.spots --port recording:b.spots` gives exactly the same terminals again.
 
 The firmware reads one sensor, so a linkage takes two boards. Frames have room for a sensor's
 number: a board of yours that sends two, 0 for joint 1 and 1 for joint 2, is taken with one
@@ -101,7 +101,7 @@ calibration = "b.toml"
 offset_deg = -108.0
 ```
 
-A calibration tells its board's id, and so which board is which joint.
+A calibration holds its board's id, and so which board is which joint.
 """
 
 _CALIBRATION = """
@@ -114,11 +114,11 @@ spots twin --linkage drawn.toml --measure points.csv     # hold the terminal sti
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-From what the encoders told at some places and where the terminal was by a grid or machine laid
+From the angles of the encoders at some places and where the terminal was by a grid or machine laid
 anyhow, this finds the four bars, the base, the joints' offsets and gains and the frame of the
 grid, by robust least squares (`pip install 'spots-tactile[kinematics]'`). It names points that do
-not fit, gives standard errors, and says which parameters these places do not tell apart: a picture
-of unknown scale, for example, tells ratios of lengths only. `--place-sigma-mm` is how well the
+not fit, gives standard errors, and says which parameters these places do not separate: a picture
+of unknown scale, for example, gives ratios of lengths only. `--place-sigma-mm` is how well the
 places are known. The table may come from elsewhere: its columns are `x_mm`, `y_mm`, `joint1_deg`,
 `joint2_deg`, `sigma1_deg` and `sigma2_deg`, the joints by their own calibrations.
 
@@ -210,7 +210,7 @@ base of {base:g} mm, as drawn; as it came out, bars off by up to {off} and joint
 {turned} off. Each joint moves an indenter with play along a default strip of its own, over
 {travel}. Each strip is read through the real firmware in simulated time, calibrated, and its
 joint calibrated with it. The terminal stops at {places} places of a grid over the workspace; one
-reading of {each:g} ms of each joint tells where it is. Seeds {min(SEEDS)} to {max(SEEDS)}:
+reading of {each:g} ms of each joint gives its place. Seeds {min(SEEDS)} to {max(SEEDS)}:
 
 | distance from the truth (mm) | mean | at most |
 | --- | --- | --- |
@@ -257,7 +257,7 @@ terminal did between two readings, and the error of the dark frame. The board ta
 start, and never again as long as the strip is pressed, which a joint's strip always is; beside the
 little noise of a longer exposure it shows.
 
-![SUST: the terminal's path and what the twin told, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
+![SUST: the terminal's path and that of the twin, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """
     )
 

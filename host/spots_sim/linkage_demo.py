@@ -59,7 +59,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
         files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", PATH))]
         return follow(*files, seed, tell=_ignore if quiet else Lines()).summary()
     with driven(endless(sensor, seed=seed)) as source:
-        shown = show(source, seconds, tell=_ignore if quiet else None)
+        shown = show(source, seconds, on_terminal=_ignore if quiet else None)
         stats = source.stats()
     return {
         "terminals": shown,

@@ -511,7 +511,7 @@ def test_the_knob_is_where_x_is():
 
 def test_the_picture_tells_values_buttons_doubt_and_facts():
     text = drawn(State(-5, 7, 123, 1), held=True, buttons=3, title="T", facts="states 9")
-    for part in ("-5", "+7", "123", " 1 ", " 3 ", "doubtful", "T", "states 9"):
+    for part in ("-5", "+7", "123", " 1 ", " 3 ", "untrusted", "T", "states 9"):
         assert part in text
     assert " 4 " not in text
-    assert "doubtful" not in drawn(REST)
+    assert "untrusted" not in drawn(REST)

@@ -92,7 +92,7 @@ def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
     assert ratios == pytest.approx(np.array(TRUE.bar_mm) / TRUE.base_mm, rel=3e-3)
     assert found.standard_errors["gain1"] < 2e-3
     assert found.standard_errors["bar1_mm"] > 1
-    assert "do not tell apart bar1_mm, bar2_mm" in found.report()
+    assert "do not separate bar1_mm, bar2_mm" in found.report()
     # With one of them given all others follow.
     free = [name for name in kinematics.NAMES if name != "base_mm"]
     start = Linkage(100, TRUE.base_mm)

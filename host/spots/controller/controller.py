@@ -1,4 +1,4 @@
-"""``spots controller``: a board's readings to a gamepad, until one has played enough."""
+"""``spots controller``: a strip plays a gamepad of this computer."""
 
 from __future__ import annotations
 

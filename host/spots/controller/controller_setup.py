@@ -1,4 +1,4 @@
-"""``spots controller --calibrate``: asks for five touches and writes a settings file."""
+"""``spots controller --calibrate``: measures five touches and writes a settings file."""
 
 from __future__ import annotations
 
@@ -38,14 +38,15 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     board : Board
         With a calibration.
     path : str or Path
-        Kept but for its comments and what is measured, if it is there; else begun from the default.
+        A file that exists keeps all but its comments and what is measured; a new one starts
+        from the default.
     say : callable
-        Told each line that the person is to read.
+        Called with each line for the user.
 
     Raises
     ------
     SpotsError
-        If no touch comes in time, or the touches are no stick. Nothing is written then.
+        If no touch comes in time, or the touches do not make a stick. Nothing is written then.
     """
     there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)

@@ -1,7 +1,7 @@
-"""Readings to the state of a gamepad. No I/O; all times are given, never asked for.
+"""Readings to the state of a gamepad. No I/O; all times are arguments.
 
-An axis goes where the finger is, and springs back when it lifts. What holds when readings are
-doubtful or do not come: the last good state, for a set time; then everything goes to rest.
+An axis follows the finger, and springs back when it lifts. While readings are untrusted or missing,
+the last good state is held for a set time; then everything goes to rest.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class Controller:
     ----------
     length_um : float
     state : State
-        What the last reading means, sent or not.
+        The state after the last reading, sent or not.
     held : bool
-        Whether that is kept only until a better reading comes.
+        Whether `state` is held because readings are untrusted or missing.
     """
 
     def __init__(self, settings: ControllerSettings, length_um: float):
@@ -67,14 +67,14 @@ class Controller:
         Parameters
         ----------
         touch : Touch
-            Its own time is the board's, which only tells how far readings are apart.
+            Its own time `t_us` is the board's, and only used for the time between readings.
         now_s : float
             When it came, by the clock of `tick`.
 
         Returns
         -------
         State or None
-            What is to be sent now, if anything.
+            The state to send now, if any.
         """
         self._expire(now_s)
         if touch.trusted:
@@ -85,7 +85,7 @@ class Controller:
             self._lifted = True
             since_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
             if touch.flags & decode.TOO_DARK and since_s < self._release_s:
-                self.held = True  # as a lift looks, and as a reading that failed does
+                self.held = True  # so looks a lift, and so does a failed reading
             else:
                 self._until_s = now_s
         else:
@@ -101,7 +101,7 @@ class Controller:
         return self._sender.due(now_s)
 
     def release(self) -> None:
-        """Go to rest and forget all, what was to be sent as well.
+        """Go to rest and drop all that is pending.
 
         A finger that is still there moves the axes, and pushes no button until it was lifted.
         """
@@ -143,7 +143,7 @@ class Controller:
             axis.end()
         for button in self._pressed:
             button.down = False
-        in_time = now_s - self._until_s < _FORGET_S  # the tap of a process that was frozen is not
+        in_time = now_s - self._until_s < _FORGET_S  # a tap is stale if the process was frozen
         if self._whole and self._lifted and in_time:
             lasted_ms = (self._last_us - self._began_us) % _TURN_US / 1000
             for button in self._tapped:
@@ -181,7 +181,7 @@ class _Axis:
 
 
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
-    """Return what an axis tells at a deflection."""
+    """Return the value of an axis at a deflection."""
     return round(AXIS_MAX * shaped(u, settings.deadband, settings.expo, settings.invert))
 
 

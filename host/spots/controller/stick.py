@@ -1,4 +1,4 @@
-"""What a person sees of a controller: a stick on its rail, how hard, and the buttons."""
+"""The picture of a controller in the terminal: stick, force and buttons."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def picture(
     ----------
     state : State
     held : bool
-        Whether it is the last good one, waiting for a better reading.
+        Whether it is held because readings are untrusted or missing.
     buttons : int
         How many to show.
     title, facts : str
@@ -35,7 +35,7 @@ def picture(
     numbers.add_column(justify="right", width=9)
     numbers.add_column(justify="right", width=10)
     numbers.add_column()
-    along = "held: the reading is doubtful, or there is none" if held else ""
+    along = "held: the reading is untrusted or missing" if held else ""
     numbers.add_row("x", f"{state.x:+d}" if state.x else "0", Text(along, style="yellow"))
     if state.y:
         numbers.add_row("y", f"{state.y:+d}")

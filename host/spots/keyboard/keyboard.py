@@ -1,4 +1,4 @@
-"""``spots keyboard``: touches to keys of this computer; and the demo of a board that types."""
+"""``spots keyboard``: touches on a strip press keys of this computer."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Type on a keyboard what is touched, until the time is over; then let go of all.
+    """Press the keys that are touched until the time is over; release all keys on every exit path.
 
     Parameters
     ----------
@@ -45,16 +45,16 @@ def type_on(
     layout : KeyLayout
     keyboard : KeySink
     seconds : float, optional
-        Never end, if not given.
+        By the link's clock; endless if not given.
 
     Raises
     ------
     SpotsError
-        If the board has no calibration, is too slow or lost, or the keyboard takes no more.
+        If the board has no calibration, is too slow or lost, or the keyboard takes no more events.
     """
     length_um = hello_often(board, RELEASE_S)["length_um"]
     engine, untrusted = KeyEngine(layout, length_um, keyboard), Untrusted()
-    board.patience_s = math.inf  # no key is down meanwhile
+    board.patience_s = math.inf  # wait for a lost board: no key is down meanwhile
     try:
         for touches in ticks(board, seconds, _TICK_S, engine.release):
             for touch in touches:

@@ -1,4 +1,4 @@
-"""Layout files: TOML, every key checked, compiled to the lines that a board holds.
+"""Layout files: TOML, every key validated, compiled to the lines that a board stores.
 
 A file has layers of keys; a key is the name of what a tap does, or a table of what it does for
 ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus`` (a slide to the sensor
@@ -78,14 +78,14 @@ class _File(_Struct):
 
 @dataclass(frozen=True)
 class PlacedKey:
-    """A key where it lies.
+    """A key and its place on the strip.
 
     Attributes
     ----------
     low, high : float
-        Shares of the strip, from the sensor's end on.
+        Its bounds, as shares of the strip from the sensor's end.
     label : str
-        What stands on it.
+        The text on it.
     actions : dict of str to int
         By the names of `SLOTS`, as `spots_device.layout.action` makes them.
     """
@@ -98,7 +98,7 @@ class PlacedKey:
 
 @dataclass(frozen=True)
 class KeyLayout:
-    """A checked layout.
+    """A validated layout.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class KeyLayout:
     layers : dict of str to list of PlacedKey
         In the order of the file.
     lines : list of str
-        As the board holds it, see `spots_device.layout`.
+        As the board stores it, see `spots_device.layout`.
     """
 
     name: str
@@ -246,7 +246,7 @@ def _written(action: str) -> str:
     try:
         return typed(*usage_of(name)) or name.upper()
     except SpotsError:
-        return name  # which is refused elsewhere
+        return name  # `_action` refuses it
 
 
 def typed(page: int, usage: int) -> str:
@@ -257,7 +257,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, value: str) -> str:
-    """Return where a string first stands as a value, as ``, line 7``; nothing if nowhere."""
+    """Return the first line with a string as its value, as ``, line 7``; else nothing."""
     for number, line in enumerate(text.splitlines(), 1):
         if f'"{value}"' in line or f"'{value}'" in line:
             return f", line {number}"
@@ -265,7 +265,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return the line of the key that a message of msgspec names, as far as can be told."""
+    """Return the line of the key that a message of msgspec names, if one is found."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

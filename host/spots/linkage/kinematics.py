@@ -1,6 +1,6 @@
 """Kinematic calibration: a linkage's lengths and mounting, from places where its terminal was.
 
-Robust least squares by scipy, the extra ``kinematics``; and what the places tell and do not tell.
+Robust least squares by scipy, the extra ``kinematics``; and which parameters the places determine.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ NAMES = LENGTHS + tuple(_RANGES)
 STANDARD = LENGTHS + MOUNTING + FRAME
 _ROBUST = 2.0  # standard errors, from which on a residual pulls less than its square
 _OUTLIER = 5.0
-_KNOWN = 0.5  # a direction is told if the places leave less than this of what was unknown of it
+_KNOWN = 0.5  # a direction is determined if the places leave less than this of its prior range
 _NAMED = 0.3  # of the largest share, to be named with it
 _ROUNDS = 4  # of weights, and outliers, that follow from the last fit
-_NONSENSE = 0.02  # of a bar: a fit that leaves more is none
+_NONSENSE = 0.02  # of a bar: a fit with larger residuals is refused
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ class Kinematics:
     names : tuple of str
         Of the free parameters.
     values, standard_errors : dict of str to float
-        Of all parameters; the errors of the fixed ones are 0. Where something could not be told
+        Of all parameters; the errors of the fixed ones are 0. Where something is not determined
         (`unidentified`), errors are what was unknown beforehand.
     assembly : str
     unidentified : tuple of tuple of str
-        Parameters that these places do not tell apart: one of each group has to be known.
+        Groups of parameters that these places do not separate: give one of each group.
     rank : int
-        How many independent combinations of the free parameters the places tell.
+        How many independent combinations of the free parameters the places determine.
     condition : float
         Of the Jacobian, its columns scaled by what was unknown: largest over smallest singular
-        value; infinite if not even rounding tells something.
+        value; infinite if the smallest is 0.
     residual_rms_mm, residual_max_mm : float
         Distances of the measured terminals from those of the fit, without the outliers.
     misfit : float
@@ -125,9 +125,9 @@ class Kinematics:
             rows.append(f"places that do not fit: {', '.join(map(str, self.outliers))}")
         for group in self.unidentified:
             if len(group) == 1:
-                rows.append(f"these places do not tell {group[0]}: give it")
+                rows.append(f"these places do not determine {group[0]}: give it")
             else:
-                rows.append(f"these places do not tell apart {', '.join(group)}: give one of them")
+                rows.append(f"these places do not separate {', '.join(group)}: give one of them")
         return "\n".join(rows)
 
 
@@ -148,11 +148,11 @@ def calibrate(
     Parameters
     ----------
     angles_rad : array_like, shape (2, n)
-        What the encoders told at each place.
+        The angle of each encoder at each place.
     x_mm, y_mm : array_like, shape (n,)
         Where the terminal was, by a ruler, a grid or a machine, in a frame of its own.
     start : Linkage
-        As drawn.
+        The nominal linkage.
     angle_sigma_rad : float or array_like, shape (2, n)
         Standard error of the angles, see `Angle.sigma_rad`.
     place_sigma_mm : float
@@ -205,7 +205,7 @@ def calibrate(
         )
     _check_enough(int((~outlier).sum()), names, f"without the {outlier.sum()} that do not fit, ")
     jacobian = fit.jacobian(at, ranges, scale)[np.repeat(~outlier, 2)]
-    errors, unidentified, rank, condition = _told(jacobian, names, max(misfit, 1.0))
+    errors, unidentified, rank, condition = _identified(jacobian, names, max(misfit, 1.0))
     off_mm = np.hypot(*residual_mm[~outlier].T)
     return Kinematics(
         names,
@@ -289,8 +289,8 @@ def framed(values, x_mm, y_mm):
     )
 
 
-def _told(jacobian, names, misfit):
-    """Return errors in units of the ranges, groups not told apart, rank and condition."""
+def _identified(jacobian, names, misfit):
+    """Return errors in units of the ranges, groups not separated, rank and condition."""
     _, sizes, ways = np.linalg.svd(jacobian, full_matrices=False)
     sizes = sizes / misfit
     left = 1 / np.sqrt(1 + sizes**2)  # of what was unknown, in each direction
@@ -320,6 +320,6 @@ def _checked(angles_rad, x_mm, y_mm, free):
 def _check_enough(places, free, where=""):
     if 2 * places < len(free):
         raise SpotsError(
-            f"{where}{places} places tell {2 * places} numbers, fewer than the {len(free)} that "
+            f"{where}{places} places are {2 * places} numbers, fewer than the {len(free)} that "
             "are free: measure more, or free less"
         )

@@ -1,4 +1,4 @@
-"""The linkage file: a five-bar linkage as it stands, and how the strips sit in its joints."""
+"""The linkage file: a five-bar linkage as built, and how the strips are mounted in its joints."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def is_mounted(name: str) -> bool:
     try:
         content = toml.loads(read_text(name))
     except (OSError, ValueError, msgspec.ValidationError, SpotsError):
-        return False  # who reads it says what is wrong
+        return False  # `load` reports what is wrong
     return bool(_OWN & content.keys())
 
 
@@ -158,7 +158,7 @@ def load(path: str | Path) -> Mounted:
     Raises
     ------
     SpotsError
-        If there is none, or a key in it is unknown, missing or out of range.
+        If it cannot be read, or a key in it is unknown, missing or out of range.
     """
     try:
         text = read_text(path)
@@ -171,7 +171,7 @@ def load(path: str | Path) -> Mounted:
 
 
 def save(mounted: Mounted, path: Path, comment: str = "") -> None:
-    """Write a linkage file, or replace it: at every moment the old one or the new one is whole.
+    """Write a linkage file, or replace it, atomically.
 
     Parameters
     ----------

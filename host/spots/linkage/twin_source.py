@@ -130,7 +130,7 @@ class DrivenLinkage(Protocol):
 
 @contextmanager
 def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
-    """Open both boards of a machine; in a ``with`` block.
+    """Open both boards of a linkage that opens them itself; in a ``with`` block.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> So
     recordings = [Recording(path) for path in paths]
     for recording in recordings:
         if recording.header.clock is None:
-            raise SpotsError(f"{recording.path} does not tell when its readings were taken")
+            raise SpotsError(f"{recording.path} does not hold when its readings were taken")
     if len(recordings) == 2:
         for number, (recording, strip) in enumerate(zip(recordings, strips), 1):
             info, named = recording.header.info, checksum(list(strip.lines))

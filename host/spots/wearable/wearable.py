@@ -1,4 +1,4 @@
-"""``spots wearable``: gestures on a strip that is worn, to keys of this computer."""
+"""``spots wearable``: gestures on a worn strip press keys of this computer."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Mapping:
-    """What gestures do: a checked file.
+    """The keys of gestures, from a validated file.
 
     Attributes
     ----------
     least_confidence : float
-        What is less sure does nothing.
+        Gestures below it do nothing.
     names : dict of str to str
         By gesture, the key as the file has it.
     keys : dict of str to tuple of int
@@ -73,7 +73,7 @@ class Mapping:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
-        """Press and release what a gesture means, if it is sure enough."""
+        """Press and release the key of a gesture if its confidence suffices."""
         if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
             for pressed in (True, False):
                 keyboard.key(*self.keys[gesture.name], pressed)
@@ -98,15 +98,15 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Tell of each gesture until the time is over; return all of them.
+    """Report each gesture until the time is over; return all of them.
 
     Parameters
     ----------
     board : Board
-        Told to follow the light of the untouched strip.
+        It is set to follow the baseline.
     on_gesture : callable
     seconds : float or None
-        Never end, if None.
+        By the link's clock; endless if None.
     drawing : bool
         Whether to show a picture, with what `mapping` says.
     mapping : Mapping

@@ -1,4 +1,4 @@
-"""The web server: static files, one WebSocket that only tells, and recordings if they are allowed.
+"""The web server: static files, one WebSocket for the state, and recordings if they are allowed.
 
 Nothing that a page sends does anything to a board. A page acknowledges what it has drawn, and gets
 the newest state when it has; nothing is queued for it, here or in the sockets between.
@@ -86,7 +86,7 @@ class PageApp:
         self.web.on_shutdown.append(self._close)
 
     def _changed(self) -> None:
-        # From the reader's thread, thousands of times a second; the loop is told once until it ran.
+        # From the reader's thread, thousands of times a second; the loop is woken once.
         if not self._waking:
             self._waking = True
             try:

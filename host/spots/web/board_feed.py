@@ -1,4 +1,4 @@
-"""The thread that reads a board, and finds it again when it was unplugged."""
+"""The thread that reads a board, and reconnects when it was unplugged."""
 
 from __future__ import annotations
 
@@ -90,13 +90,13 @@ class BoardReader:
         self._thread.start()
 
     def stop(self, timeout_s: float = 5.0) -> None:
-        """End the thread and let the board go."""
+        """End the thread and close the board."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(timeout_s)
 
     def watch(self) -> None:
-        """Say so if a board is silent; called now and then by whoever does not read."""
+        """Report a stalled board; called now and then by another thread."""
         heard_s = self._heard_s
         if heard_s is not None and time.monotonic() - heard_s > self._patience_s():
             self._say(LOST, "no readings come")

@@ -1,4 +1,4 @@
-"""What the uses make of a board's readings: keys, gestures and a stick, as parts of the page."""
+"""Keys, gestures and a stick from a board's readings, as parts of the page."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BUTTONS = 3
 
 
 class Feel:
-    """Takes readings and puts what they mean into a state.
+    """Runs the applications on readings and puts their output into a state.
 
     Parameters
     ----------

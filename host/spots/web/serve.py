@@ -58,7 +58,7 @@ class Server:
     Raises
     ------
     SpotsError
-        If the address is none of this machine's, or the port is taken.
+        If the address is not of this machine, or the port is in use.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ def serve(
     readers : list of BoardReader
         Of the state.
     on_start : callable
-        Told the URL.
+        Called with the URL.
     recordings : Recordings, optional
         As for `Server`.
     """

@@ -1,4 +1,4 @@
-"""What there is to show: the newest of everything, and the last events in their order.
+"""The state of the page: the newest of every part, and the last events in order.
 
 One thread writes, any number of clients read. A client is a pair of numbers, so that a slow one
 costs nothing and loses what was overwritten meanwhile.

@@ -67,7 +67,7 @@ class TwinFeed:
                 self._wait("".join(self._away) or silence)
 
     def lost(self, joint: int, why: str) -> None:
-        """Say that a joint cannot be read, and why."""
+        """Report why a joint cannot be read."""
         with self._lock:
             self._away[joint] = f"joint {joint + 1}: {why}"
             self._wait(self._away[joint])
@@ -88,7 +88,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """Of a board that is not shown itself, only that it is away is told."""
+    """The state of a board that is not shown itself; only its loss is reported."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
