@@ -168,17 +168,14 @@ class Gestures:
         if path.spread_um > _STILL_UM and abs(path.moved_um) > _STILL_UM:
             rested_s = path.left_s - path.began_s
             went_s = max(path.arrived_s() - path.left_s, 1e-3)
+            away, far_um = path.moved_um > 0, abs(path.moved_um)
             if rested_s >= _REST_S:
-                name = SLIDE_PLUS if path.moved_um > 0 else SLIDE_MINUS
-                self._decide(name, _above(rested_s, _REST_S), _above(abs(path.moved_um), _STILL_UM))
-            elif abs(path.moved_um) >= _SWIPE_UM and went_s <= _SWIPE_S:
-                name = SWIPE_PLUS if path.moved_um > 0 else SWIPE_MINUS
-                self._decide(
-                    name,
-                    _above(abs(path.moved_um), _SWIPE_UM),
-                    _below(went_s, _SWIPE_S),
-                    _below(rested_s, _REST_S),
-                )
+                name = SLIDE_PLUS if away else SLIDE_MINUS
+                self._decide(name, _above(rested_s, _REST_S), _above(far_um, _STILL_UM))
+            elif far_um >= _SWIPE_UM and went_s <= _SWIPE_S:
+                name = SWIPE_PLUS if away else SWIPE_MINUS
+                quick = min(_below(went_s, _SWIPE_S), _below(rested_s, _REST_S))
+                self._decide(name, _above(far_um, _SWIPE_UM), quick)
             return  # a finger that wandered is no gesture
         if path.spread_um > _STILL_UM:
             return

@@ -189,12 +189,10 @@ def _ended_by_sigterm() -> asyncio.Event:
 
 def _outward(address: str) -> str:
     """Return this machine's address towards others; nothing is sent to find it."""
-    family, far = (
-        (socket.AF_INET6, "2001:db8::1") if ":" in address else (socket.AF_INET, "192.0.2.1")
-    )
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+    six = ":" in address
+    with socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((far, 9))
+            probe.connect(("2001:db8::1" if six else "192.0.2.1", 9))
             return probe.getsockname()[0]
         except OSError:
             return socket.gethostname()
