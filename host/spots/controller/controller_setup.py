@@ -83,15 +83,10 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
         PositionAxis: {"rest_percent": rest, "min_percent": low, "max_percent": high},
         ForceAxis: {"rest_mN": force_mN["light"], "max_mN": force_mN["hard"]},
     }
-    axes = {name: getattr(settings, name) for name in ("x", "y", "z")}
-    return msgspec.structs.replace(
-        settings,
-        **{
-            name: msgspec.structs.replace(axis, **changes[type(axis)])
-            for name, axis in axes.items()
-            if axis is not None
-        },
-    )
+    axes = {name: axis for name in "xyz" if (axis := getattr(settings, name)) is not None}
+    for name, axis in axes.items():
+        axes[name] = msgspec.structs.replace(axis, **changes[type(axis)])
+    return msgspec.structs.replace(settings, **axes)
 
 
 def _touch(board: Board) -> Touch:
