@@ -110,7 +110,7 @@ def controller() -> Path:
     with board, NoGamepad() as gamepad:
         made = play.controller_for(board, settings)
         view = play.ControllerView(board, made, settings)
-        play.play(board, made, gamepad, HARD_S - board.now_s(), on_state=view.sent)
+        play.play(board, made, gamepad, HARD_S - board.now_s(), [view])
         picture = view.picture()
     return _drawn(picture, "controller.svg", 'make demo ARGS="--use controller"')
 

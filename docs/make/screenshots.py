@@ -11,8 +11,8 @@ from playwright.async_api import Browser, async_playwright
 from spots.keyboard.layout import load
 from spots.web.board_feed import BoardReader, finder
 from spots.web.serve import Server
-from spots.web.state import State
-from spots.web.twin_feed import machine_readers
+from spots.web.state import PageState
+from spots.web.twin_feed import driven_readers
 from spots_sim.linkage_demo import endless
 
 _HERE = Path(__file__).parents[1]
@@ -41,7 +41,7 @@ async def main() -> None:
 
 async def strip(browser: Browser) -> None:
     """Take the page of a strip."""
-    state = State()
+    state = PageState()
     reader = BoardReader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
     async with Server(state) as server:
         reader.start()
@@ -61,8 +61,8 @@ async def strip(browser: Browser) -> None:
 
 async def linkage(browser: Browser) -> None:
     """Take the panel of a linkage that has written all its letters."""
-    state = State()
-    readers = machine_readers(endless(), load("digits"), state)
+    state = PageState()
+    readers = driven_readers(endless(), load("digits"), state)
     async with Server(state) as server:
         for reader in readers:
             reader.start()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from spots.controller.controller_settings import Settings
+from spots.controller.controller_settings import ControllerSettings
 from spots.controller.gamepad_engine import axis_value, span
 from spots.controller.shaping import deflection
 from spots.link.frames import Touch
@@ -24,7 +24,7 @@ class ControllerScore:
 
     Parameters
     ----------
-    settings : Settings
+    settings : ControllerSettings
     length_um : float
         Of the strip.
     scenario : Scenario
@@ -38,7 +38,9 @@ class ControllerScore:
         How many were sent.
     """
 
-    def __init__(self, settings: Settings, length_um: float, scenario: Scenario, started_s: float):
+    def __init__(
+        self, settings: ControllerSettings, length_um: float, scenario: Scenario, started_s: float
+    ):
         self._settings = settings.x
         self._span = settings.x and span(settings.x, length_um)
         self._scenario = scenario

@@ -11,6 +11,10 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.serial_link import Tap
 from spots.terminal.monitor import watch
+from spots.web import browser
+from spots.web.board_feed import BoardReader, finder
+from spots.web.state import PageState
+from spots.web.twin_feed import driven_readers
 
 from .demo_applications import play_controller, show_gestures, type_on_board
 from .faults import Faults, FaultyLink, of_scenario
@@ -160,16 +164,12 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     seed : int
         Of the noise.
     """
-    from spots.web.board_feed import BoardReader, finder
-    from spots.web.browser import show
     from spots.web.serve import LOOPBACK, serve
-    from spots.web.state import State
-    from spots.web.twin_feed import machine_readers
 
-    state, layout = State(), load_layout(_PAGE_LAYOUT)
+    state, layout = PageState(), load_layout(_PAGE_LAYOUT)
     if use == FIVEBAR:
-        readers = machine_readers(endless(sensor, seed=seed), layout, state)
+        readers = driven_readers(endless(sensor, seed=seed), layout, state)
     else:
         readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
     print(headline(), flush=True)
-    serve(state, LOOPBACK, 0, readers, show)
+    serve(state, LOOPBACK, 0, readers, browser.show)

@@ -7,7 +7,8 @@ from contextlib import nullcontext, suppress
 
 from rich.console import Console
 
-from spots.controller.controller import ControllerView, controller_for, show
+from spots.controller.controller import ControllerView, controller_for
+from spots.controller.controller import play as play_gamepad
 from spots.controller.controller_settings import load as load_settings
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
@@ -36,14 +37,15 @@ def play_controller(
     settings = load_settings()
     controller = controller_for(board, settings)
     score = ControllerScore(settings, controller.length_um, truth, started_s)
-    view = None
-    gamepad: Gamepad = NoGamepad()
-    if Console().is_terminal and not quiet:
-        view = ControllerView(board, controller, settings)
-    elif not quiet:
-        gamepad = _Sampled(board.now_s)
-    with suppress(KeyboardInterrupt), gamepad:
-        show(board, controller, gamepad, seconds, view, score)
+    drawing = Console().is_terminal and not quiet
+    gamepad: Gamepad = NoGamepad() if drawing or quiet else _Sampled(board.now_s)
+    with (
+        suppress(KeyboardInterrupt),
+        gamepad,
+        live(Console()) if drawing else nullcontext() as display,
+    ):
+        view = ControllerView(board, controller, settings, display)
+        play_gamepad(board, controller, gamepad, seconds, [score, view])
     return score.summary()
 
 

@@ -15,7 +15,7 @@ from spots.linkage.twin_source import driven
 from . import maps
 from .files import LinkageFile, PathFile, SensorFile, load
 from .runtimes import headline
-from .simulated_linkage import Endless
+from .simulated_linkage import EXPOSURE_US, PATH, Endless
 from .survey import follow
 
 _KINDS = SensorFile, LinkageFile, PathFile
@@ -24,9 +24,9 @@ _KINDS = SensorFile, LinkageFile, PathFile
 def endless(
     sensor: str = "default",
     linkage: str = "default",
-    path: str = "sust",
+    path: str = PATH,
     seed: int = 0,
-    exposure_us: int = 30_000,
+    exposure_us: int = EXPOSURE_US,
 ) -> Endless:
     """Return a simulated linkage that goes along a path again and again, in real time.
 
@@ -57,7 +57,7 @@ def endless(
 def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
     """Show the default linkage on its path, in real time or fast, and return the run in figures."""
     if fast:
-        files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", "sust"))]
+        files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", PATH))]
         if not quiet:
             print(headline(), flush=True)
         return follow(*files, seed, report=_ignore if quiet else Lines()).summary()
@@ -65,7 +65,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     if not quiet:
         print(headline(), flush=True)
     with driven(machine) as source:
-        shown = show(source, seconds, tell=_ignore if quiet else None)
+        shown = show(source, seconds, on_terminal=_ignore if quiet else None)
         stats = source.stats()
     return {
         "terminals": shown,
@@ -83,7 +83,7 @@ def compare(options) -> None:
         Of ``spots twin``.
     """
     picture = options.picture and Path(options.picture)
-    names = options.sensor, options.linkage, options.path
+    names = options.sensor, options.linkage, options.path or PATH
     files = [load(kind, name) for kind, name in zip(_KINDS, names)]
     if picture:
         maps.require()
@@ -91,7 +91,8 @@ def compare(options) -> None:
             raise SpotsError(f"--picture takes the name of a PNG file, not '{picture}'")
         if not picture.parent.is_dir():
             raise SpotsError(f"there is no folder {picture.parent} for the picture")
-    found = follow(*files, options.seed, options.exposure_us, _ignore if options.json else Lines())
+    exposure_us = options.exposure_us or EXPOSURE_US
+    found = follow(*files, options.seed, exposure_us, _ignore if options.json else Lines())
     if picture:
         maps.trajectory(found, picture)
     summary = found.summary()

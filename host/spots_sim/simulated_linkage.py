@@ -25,6 +25,7 @@ from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
 from .rig import Rig
 
+PATH, EXPOSURE_US = "sust", 30_000  # unless others are named
 START_S = 2.0  # by then the boards are open and stream
 _ANGLES = 11  # as `spots calibrate joint` asks for, up and down
 _WINDOW = 24  # readings of each
@@ -169,7 +170,7 @@ class Endless:
         linkage: LinkageFile,
         path: PathFile,
         seed: int = 0,
-        exposure_us: int = 30_000,
+        exposure_us: int = EXPOSURE_US,
     ):
         self._mechanism = Mechanism(linkage, sensor)
         self._sensor, self._seed = sensor, seed

@@ -13,7 +13,7 @@ from spots.linkage.fivebar import Linkage
 
 from .files import LinkageFile, PathFile, SensorFile
 from .mechanism import Mechanism, Motion, guided
-from .simulated_linkage import START_S, Simulation, visited
+from .simulated_linkage import EXPOSURE_US, START_S, Simulation, visited
 
 # The outer bars stay this far from in line, as is the rule for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
@@ -178,7 +178,7 @@ def follow(
     linkage: LinkageFile,
     path: PathFile,
     seed: int = 0,
-    exposure_us: int = 30_000,
+    exposure_us: int = EXPOSURE_US,
     report=lambda terminal: None,
 ) -> PathRun:
     """Guide the terminal of a simulated linkage along a path, and let a twin follow.

@@ -19,7 +19,7 @@ from spots.link.board import CONNECTED, LOST, REFUSED
 from spots.link.serial_link import SerialLink
 from spots.terminal.monitor import watch
 from spots.web.board_feed import BoardReader, finder
-from spots.web.state import State
+from spots.web.state import PageState
 from spots_sim import files
 from spots_sim.faults import Faults, FaultyLink
 from spots_sim.virtual import start_simulator
@@ -86,7 +86,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     names = [plug.name for plug in hub.plugs]
     links = [Stopping(SerialLink(name)) for name in names[:2]]
     watched, typed = (spots.Board(link) for link in links)
-    keys, state = Pressed(), State()
+    keys, state = Pressed(), PageState()
     reader = BoardReader(finder(names[2], "default", "demo", 0), load("digits"), state, 0.01)
     threads = [
         in_thread(watch, watched, None, False),

@@ -32,7 +32,7 @@ from spots.web import serve as serve_module
 from spots.web.board_feed import BoardReader
 from spots.web.recordings import START, Recordings
 from spots.web.serve import Server
-from spots.web.state import State
+from spots.web.state import PageState
 
 HOST = Path(spots.__file__).parents[1]
 ERRORS = ValueError, RecursionError, MemoryError
@@ -75,7 +75,7 @@ def fault(request, capfd):
 
 
 def reading(open_board, state=None, **options):
-    state = state or State()
+    state = state or PageState()
     return BoardReader(open_board, load("digits"), state, 0.01, **options), state
 
 
@@ -118,7 +118,7 @@ def test_a_reader_whose_state_is_shown_elsewhere(fault):
 
 
 def test_a_reader_that_cannot_show_its_state(fault):
-    state = State()
+    state = PageState()
     reader, _ = reading(open_stand_in, state)
     reader.start()
     wait_until(lambda: shown(state).get("touch"))
@@ -149,7 +149,7 @@ def test_who_watches_readers(fault, monkeypatch):
 
 
 def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
-    state = State()
+    state = PageState()
     recordings = Recordings(tmp_path, state)
     fault.patch(monkeypatch, Board, "record")
     reader, _ = reading(open_stand_in, state, recordings=recordings)
@@ -177,9 +177,9 @@ def test_the_thread_that_writes_a_recording_to_its_medium(fault, tmp_path, monke
 @pytest.mark.parametrize("place", ["_changed", "_wake", "encode"])
 def test_a_page_gets_the_newest_state(fault, place, monkeypatch):
     async def newest():
-        state = State()
+        state = PageState()
         if place == "_wake":
-            fault.patch(monkeypatch, app_module.App, "_wake_all")
+            fault.patch(monkeypatch, app_module.PageApp, "_wake_all")
         async with Server(state) as server, aiohttp.ClientSession() as client:
             if place == "_changed":
                 owner = asyncio.get_running_loop()

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spots.controller.controller_settings import (
+    ControllerSettings,
     ForceAxis,
     PositionAxis,
     Pressed,
-    Settings,
     Smooth,
     Tapped,
 )
@@ -41,7 +41,7 @@ class Play:
 
     def __init__(self, every_s=EVERY_S, start_us=0, **settings):
         settings = {"x": X, "z": Z, "rate_hz": 1000, **settings}
-        self.controller = Controller(Settings(**settings), LENGTH_UM)
+        self.controller = Controller(ControllerSettings(**settings), LENGTH_UM)
         self.every_s = every_s
         self.now_s, self.start_us = 50.0, start_us
         self.sent = []  # (time, state)
@@ -172,7 +172,7 @@ def test_a_finger_that_comes_back_after_the_hold_moves_the_axes_but_pushes_no_bu
 
 
 def test_a_finger_that_was_there_before_pushes_no_button():
-    settings = Settings(button=[Pressed(number=1), Tapped(number=2)])
+    settings = ControllerSettings(button=[Pressed(number=1), Tapped(number=2)])
     play = Play()
     play.controller = Controller(settings, LENGTH_UM)
     assert play.touch(20).lift().silence(0.1).states == []

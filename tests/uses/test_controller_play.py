@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -66,16 +67,14 @@ class Rig:
         self.states = []
 
     def play(self, gamepad, seconds):
-        def on_reading(touch):
-            if self.score:
-                self.score.read(touch, self.controller.state)
+        watchers = [self, self.score] if self.score else [self]
+        play.play(self.board, self.controller, gamepad, seconds, watchers)
 
-        def on_state(state):
-            self.states.append((self.board.now_s(), state))
-            if self.score:
-                self.score.sent(state, self.board.now_s())
+    def read(self, touch, state):
+        pass
 
-        play.play(self.board, self.controller, gamepad, seconds, on_reading, on_state)
+    def sent(self, state, now_s):
+        self.states.append((now_s, state))
 
 
 @pytest.fixture
@@ -222,10 +221,12 @@ def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev,
 
     held = []
 
-    def unplug(state):
+    def unplug(state, now_s):
         if state.z > 5000 and ends:
             ends.pop()()
         held.append(evdev.UInput.made[-1].held())
+
+    watcher = SimpleNamespace(read=lambda touch, state: None, sent=unplug)
 
     def reopen():  # the next board that starts on this machine may get the name of the port
         raise SpotsError("the port does not come back")
@@ -234,7 +235,7 @@ def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev,
     # It is waited for; what was held is let go of long before that is over.
     board.patience_s = 1.0
     with pytest.raises(SpotsError, match="not come back"), board, UInputGamepad() as gamepad:
-        play.play(board, controller, gamepad, 60.0, on_state=unplug)
+        play.play(board, controller, gamepad, 60.0, [watcher])
     device = evdev.UInput.made[-1]
     assert any(held)
     assert controller.state == REST
@@ -510,7 +511,7 @@ def test_the_knob_is_where_x_is():
 
 def test_the_picture_tells_values_buttons_doubt_and_facts():
     text = drawn(State(-5, 7, 123, 1), held=True, buttons=3, title="T", facts="states 9")
-    for part in ("-5", "+7", "123", " 1 ", " 3 ", "doubtful", "T", "states 9"):
+    for part in ("-5", "+7", "123", " 1 ", " 3 ", "untrusted", "T", "states 9"):
         assert part in text
     assert " 4 " not in text
-    assert "doubtful" not in drawn(REST)
+    assert "untrusted" not in drawn(REST)

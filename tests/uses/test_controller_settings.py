@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from spots import SpotsError
 from spots.controller.controller_settings import (
+    ControllerSettings,
     ForceAxis,
     PositionAxis,
     Pressed,
-    Settings,
     Tapped,
     load,
     save,
@@ -44,6 +44,9 @@ def test_what_a_file_leaves_out_is_as_in_the_default(tmp_path):
         ('[x]\nfrom = "position"\nrest_mN = 5', "rest_mN"),
         ('[x]\nfrom = "position"\ndeadband = 1.0', "deadband"),
         ('[y]\nfrom = "force"\nrest_mN = 7000', "below max_mN"),
+        ('[y]\nfrom = "force"\nrest_mN = 0.3\nmax_mN = 6', "max_mN"),  # in N
+        ('[[button]]\nwhen = "pressed"\nnumber = 1\npress_mN = 5', "5 mN, .* forces are in mN"),
+        ('[[button]]\nwhen = "tapped"\nnumber = 1\nlongest_ms = 0.2', "longest_ms"),  # in s
         ('[z]\nfrom = "position"', "position"),
         ('[z]\nfrom = "force"\ninvert = true', "cannot be inverted"),
         ('[[button]]\nwhen = "pressed"\nnumber = 17', "number"),
@@ -64,7 +67,7 @@ def test_no_such_file_says_how_to_make_one(tmp_path):
     with pytest.raises(SpotsError, match="--calibrate"):
         load(tmp_path / "none.toml")
     with pytest.raises(SpotsError, match="cannot write"):
-        save(Settings(), tmp_path / "none" / "none.toml")
+        save(ControllerSettings(), tmp_path / "none" / "none.toml")
 
 
 POSITIONS = st.lists(st.floats(0, 100), min_size=3, max_size=3, unique=True).map(sorted)
@@ -73,13 +76,13 @@ POSITIONS = st.lists(st.floats(0, 100), min_size=3, max_size=3, unique=True).map
 @given(POSITIONS, st.floats(0, 0.9), st.floats(0, 1), st.booleans(), st.integers(1, 16))
 def test_what_is_written_is_read_back(tmp_path_factory, places, deadband, expo, invert, number):
     low, rest, high = places
-    settings = Settings(
+    settings = ControllerSettings(
         hold_ms=deadband * 1000,
         x=PositionAxis(
             min_percent=low, rest_percent=rest, max_percent=high, deadband=deadband, expo=expo
         ),
         y=ForceAxis(invert=invert),
-        button=[Pressed(number=number, press_mN=5.0), Tapped(number=17 - number)],
+        button=[Pressed(number=number, press_mN=500.0), Tapped(number=17 - number)],
     )
     path = tmp_path_factory.mktemp("settings") / "mine.toml"
     save(settings, path)
@@ -93,9 +96,9 @@ def test_the_default_is_read_back_too(tmp_path):
 
 def test_a_full_disk_leaves_the_file_that_was_there(tmp_path, full_disk):
     path = tmp_path / "mine.toml"
-    save(Settings(hold_ms=42.0), path)
+    save(ControllerSettings(hold_ms=42.0), path)
     refused = pytest.raises(SpotsError, match=r"cannot write .*mine.toml: File too large")
     with full_disk(10), refused:
         save(load(), path)
-    assert load(path) == Settings(hold_ms=42.0)
+    assert load(path) == ControllerSettings(hold_ms=42.0)
     assert list(tmp_path.iterdir()) == [path]

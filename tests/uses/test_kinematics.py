@@ -92,7 +92,7 @@ def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
     assert ratios == pytest.approx(np.array(TRUE.bar_mm) / TRUE.base_mm, rel=3e-3)
     assert found.standard_errors["gain1"] < 2e-3
     assert found.standard_errors["bar1_mm"] > 1
-    assert "do not tell apart bar1_mm, bar2_mm" in found.report()
+    assert "do not separate bar1_mm, bar2_mm" in found.report()
     # With one of them given all others follow.
     free = [name for name in kinematics.NAMES if name != "base_mm"]
     start = Linkage(100, TRUE.base_mm)
@@ -152,13 +152,13 @@ def test_arguments_that_do_not_go_together(change, words):
 def test_too_few_places_that_fit_are_refused():
     angles, seen = places(7, noise=1.0)
     seen[:, 2:4] += 8.0
-    with pytest.raises(SpotsError, match=r"without the . that do not fit, . places tell \w+ numb"):
+    with pytest.raises(SpotsError, match=r"without the . that do not fit, . places are \w+ numb"):
         kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS, **MEANT)
 
 
 def test_too_few_places_are_refused():
     angles, seen = places(5)
-    with pytest.raises(SpotsError, match="5 places tell 10 numbers, fewer than the 12"):
+    with pytest.raises(SpotsError, match="5 places are 10 numbers, fewer than the 12"):
         kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS)
 
 

@@ -292,6 +292,7 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         ("base_mm = 80\n" + JOINTS, "missing required field `bar_mm`"),
         (HEAD + "[[joint]]\ncalibration = 'a'\noffset_deg = 0\n", "there are 1 .*linkage has two"),
         (HEAD.replace("80", "800") + JOINTS, "more than the others together reach"),
+        ("bar_mm = [0.1, 0.1, 0.1, 0.1]\nbase_mm = 0.08\n" + JOINTS, r">= 1(.0)?.*bar_mm"),  # in m
         (HEAD + "assembly = 'up'\n" + JOINTS, "'far' or 'near', not 'up'"),
         (HEAD + JOINTS + "gain = 0\n", r"a gain is about 1, .* - at `\$.joint\[1\]`"),
         (HEAD + JOINTS + "offset_deg = nan\n", "arm.toml: "),

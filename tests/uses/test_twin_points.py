@@ -115,7 +115,7 @@ def test_what_points_cannot_tell_is_named(files, capsys):
     assert len(kept) > 7
     (files / "points.csv").write_text("\n".join(kept))
     assert calibrate(files) == 0
-    assert "these places do not tell" in capsys.readouterr().out
+    assert "these places do not separate" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_what_points_cannot_tell_is_named(files, capsys):
         (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,six\n", "line 2: sigma2_deg is a number, "),
         (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5\n", "line 2: sigma2_deg is a number, not ''"),
         (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,0\n", "line 2: sigma2_deg .* more than 0"),
-        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 places tell 2 numbers"),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 places are 2 numbers"),
         (None, "there is no file .*points.csv: .* --measure"),
     ],
 )
@@ -164,7 +164,7 @@ def test_points_are_measured_one_by_one(tmp_path):
     assert said.count("two numbers in mm, such as: 40 150") == 5
     angles_deg[:] = 41.0, None
     assert measure("41 150") == 1
-    assert "joint 2 tells nothing" in said[-1]
+    assert "joint 2 gives no angle" in said[-1]
     angles_deg[:] = 42.0, 57.0
     assert measure("42 150.5") == 2
     with open(points, newline="") as file:

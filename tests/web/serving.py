@@ -15,7 +15,7 @@ from spots.link.connect import prepare
 from spots.web.board_feed import BoardReader
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
-from spots.web.state import State
+from spots.web.state import PageState
 from spots_sim.lockstep import LockstepLink
 from spots_sim.paced import PacedLink
 
@@ -62,7 +62,7 @@ class Bench:
 
     def __init__(self, sensor, calibration, scenario, layout="digits", record_to=None):
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
-        self.state = State()
+        self.state = PageState()
         self.recordings = Recordings(record_to, self.state) if record_to else None
         self.link = None
         self.there = True

@@ -7,7 +7,8 @@ import pytest
 from spots.keyboard.layout import load
 from spots.link.frames import Touch
 from spots.web.feel import Feel
-from spots.web.state import State
+from spots.web.state import PageState
+from spots_device.decode import MISFIT
 
 ONCE = """
 name = "x"
@@ -20,7 +21,7 @@ keys = ["1", "2"]
 """
 
 
-class Shown(State):
+class Shown(PageState):
     """Keeps what was put last."""
 
     def __init__(self):
@@ -62,3 +63,13 @@ def test_a_layer_that_silence_ends_is_shown(tmp_path):
     assert state.parts["keys"]["layer"] == "b"
     feel.tick(1.0)
     assert state.parts["keys"]["layer"] == "a"
+
+
+def test_untrusted_readings_are_shown_within_a_second():
+    feel, state = feel_of(load("digits"), 10_000)
+    read(feel, 0.0, 1)
+    for i in range(1, 101):
+        read(feel, 0.01 * i, 1 | MISFIT)
+    assert "does not fit one press; next: " in state.parts["untrusted"]
+    read(feel, 1.01, 1)
+    assert state.parts["untrusted"] == ""

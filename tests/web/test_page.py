@@ -15,9 +15,9 @@ from spots.link.frames import Touch
 from spots.recording.replay import open_recording
 from spots.web import board_feed as reader
 from spots.web.board_feed import BoardReader
-from spots.web.state import State
+from spots.web.state import PageState
 from spots_sim.demo import open_fast
-from spots_sim.files import ScenarioFile, load
+from spots_sim.files import Finger, ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
 
@@ -168,6 +168,49 @@ def test_without_a_calibration_the_page_shows_what_there_is(sensor, serve, open_
         one.close()
 
 
+LAST = """() => Math.max(...[...document.body.querySelectorAll('*')].map(
+  (one) => one.getBoundingClientRect().bottom
+)) - document.querySelector('#next').getBoundingClientRect().bottom"""
+
+
+def test_the_page_of_an_uncalibrated_board_ends_with_the_next_step(sensor, serve, open_page):
+    one = Bench(sensor, None, Held())
+    try:
+        page = open_page(serve(one.state).url)
+        step = re.compile(r"^the board is not calibrated, .*; next: spots calibrate position$")
+        expect(page.locator("#next")).to_have_text(step, timeout=LONG_MS)
+        assert page.evaluate(LAST) < 1
+    finally:
+        one.close()
+
+
+def test_untrusted_readings_have_a_next_step_until_they_are_trusted(bench, serve, open_page):
+    both = [
+        Finger(points=[(t, mm, 3000 * (1 < t < 4)) for t in (1, 1.1, 3.9, 4)]) for mm in (15, 70)
+    ]
+    page = open_page(serve(bench(Scenario(ScenarioFile(seconds=60, touch=both))).state).url)
+    step = page.locator("#next")
+    expect(step).to_have_text(re.compile(r"^every reading is untrusted.*; next: "), timeout=LONG_MS)
+    expect(step).to_be_hidden(timeout=LONG_MS)
+
+
+def test_a_lost_board_and_a_lost_server_have_a_next_step(bench, serve, open_page):
+    one = bench(Held())
+    server = serve(one.state)
+    page = open_page(server.url)
+    board, step = page.locator("#board"), page.locator("#next")
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    expect(step).to_be_hidden()
+    one.unplug()
+    expect(step).to_have_text(re.compile("^the board is lost; next: .* plug"), timeout=LONG_MS)
+    server.stop()
+    expect(step).to_have_text(re.compile("; next: start 'spots serve'"), timeout=LONG_MS)
+    one.replug()
+    serve(one.state, port=server.port)
+    expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    expect(step).to_be_hidden(timeout=LONG_MS)
+
+
 def test_a_linkage_is_shown_as_long_as_somebody_tells_of_one(bench, serve, open_page):
     one = bench(Held())
     page = open_page(serve(one.state).url)
@@ -231,7 +274,7 @@ def test_a_board_that_is_unplugged_is_found_again(bench, serve, open_page):
 
 @pytest.mark.parametrize("name", [SEARCHING, STALLED, LOST, REFUSED])
 def test_whatever_is_wrong_with_a_board_has_words(name, serve, open_page):
-    state = State()
+    state = PageState()
     state.put("board", {"state": name, "message": "the reason"})
     board = open_page(serve(state).url).locator("#board")
     expect(board).to_have_text(re.compile(r"[a-z ]+: the reason"), timeout=LONG_MS)
@@ -248,7 +291,7 @@ def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
         for stream, seconds in (("touch", 0.3), ("off", 1.0), ("touch", 0.3)):
             board.command(f"stream {stream}")
             last = [frame for frame in board.frames(seconds) if isinstance(frame, Touch)][-1:]
-    state, opened, said = State(), [], []
+    state, opened, said = PageState(), [], []
 
     def open_board(board_id):
         opened.append(board_id)
@@ -322,7 +365,7 @@ def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
         board.command("stream touch spectrum")
         for _ in board.frames(1.5):
             pass
-    state, opened = State(), []
+    state, opened = PageState(), []
 
     def open_board(board_id):
         opened.append(board_id)

@@ -19,7 +19,7 @@ from yarl import URL
 from serving import Serving, apart, run
 from spots.cli import main
 from spots.web import app
-from spots.web.state import State
+from spots.web.state import PageState
 from spots_sim.scenario import Held
 
 LONG_MS = 60_000
@@ -75,7 +75,7 @@ UPGRADE = {
     ],
 )
 def test_a_foreign_host_is_refused(serve, host, path):
-    server = serve(State())
+    server = serve(PageState())
     assert code(raw(server, f"GET /{path} HTTP/1.1", f"Host: {host}")) in (400, 403)
 
 
@@ -94,7 +94,7 @@ def code(answer):
 
 @pytest.mark.parametrize("path", ["/", "/live", "/static/main.js"])
 def test_a_request_names_one_host_and_at_most_one_origin(serve, path):
-    server = serve(State())
+    server = serve(PageState())
     host = f"Host: 127.0.0.1:{server.port}"
     origin = f"Origin: http://127.0.0.1:{server.port}"
     evil = "Origin: http://evil.example"
@@ -131,7 +131,7 @@ NO_FILE = (
 
 @pytest.mark.parametrize("path", NO_FILE)
 def test_a_path_that_no_file_has_is_quietly_not_found(serve, caplog, path):
-    server = serve(State())
+    server = serve(PageState())
     assert code(raw(server, f"GET {path} HTTP/1.1", f"Host: 127.0.0.1:{server.port}")) == 404
     assert caplog.records == []
 
@@ -155,7 +155,7 @@ BAD = {
 
 @pytest.mark.parametrize("request_", BAD.values(), ids=BAD)
 def test_a_bad_request_is_refused_and_leaves_no_line_in_the_log(serve, caplog, request_):
-    server = serve(State())
+    server = serve(PageState())
     with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
         connection.sendall(request_)
         connection.shutdown(socket.SHUT_WR)
@@ -167,7 +167,7 @@ def test_a_bad_request_is_refused_and_leaves_no_line_in_the_log(serve, caplog, r
 
 
 def test_the_names_of_home_are_taken(serve):
-    server = serve(State())
+    server = serve(PageState())
     for host in ("localhost", "127.0.0.1", "[::1]"):
         assert status(server.url, Host=f"{host}:{server.port}")[0] == 200
         assert status(server.url, Host=f"{host}:9")[0] == 200  # through a tunnel
@@ -175,7 +175,7 @@ def test_the_names_of_home_are_taken(serve):
 
 @pytest.mark.parametrize("path", ["", "live", "static/main.js"])
 def test_a_foreign_origin_is_refused(serve, path):
-    server = serve(State())
+    server = serve(PageState())
     for origin in (
         "http://evil.example",
         "null",
@@ -187,7 +187,7 @@ def test_a_foreign_origin_is_refused(serve, path):
 
 
 def test_a_page_of_another_site_gets_nothing_in_a_real_browser(serve, browser):
-    server = serve(State())
+    server = serve(PageState())
 
     class Other(BaseHTTPRequestHandler):
         def do_GET(self):
@@ -221,7 +221,7 @@ def test_a_page_of_another_site_gets_nothing_in_a_real_browser(serve, browser):
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
 def test_only_looking_is_a_method(serve, method):
-    url = serve(State()).url
+    url = serve(PageState()).url
 
     async def ask():
         async with aiohttp.ClientSession() as session, session.request(method, url) as answer:
@@ -255,7 +255,7 @@ def test_what_a_page_sends_reaches_no_board(bench, serve, message):
 
 
 def test_nothing_in_the_page_needs_an_exception_from_its_policy(serve):
-    server = serve(State())
+    server = serve(PageState())
     for path in ("", "static/main.js", "nowhere"):
         headers = status(server.url, path)[1]
         policy = headers["Content-Security-Policy"]
@@ -276,7 +276,7 @@ def test_the_page_asks_nothing_of_any_other_machine():
 
 
 def test_files_beside_the_page_are_not_served(serve):
-    url = serve(State()).url
+    url = serve(PageState()).url
     for path in (
         "static/serve.py",
         "static/../serve.py",
@@ -288,7 +288,7 @@ def test_files_beside_the_page_are_not_served(serve):
 
 
 def test_another_address_asks_for_the_token(serve, open_page):
-    server = serve(State(), address="0.0.0.0")
+    server = serve(PageState(), address="0.0.0.0")
     _, token = server.url.split("?token=")
     home = f"http://127.0.0.1:{server.port}/"
     assert len(token) >= 20
@@ -308,7 +308,7 @@ def test_another_address_asks_for_the_token(serve, open_page):
 
 def test_home_needs_no_token():
     for address in ("127.0.0.1", "127.0.0.2"):
-        server = Serving(State(), address=address)
+        server = Serving(PageState(), address=address)
         try:
             assert "token" not in server.url
             assert status(server.url)[0] == 200
@@ -334,7 +334,7 @@ def test_a_mistake_is_one_sentence(capsys, arguments, says):
 
 
 def test_a_port_that_is_taken_is_told(serve, capsys):
-    assert apart(main, ["serve", "--http-port", str(serve(State()).port)]) == 2
+    assert apart(main, ["serve", "--http-port", str(serve(PageState()).port)]) == 2
     assert "--http-port" in capsys.readouterr().err
 
 

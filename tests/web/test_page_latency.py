@@ -16,7 +16,7 @@ from serving import eventually, until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
 from spots.web.board_feed import BoardReader
-from spots.web.state import Cursor, State
+from spots.web.state import Cursor, PageState
 from spots_sim.demo import open_fast
 from spots_sim.files import ScenarioFile
 from spots_sim.files import load as load_file
@@ -43,7 +43,7 @@ def path(tmp_path_factory):
 @pytest.fixture
 def played(path):
     """The state of the board that plays it, and the boards, one after the other."""
-    boards, state = [], State()
+    boards, state = [], PageState()
 
     def open_board(_):
         boards.append(open_recording(path))

@@ -16,8 +16,8 @@ from serving import Serving, run
 from spots.errors import RefusedError, SpotsError
 from spots.web import app
 from spots.web import board_feed as reading
-from spots.web.pace import Pace
-from spots.web.state import EVENTS_KEPT, State
+from spots.web.pace import PagePace
+from spots.web.state import EVENTS_KEPT, PageState
 
 AWAY_S = 0.06
 
@@ -28,7 +28,7 @@ def live(server):
 
 @pytest.fixture
 def state():
-    return State()
+    return PageState()
 
 
 def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, serve):
@@ -41,7 +41,7 @@ def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, 
             last = 0
             for i in range(1, 200):
                 state.put("touch", {"i": i})
-                state.tell({"kind": "key", "i": i})
+                state.add_event({"kind": "key", "i": i})
                 while last < i:
                     message = await awake.receive_json(timeout=60)
                     await awake.send_str(str(message["n"]))
@@ -69,10 +69,10 @@ def test_the_way_to_a_page_is_measured_without_the_time_it_draws(state, serve, m
     paces = []
 
     def made(now_s):
-        paces.append(Pace(now_s))
+        paces.append(PagePace(now_s))
         return paces[-1]
 
-    monkeypatch.setattr(app, "Pace", made)
+    monkeypatch.setattr(app, "PagePace", made)
     server = serve(state)
     state.put("touch", 0)
 
@@ -164,13 +164,13 @@ def test_too_many_pages_are_refused(state, serve):
 
 @given(st.lists(st.sampled_from(["put", "tell", "read"]), max_size=60), st.integers(0, 700))
 def test_a_reader_knows_all_that_was_told_but_what_was_dropped(steps, burst):
-    state = State()
+    state = PageState()
     cursor, known, seen, missed, told = state.begin(), {}, [], 0, 0
     for step in [*steps, *["tell"] * burst, "read"]:
         if step == "put":
             state.put("touch", told)
         elif step == "tell":
-            state.tell({"i": told})
+            state.add_event({"i": told})
             told += 1
         else:
             cursor, news = state.since(cursor)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spots.web import pace
-from spots.web.pace import Pace
+from spots.web.pace import PagePace
 
 SCREEN_S = 1 / 60
 PROCESSORS = 2
@@ -25,7 +25,7 @@ def drawing(pages, draw_s, stalled=0, away_s=0.0):
     until it is there, and again until that is known.
     """
     clock = SimpleNamespace(now_s=0.0)
-    paces = [Pace(lambda: clock.now_s) for _ in range(pages + stalled)]
+    paces = [PagePace(lambda: clock.now_s) for _ in range(pages + stalled)]
     free_s = [0.0] * PROCESSORS
     # What happens when: a page may get a message again, or has drawn.
     events = [(0.001 * i, i, "tell", 0) for i in range(pages + stalled)]
@@ -107,7 +107,7 @@ def test_a_page_that_is_always_late_is_still_told():
 
 
 def test_what_was_not_sent_cannot_have_been_drawn():
-    one = Pace(lambda: 0.0)
+    one = PagePace(lambda: 0.0)
     one.send()
     one.acknowledge(1000)
     assert one.drawn == 1

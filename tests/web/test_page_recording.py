@@ -15,7 +15,7 @@ from spots.link.board import Board
 from spots.link.frames import Touch
 from spots.recording.recording import Recording
 from spots.web.recordings import Recordings
-from spots.web.state import State
+from spots.web.state import PageState
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 
@@ -119,10 +119,10 @@ def test_nobody_else_records(recorded, tmp_path, caplog):
 
 
 def test_without_a_folder_there_is_nothing_to_command(serve):
-    server = serve(State())
+    server = serve(PageState())
     assert "token" not in server.url
     assert post(server, "start")[0] == 403
-    other = serve(State(), address="0.0.0.0")
+    other = serve(PageState(), address="0.0.0.0")
     assert post(other, "start")[0] == 401
     assert post(other, "start", token=token_of(other))[0] == 404
 
@@ -135,7 +135,7 @@ def test_what_cannot_be_is_told(recorded, tmp_path, serve):
     status, text = post(server, "start", token=token)
     assert (status, "recorded already" in text) == (409, True)
     assert post(server, "stop", token=token)[0] == 204
-    state = State()
+    state = PageState()
     nobody = Recordings(tmp_path, state)
     lonely = serve(state, recordings=nobody)
     assert post(lonely, "start", token=token_of(lonely)) == (409, "there is no board to record")

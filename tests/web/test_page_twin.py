@@ -13,7 +13,7 @@ from spots import Encoder, Linkage, SpotsError, Twin, cli
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.web import twin_feed
-from spots.web.state import State
+from spots.web.state import PageState
 from spots_sim.linkage_demo import endless
 from spots_sim.paced import PacedLink
 from test_encoder import JOINT
@@ -67,8 +67,8 @@ def part(state):
 
 def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, serve, open_page):
     monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
-    state = State()
-    running(twin_feed.machine_readers(endless(), load_layout("digits"), state))
+    state = PageState()
+    running(twin_feed.driven_readers(endless(), load_layout("digits"), state))
     page = open_page(serve(state).url)
     expect(page.locator("#twin")).to_be_visible(timeout=LONG_MS)
     # The strip of joint 1 is on the page as any other, and the trail gets longer.
@@ -91,7 +91,7 @@ def test_boards_of_a_linkage_file_are_waited_for(machine, monkeypatch, running):
         return open_board
 
     monkeypatch.setattr(twin_feed, "finder", finder)
-    state = State()
+    state = PageState()
     layout = load_layout("digits")
     readers = twin_feed.linkage_readers(str(machine.arm), ["0", "1"], layout, state)
     assert part(state)["note"] == "waiting for readings of both joints"
@@ -109,7 +109,7 @@ def test_one_board_with_two_sensors_is_fed_by_sensor(machine, monkeypatch, runni
     took = []
     monkeypatch.setattr(twin_feed.TwinFeed, "take", lambda self, joint, touch: took.append(joint))
     layout = load_layout("digits")
-    (reader,) = twin_feed.linkage_readers(str(machine.arm), ["0"], layout, State())
+    (reader,) = twin_feed.linkage_readers(str(machine.arm), ["0"], layout, PageState())
     for sensor in (0, 1):
         reader._on_touch(at(-0.3, 0)._replace(sensor=sensor))
     assert took == [0, 1]
@@ -123,7 +123,7 @@ def awaited(condition, timeout_s=60.0):
 
 
 def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, open_page):
-    state = State()
+    state = PageState()
     feed = twin_feed.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), state)
     assert part(state)["note"] == "waiting for readings of both joints"
     for i in range(100):
@@ -153,7 +153,7 @@ def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, 
 
 
 def test_recordings_that_are_played_again_are_followed_again():
-    state, counts = State(), []
+    state, counts = PageState(), []
     feed = twin_feed.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), state)
     for _ in range(3):
         before = part(state)["trail"]
@@ -179,7 +179,9 @@ def test_boards_with_named_ports_are_found_again_by_their_ids(machine, monkeypat
 
     monkeypatch.setattr(twin_feed, "finder", finder)
     for ports, known in ((["0", "1"], None), (["0", "1"], "an id")):
-        readers = twin_feed.linkage_readers(str(machine.arm), ports, load_layout("digits"), State())
+        readers = twin_feed.linkage_readers(
+            str(machine.arm), ports, load_layout("digits"), PageState()
+        )
         for one in readers:
             with pytest.raises(SpotsError):
                 one._open_board(known)

@@ -14,10 +14,10 @@ _OPTIONS = "spots.options"
 _SIMULATED = {
     "board": {"sensor": "default", "scenario": "demo", "seed": 0},
     "linkage": {
-        "path": "sust",
+        "path": None,
         "sensor": "default",
         "seed": 0,
-        "exposure_us": 30_000,
+        "exposure_us": None,
         "picture": None,
     },
 }

@@ -1,14 +1,15 @@
-"""``spots controller``: a board's readings to a gamepad, until one has played enough."""
+"""``spots controller``: a strip plays a gamepad of this computer."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Protocol
 
 import msgspec
 from rich.console import Console
+from rich.live import Live
 from rich.panel import Panel
 
 from ..errors import SpotsError
@@ -16,11 +17,12 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, ticks
 from ..link.connect import open_named
 from ..link.frames import Touch
+from ..link.untrusted import Untrusted
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
 from ..signals import released_by_signals
 from ..terminal.view import Pace, live
-from .controller_settings import DEFAULT, Settings, load
+from .controller_settings import DEFAULT, ControllerSettings, load
 from .controller_setup import set_up
 from .gamepad_engine import Controller
 from .stick import picture
@@ -43,9 +45,22 @@ def controller_command(options: argparse.Namespace) -> None:
                 "'spots command gamepad off' first"
             )
         drawing = Console().is_terminal and not options.dry_run
-        view = ControllerView(board, controller, settings) if drawing else None
-        with open_gamepad(options.dry_run) as gamepad:
-            show(board, controller, gamepad, options.seconds, view)
+        with (
+            open_gamepad(options.dry_run) as gamepad,
+            live(Console()) if drawing else nullcontext() as display,
+        ):
+            view = ControllerView(board, controller, settings, display)
+            play(board, controller, gamepad, options.seconds, [view])
+
+
+class Watcher(Protocol):
+    """Sees each reading and each state while a controller is played."""
+
+    def read(self, touch: Touch, state: State) -> None:
+        """Take a reading and the state after it."""
+
+    def sent(self, state: State, now_s: float) -> None:
+        """Take a state that is sent at a time of the link's clock."""
 
 
 def play(
@@ -53,47 +68,52 @@ def play(
     controller: Controller,
     gamepad: Gamepad,
     seconds: float | None = None,
-    on_reading: Callable[[Touch], None] | None = None,
-    on_state: Callable[[State], None] | None = None,
+    watchers: Sequence[Watcher] = (),
 ) -> None:
     """Play a gamepad from a board's first strip.
 
     Parameters
     ----------
     board : Board
-        Told to follow the light of the untouched strip.
+        It is set to follow the baseline.
     controller : Controller
     gamepad : Gamepad
-        The caller lets it go, whatever ends this.
+        The caller releases it, on every exit path.
     seconds : float, optional
-        End after so long; never, if not given.
-    on_reading, on_state : callable, optional
-        Told of each reading after it was taken, and of each state before it is sent.
+        End after this time of the link's clock; never, if not given.
+    watchers : sequence of Watcher, optional
 
     Raises
     ------
     SpotsError
-        If the board is lost, or the gamepad takes no more.
+        If the board is lost, or the gamepad takes no more events.
     """
 
     def send(state: State | None) -> None:
         if state is not None:
-            if on_state:
-                on_state(state)
+            for watcher in watchers:
+                watcher.sent(state, board.now_s())
             gamepad.update(*state)
 
+    untrusted = Untrusted()
     for touches in ticks(board, seconds, _TICK_S, controller.release):
         for touch in touches:
+            untrusted.warn(touch, board.now_s())
             send(controller.take(touch, board.now_s()))
-            if on_reading:
-                on_reading(touch)
+            for watcher in watchers:
+                watcher.read(touch, controller.state)
         send(controller.tick(board.now_s()))
 
 
-def controller_for(board: Board, settings: Settings) -> Controller:
+def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     """Return a controller for a board's strip.
 
     It bridges at least one reading that failed, within ``hold_ms``.
+
+    Parameters
+    ----------
+    board : Board
+    settings : ControllerSettings
 
     Raises
     ------
@@ -106,66 +126,45 @@ def controller_for(board: Board, settings: Settings) -> Controller:
         "set a shorter exposure_us or a smaller average, or a longer hold_ms in the settings",
     )
     every_ms = info["exposure_us"] * info["average"] / 1000
-    patient = msgspec.structs.replace(
-        settings, release_ms=max(settings.release_ms, _READINGS_BRIDGED * every_ms)
-    )
-    return Controller(patient, info["length_um"])
-
-
-class Judge(Protocol):
-    """Who knows the truth of a run and compares states with it."""
-
-    def read(self, touch: Touch, state: State) -> None:
-        """Compare the state after a reading."""
-
-    def sent(self, state: State, now_s: float) -> None:
-        """Count a state that is sent."""
+    release_ms = max(settings.release_ms, _READINGS_BRIDGED * every_ms)
+    return Controller(msgspec.structs.replace(settings, release_ms=release_ms), info["length_um"])
 
 
 class ControllerView:
-    """The picture of a controller that is being played."""
+    """The picture of a controller that is played; a `Watcher`.
 
-    def __init__(self, board: Board, controller: Controller, settings: Settings):
-        self._board, self._controller = board, controller
+    Parameters
+    ----------
+    board : Board
+    controller : Controller
+    settings : ControllerSettings
+    display : rich.live.Live or None
+        Where to draw it now and then.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        controller: Controller,
+        settings: ControllerSettings,
+        display: Live | None = None,
+    ):
+        self._board, self._controller, self._display = board, controller, display
         self._buttons = max((one.number for one in settings.button), default=0)
         info = board.info
         self._title = f"SPOTS controller  {info['board']} · {info['runtime']} · {board.port}"
-        self.states = 0
+        self._states, self._pace = 0, Pace()
 
-    def sent(self, state: State) -> None:
-        """Count a state that is sent."""
-        self.states += 1
+    def read(self, touch: Touch, state: State) -> None:
+        if self._display and self._pace.due(self._board.now_s()):
+            self._display.update(self.picture(), refresh=True)
+
+    def sent(self, state: State, now_s: float) -> None:
+        self._states += 1
 
     def picture(self) -> Panel:
         """Return the picture as it is now."""
         stats = self._board.stats
-        facts = f"states {self.states}   frames {stats.frames}   lost {stats.lost}"
+        facts = f"states {self._states}   frames {stats.frames}   lost {stats.lost}"
         controller = self._controller
         return picture(controller.state, controller.held, self._buttons, self._title, facts)
-
-
-def show(
-    board: Board,
-    controller: Controller,
-    gamepad: Gamepad,
-    seconds: float | None,
-    view: ControllerView | None = None,
-    judge: Judge | None = None,
-) -> None:
-    """Play as `play` does, with a picture."""
-    pace = Pace()
-    with live(Console()) if view else nullcontext() as display:
-
-        def on_reading(touch):
-            if judge:
-                judge.read(touch, controller.state)
-            if view and pace.due(board.now_s()):
-                display.update(view.picture(), refresh=True)
-
-        def on_state(state):
-            if judge:
-                judge.sent(state, board.now_s())
-            if view:
-                view.sent(state)
-
-        play(board, controller, gamepad, seconds, on_reading, on_state)

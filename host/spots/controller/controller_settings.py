@@ -20,6 +20,8 @@ DEFAULT = Path(__file__).parent / "data" / "controller.toml"
 Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Force = Annotated[float, msgspec.Meta(ge=0, le=65_535)]
+# Less is a force in N: no finger presses so lightly, and no strip feels it.
+_FINGER_MN = 50
 Time = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
 # A slower one would keep a lift from the computer.
 Rate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
@@ -61,7 +63,7 @@ class ForceAxis(_Axis, tag="force"):
     """An axis that follows how hard the finger presses."""
 
     rest_mN: Force = 300.0
-    max_mN: Force = 6000.0
+    max_mN: Annotated[float, msgspec.Meta(ge=_FINGER_MN, le=65_535)] = 6000.0
 
     def __post_init__(self):
         if not self.rest_mN < self.max_mN:
@@ -86,6 +88,10 @@ class Pressed(_Button, tag="pressed"):
 
     def __post_init__(self):
         super().__post_init__()
+        if 0 < self.press_mN < _FINGER_MN:
+            raise ValueError(
+                f"press_mN is {self.press_mN:g} mN, which no finger is: forces are in mN"
+            )
         if self.release_mN > self.press_mN:
             raise ValueError("release_mN must not be above press_mN")
 
@@ -93,11 +99,11 @@ class Pressed(_Button, tag="pressed"):
 class Tapped(_Button, tag="tapped"):
     """A button that a short touch in its zone pushes for a moment."""
 
-    longest_ms: Time = 200.0
+    longest_ms: Annotated[float, msgspec.Meta(ge=10, le=10_000)] = 200.0
     pulse_ms: Annotated[float, msgspec.Meta(ge=1, le=10_000)] = 50.0
 
 
-class Settings(_Struct):
+class ControllerSettings(_Struct):
     """All of a controller."""
 
     hold_ms: Time = 100.0
@@ -113,7 +119,7 @@ class Settings(_Struct):
             raise ValueError("z has one side only: it cannot be inverted")
 
 
-def load(path: str | Path = DEFAULT) -> Settings:
+def load(path: str | Path = DEFAULT) -> ControllerSettings:
     """Read a settings file.
 
     Raises
@@ -127,10 +133,10 @@ def load(path: str | Path = DEFAULT) -> Settings:
         raise SpotsError(
             f"cannot read the settings file {path}: make one with 'spots controller --calibrate'"
         ) from None
-    return toml.checked(text, Settings, f"settings file {path}")
+    return toml.checked(text, ControllerSettings, f"settings file {path}")
 
 
-def save(settings: Settings, path: str | Path) -> None:
+def save(settings: ControllerSettings, path: str | Path) -> None:
     """Write a settings file, without comments; see `atomic.write_text`.
 
     Raises

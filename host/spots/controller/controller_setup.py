@@ -1,4 +1,4 @@
-"""``spots controller --calibrate``: asks for five touches and writes a settings file."""
+"""``spots controller --calibrate``: measures five touches and writes a settings file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.calibrated import length_of
 from ..link.frames import Touch
-from .controller_settings import DEFAULT, ForceAxis, PositionAxis, Settings, load, save
+from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, PositionAxis, load, save
 
 _HELD_S = 1.0  # how long a touch is looked at
 _SETTLE_S = 0.3  # and from when on
@@ -38,14 +38,15 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     board : Board
         With a calibration.
     path : str or Path
-        Kept but for its comments and what is measured, if it is there; else begun from the default.
+        A file that exists keeps all but its comments and what is measured; a new one starts
+        from the default.
     say : callable
-        Told each line that the person is to read.
+        Called with each line for the user.
 
     Raises
     ------
     SpotsError
-        If no touch comes in time, or the touches are no stick. Nothing is written then.
+        If no touch comes in time, or the touches do not make a stick. Nothing is written then.
     """
     there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)
@@ -65,7 +66,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     say(f"wrote {shown}; play with: spots controller --settings {shown}")
 
 
-def _measured(settings: Settings, percent: dict, force_mN: dict) -> Settings:
+def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> ControllerSettings:
     low, high = sorted((percent["near"], percent["far"]))
     rest = percent["rest"]
     if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):
@@ -82,15 +83,10 @@ def _measured(settings: Settings, percent: dict, force_mN: dict) -> Settings:
         PositionAxis: {"rest_percent": rest, "min_percent": low, "max_percent": high},
         ForceAxis: {"rest_mN": force_mN["light"], "max_mN": force_mN["hard"]},
     }
-    axes = {name: getattr(settings, name) for name in ("x", "y", "z")}
-    return msgspec.structs.replace(
-        settings,
-        **{
-            name: msgspec.structs.replace(axis, **changes[type(axis)])
-            for name, axis in axes.items()
-            if axis is not None
-        },
-    )
+    axes = {name: axis for name in "xyz" if (axis := getattr(settings, name)) is not None}
+    for name, axis in axes.items():
+        axes[name] = msgspec.structs.replace(axis, **changes[type(axis)])
+    return msgspec.structs.replace(settings, **axes)
 
 
 def _touch(board: Board) -> Touch:

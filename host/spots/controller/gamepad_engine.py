@@ -1,7 +1,7 @@
-"""Readings to the state of a gamepad. No I/O; all times are given, never asked for.
+"""Readings to the state of a gamepad. No I/O; all times are arguments.
 
-An axis goes where the finger is, and springs back when it lifts. What holds when readings are
-doubtful or do not come: the last good state, for a set time; then everything goes to rest.
+An axis follows the finger, and springs back when it lifts. While readings are untrusted or missing,
+the last good state is held for a set time; then everything goes to rest.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from spots_device import decode
 
 from ..link.frames import Touch
 from ..outputs.devices import AXIS_MAX, REST, State
-from .controller_settings import ForceAxis, PositionAxis, Pressed, Settings, Tapped
+from .controller_settings import ControllerSettings, ForceAxis, PositionAxis, Pressed, Tapped
 from .one_euro import OneEuro
 from .shaping import deflection, shaped
 
@@ -29,7 +29,7 @@ class Controller:
 
     Parameters
     ----------
-    settings : controller_settings.Settings
+    settings : controller_settings.ControllerSettings
     length_um : float
         Of the strip.
 
@@ -37,24 +37,21 @@ class Controller:
     ----------
     length_um : float
     state : State
-        What the last reading means, sent or not.
+        The state after the last reading, sent or not.
     held : bool
-        Whether that is kept only until a better reading comes.
+        Whether `state` is held because readings are untrusted or missing.
     """
 
-    def __init__(self, settings: Settings, length_um: float):
+    def __init__(self, settings: ControllerSettings, length_um: float):
         self.length_um = length_um
         self._hold_s = settings.hold_ms / 1000
         self._release_s = settings.release_ms / 1000
         self._sender = _Sender(settings.rate_hz)
-        self._axes = [_axis(one, length_um) for one in (settings.x, settings.y, settings.z)]
-        percent_um = length_um / 100
-        self._pressed = [
-            _PressedButton(one, percent_um) for one in settings.button if isinstance(one, Pressed)
-        ]
-        self._tapped = [
-            _TappedButton(one, percent_um) for one in settings.button if isinstance(one, Tapped)
-        ]
+        axes = {"x": settings.x, "y": settings.y, "z": settings.z}
+        self._axes = {name: _Axis(one, length_um) for name, one in axes.items() if one is not None}
+        made = [_BUTTONS[type(one)](one, length_um / 100) for one in settings.button]
+        self._pressed = [one for one in made if isinstance(one, _PressedButton)]
+        self._tapped = [one for one in made if isinstance(one, _TappedButton)]
         self.state = REST
         self.held = False
         self._touched = False
@@ -70,14 +67,14 @@ class Controller:
         Parameters
         ----------
         touch : Touch
-            Its own time is the board's, which only tells how far readings are apart.
+            Its own time `t_us` is the board's, and only used for the time between readings.
         now_s : float
             When it came, by the clock of `tick`.
 
         Returns
         -------
         State or None
-            What is to be sent now, if anything.
+            The state to send now, if any.
         """
         self._expire(now_s)
         if touch.trusted:
@@ -88,7 +85,7 @@ class Controller:
             self._lifted = True
             since_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
             if touch.flags & decode.TOO_DARK and since_s < self._release_s:
-                self.held = True  # as a lift looks, and as a reading that failed does
+                self.held = True  # so looks a lift, and so does a failed reading
             else:
                 self._until_s = now_s
         else:
@@ -104,12 +101,12 @@ class Controller:
         return self._sender.due(now_s)
 
     def release(self) -> None:
-        """Go to rest and forget all, what was to be sent as well.
+        """Go to rest and drop all that is pending.
 
         A finger that is still there moves the axes, and pushes no button until it was lifted.
         """
         self._touched = self._lifted = self.held = False
-        for axis in self._axes:
+        for axis in self._axes.values():
             axis.end()
         for button in (*self._pressed, *self._tapped):
             button.down = False
@@ -125,7 +122,7 @@ class Controller:
             self._touched = True
             self._whole = self._lifted
             self._began_us, self._began_um = touch.t_us, touch.position_um
-            for axis in self._axes:
+            for axis in self._axes.values():
                 axis.begin()
             for button in self._pressed:
                 button.begin(self._whole and button.has(touch.position_um))
@@ -135,18 +132,18 @@ class Controller:
         self._last_us = touch.t_us
         self._until_s = now_s + self._hold_s
         self._lifted = self.held = False
-        for axis in self._axes:
+        for axis in self._axes.values():
             axis.take(touch, dt_s)
         for button in self._pressed:
             button.take(touch.force_mN)
 
     def _end(self, now_s: float) -> None:
         self._touched = self.held = False
-        for axis in self._axes:
+        for axis in self._axes.values():
             axis.end()
         for button in self._pressed:
             button.down = False
-        in_time = now_s - self._until_s < _FORGET_S  # the tap of a process that was frozen is not
+        in_time = now_s - self._until_s < _FORGET_S  # a tap is stale if the process was frozen
         if self._whole and self._lifted and in_time:
             lasted_ms = (self._last_us - self._began_us) % _TURN_US / 1000
             for button in self._tapped:
@@ -157,31 +154,18 @@ class Controller:
         buttons = 0
         for button in (*self._pressed, *self._tapped):
             buttons |= button.bit if button.down else 0
-        x, y, z = (axis.value for axis in self._axes)
-        self.state = State(x, y, z, buttons)
+        values = {name: axis.value for name, axis in self._axes.items()}
+        self.state = REST._replace(buttons=buttons, **values)
         self._sender.put(self.state)
 
 
-class _NoAxis:
-    value = 0
-
-    def begin(self) -> None:
-        pass
-
-    def take(self, touch: Touch, dt_s: float) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
-
-
-class _Axis(_NoAxis):
-    def __init__(self, settings: PositionAxis | ForceAxis, field: str, rest, low, high):
+class _Axis:
+    def __init__(self, settings: PositionAxis | ForceAxis, length_um: float):
         self._settings = settings
-        self._field = field
-        self._rest, self._low, self._high = rest, low, high
+        self._field, *self._range = span(settings, length_um)
         smooth = settings.smooth
         self._filter = OneEuro(smooth.min_cutoff_hz, smooth.beta, smooth.derivative_cutoff_hz)
+        self.value = 0
 
     def begin(self) -> None:
         self._filter.reset()
@@ -189,7 +173,7 @@ class _Axis(_NoAxis):
     def take(self, touch: Touch, dt_s: float) -> None:
         if dt_s > _FORGET_S:
             self._filter.reset()
-        u = deflection(getattr(touch, self._field), self._rest, self._low, self._high)
+        u = deflection(getattr(touch, self._field), *self._range)
         self.value = axis_value(self._filter.take(u, dt_s), self._settings)
 
     def end(self) -> None:
@@ -197,14 +181,8 @@ class _Axis(_NoAxis):
 
 
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
-    """Return what an axis tells at a deflection."""
+    """Return the value of an axis at a deflection."""
     return round(AXIS_MAX * shaped(u, settings.deadband, settings.expo, settings.invert))
-
-
-def _axis(settings: PositionAxis | ForceAxis | None, length_um: float):
-    if settings is None:
-        return _NoAxis()
-    return _Axis(settings, *span(settings, length_um))
 
 
 def span(settings: PositionAxis | ForceAxis, length_um: float) -> tuple[str, float, float, float]:
@@ -254,6 +232,9 @@ class _TappedButton(_Button):
     def pass_time(self, now_s: float) -> None:
         if self.down and now_s >= self._up_s:
             self.down = False
+
+
+_BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
 
 
 class _Sender:

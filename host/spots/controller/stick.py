@@ -1,4 +1,4 @@
-"""What a person sees of a controller: a stick on its rail, how hard, and the buttons."""
+"""The picture of a controller in the terminal: stick, force and buttons."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from rich.text import Text
 
 from ..errors import printable
 from ..outputs.devices import AXIS_MAX, BUTTONS, REST, State
+from ..terminal.view import bar
 
 _COLUMNS = 61  # odd, so that rest is a column
 _KNOB = 7
 _BAR_COLUMNS = 40
-_EIGHTHS = " ▏▎▍▌▋▊▉█"
 
 
 def picture(
@@ -25,7 +25,7 @@ def picture(
     ----------
     state : State
     held : bool
-        Whether it is the last good one, waiting for a better reading.
+        Whether it is held because readings are untrusted or missing.
     buttons : int
         How many to show.
     title, facts : str
@@ -35,11 +35,11 @@ def picture(
     numbers.add_column(justify="right", width=9)
     numbers.add_column(justify="right", width=10)
     numbers.add_column()
-    along = "held: the reading is doubtful, or there is none" if held else ""
+    along = "held: the reading is untrusted or missing" if held else ""
     numbers.add_row("x", f"{state.x:+d}" if state.x else "0", Text(along, style="yellow"))
     if state.y:
         numbers.add_row("y", f"{state.y:+d}")
-    numbers.add_row("z", str(state.z), Text(_bar(state.z / AXIS_MAX), style="cyan"))
+    numbers.add_row("z", str(state.z), Text(bar(state.z / AXIS_MAX, _BAR_COLUMNS), style="cyan"))
     parts = [*_stick(state), Text(), numbers, Text(), _buttons(state.buttons, buttons)]
     if facts:
         parts += [Text(), Text("  " + facts, style="dim")]
@@ -73,8 +73,3 @@ def _buttons(pressed: int, count: int) -> Text:
         line.append(f" {i + 1} ", style="bold black on yellow1" if down else "grey62 on grey23")
         line.append(" ")
     return line
-
-
-def _bar(share: float) -> str:
-    eighths = round(max(0.0, min(share, 1.0)) * _BAR_COLUMNS * 8)
-    return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()

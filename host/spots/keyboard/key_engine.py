@@ -20,15 +20,15 @@ class KeyEngine:
     ----------
     layout : KeyLayout
     length_um : int
-        Of the strip, as the board's ``hello`` tells it.
+        Length of the strip, from the board's ``hello``.
     sink : KeySink
 
     Attributes
     ----------
     length_um, firm_mN : int
-        Of the strip, and what a firm press is.
+        Length of the strip, and the least force of a firm press.
     rests : int
-        How often something was found to rest on the strip that is no finger.
+        How often an object that is not a finger was found on the strip.
     """
 
     def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink):
@@ -44,30 +44,30 @@ class KeyEngine:
 
     @property
     def layer(self) -> str:
-        """Name of the layer whose keys the next touch finds."""
+        """Name of the layer that the next touch uses."""
         return self._names[self._pad.layer]
 
     def take(self, touch: Touch, now_s: float) -> None:
         """Take a reading; `now_s` by the clock of `tick`."""
         self.tick(now_s)
         t = touch.t_us // TICK_US % TICKS
-        flags = touch.flags & ~DROPPED  # the board's own engine has missed nothing
+        flags = touch.flags & ~DROPPED  # the board's own engine has seen every sample
         self._pad.take(flags, touch.position_um, touch.force_mN, t)
         self._pad.tick(t)
-        if not flags & LED_OFF:  # a blind one knows of no finger
+        if not flags & LED_OFF:  # a reading with the LED off sees no finger
             self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:
-        """Let go of all, and forget what is pending, if no reading has come for `RELEASE_S`."""
+        """Release all keys and drop what is pending if no reading has come for `RELEASE_S`."""
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             if self._pad.contact.touched:
                 self.release()
             else:
-                self._pad.forget()  # a finger that comes meanwhile is a new one
+                self._pad.forget()  # a finger that comes down meanwhile is a new touch
 
     def release(self) -> None:
-        """Let go of all; a finger that is still there presses nothing until it was lifted."""
+        """Release all keys; a finger that is still there presses nothing until it has lifted."""
         self._pad.release()
 
     def stuck(self) -> None:

@@ -1,4 +1,4 @@
-"""``spots keyboard``: touches to keys of this computer; and the demo of a board that types."""
+"""``spots keyboard``: touches on a strip press keys of this computer."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
+from ..link.untrusted import Untrusted
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..signals import released_by_signals
@@ -36,7 +37,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Type on a keyboard what is touched, until the time is over; then let go of all.
+    """Press the keys that are touched until the time is over; release all keys on every exit path.
 
     Parameters
     ----------
@@ -44,20 +45,21 @@ def type_on(
     layout : KeyLayout
     keyboard : KeySink
     seconds : float, optional
-        Never end, if not given.
+        By the link's clock; endless if not given.
 
     Raises
     ------
     SpotsError
-        If the board has no calibration, is too slow or lost, or the keyboard takes no more.
+        If the board has no calibration, is too slow or lost, or the keyboard takes no more events.
     """
     length_um = hello_often(board, RELEASE_S)["length_um"]
-    engine = KeyEngine(layout, length_um, keyboard)
-    board.patience_s = math.inf  # no key is down meanwhile
+    engine, untrusted = KeyEngine(layout, length_um, keyboard), Untrusted()
+    board.patience_s = math.inf  # wait for a lost board: no key is down meanwhile
     try:
         for touches in ticks(board, seconds, _TICK_S, engine.release):
             for touch in touches:
                 engine.take(touch, board.now_s())
+                untrusted.warn(touch, board.now_s())
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0

@@ -1,4 +1,4 @@
-"""``spots keys``: layout files looked at, checked, and given to a board."""
+"""``spots keys``: shows and validates layout files, and uploads them to a board."""
 
 from __future__ import annotations
 
@@ -7,38 +7,37 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from spots_device import layout as lines_of
 from spots_device.settings import checksum
 
 from ..errors import printable
 from ..link.board import Board
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
-from .layout import SLOTS, KeyLayout, PlacedKey, load
+from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load
 
 COLUMNS = 74
 _SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
-_VERBS = {lines_of.MOMENTARY: "layer", lines_of.TOGGLE: "toggle", lines_of.ONCE: "once"}
+_VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
 
 def check(name: str) -> None:
-    """Read a layout and say what it holds; SpotsError says what is wrong with it."""
+    """Validate a layout and print its size; raises SpotsError if it is wrong."""
     layout = load(name)
     keys = sum(len(row) for row in layout.layers.values())
     print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
 
 
 def show(name: str) -> None:
-    """Print a layout as a picture, and what each of its keys does."""
+    """Print a layout as a picture with the actions of each key."""
     Console().print(picture(load(name)))
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Give a board a layout, switch its keys on and store both.
+    """Upload a layout, switch the keys on, and save both on the board.
 
     Returns
     -------
     str or None
-        What keeps the keys from working, or from reaching the computer as a keyboard.
+        Why the keys do not work yet, or do not reach the computer; None if they do.
 
     Raises
     ------
@@ -55,7 +54,7 @@ def push(board: Board, layout: KeyLayout) -> str | None:
 
 
 def picture(layout: KeyLayout) -> Panel:
-    """Return all layers, each as it lies on the strip and as a table."""
+    """Return a picture of all layers: the keys along the strip, and a table of their actions."""
     parts = []
     for name, keys in layout.layers.items():
         parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
@@ -65,7 +64,7 @@ def picture(layout: KeyLayout) -> Panel:
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
-    """Return a row of keys, the sensor's end left, one of them lit."""
+    """Return a row of keys, the sensor's end left, with one of them lit."""
     line = Text()
     for i, key in enumerate(keys):
         begin, end = round(key.low * COLUMNS), round(key.high * COLUMNS)
@@ -77,7 +76,7 @@ def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
 
 
 def say(layout: KeyLayout, action: int) -> str:
-    """Return an action as a layout file has it."""
+    """Return an action in the words of a layout file."""
     if not action:
         return ""
     kind, number = action >> 20, action & 0xFFF

@@ -1,4 +1,4 @@
-"""Layout files: TOML, every key checked, compiled to the lines that a board holds.
+"""Layout files: TOML, every key validated, compiled to the lines that a board stores.
 
 A file has layers of keys; a key is the name of what a tap does, or a table of what it does for
 ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus`` (a slide to the sensor
@@ -25,7 +25,7 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
 _FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
-_LAYER_VERBS = {
+LAYER_VERBS = {
     "layer": lines_of.MOMENTARY,
     "toggle": lines_of.TOGGLE,
     "once": lines_of.ONCE,
@@ -78,14 +78,14 @@ class _File(_Struct):
 
 @dataclass(frozen=True)
 class PlacedKey:
-    """A key where it lies.
+    """A key and its place on the strip.
 
     Attributes
     ----------
     low, high : float
-        Shares of the strip, from the sensor's end on.
+        Its bounds, as shares of the strip from the sensor's end.
     label : str
-        What stands on it.
+        The text on it.
     actions : dict of str to int
         By the names of `SLOTS`, as `spots_device.layout.action` makes them.
     """
@@ -98,7 +98,7 @@ class PlacedKey:
 
 @dataclass(frozen=True)
 class KeyLayout:
-    """A checked layout.
+    """A validated layout.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class KeyLayout:
     layers : dict of str to list of PlacedKey
         In the order of the file.
     lines : list of str
-        As the board holds it, see `spots_device.layout`.
+        As the board stores it, see `spots_device.layout`.
     """
 
     name: str
@@ -198,14 +198,14 @@ class _Compiler:
             return 0
         where = f"in layer '{layer.name}', {where}"
         verb, _, name = text.partition(" ")
-        if verb in _LAYER_VERBS:
+        if verb in LAYER_VERBS:
             if name not in self._names:
                 self._refuse(text, f"{where}: no layer is called '{name}'", self._names)
             number = self._names.index(name)
             self._reached.add(number)
             if verb == "toggle":
                 self._toggled.add(number)
-            return lines_of.action(_LAYER_VERBS[verb], number)
+            return lines_of.action(LAYER_VERBS[verb], number)
         try:
             page, usage, modifiers = chord_of(text)
         except SpotsError as error:
@@ -240,19 +240,24 @@ def _label(key: _Key) -> str:
 
 def _written(action: str) -> str:
     verb, _, name = action.partition(" ")
-    if verb in _LAYER_VERBS:
+    if verb in LAYER_VERBS:
         return name
     name = action.rpartition("+")[2] or action
     try:
-        known = USAGES.get(usage_of(name))
+        return typed(*usage_of(name)) or name.upper()
     except SpotsError:
-        return name  # which is refused elsewhere
-    character = known.pynput if known else None
-    return character.upper() if character and len(character) == 1 else name.upper()
+        return name  # `_action` refuses it
+
+
+def typed(page: int, usage: int) -> str:
+    """Return the character that a key types, as it stands on the key; empty if it types none."""
+    known = USAGES.get((page, usage))
+    character = (known and known.pynput) or ""
+    return character.upper() if len(character) == 1 else ""
 
 
 def _line_of(text: str, value: str) -> str:
-    """Return where a string first stands as a value, as ``, line 7``; nothing if nowhere."""
+    """Return the first line with a string as its value, as ``, line 7``; else nothing."""
     for number, line in enumerate(text.splitlines(), 1):
         if f'"{value}"' in line or f"'{value}'" in line:
             return f", line {number}"
@@ -260,7 +265,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return the line of the key that a message of msgspec names, as far as can be told."""
+    """Return the line of the key that a message of msgspec names, if one is found."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

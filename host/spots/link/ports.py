@@ -14,7 +14,7 @@ and may have
 ``calibration_setup(options, session, out, guide)``
     Of a port that presses its strip by itself: a `calibrate.steps.Setup`.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Of a port that is a whole linkage: a `linkage.twin_source.Machine`. Three have defaults.
+    Of a port that is a whole linkage: a `linkage.twin_source.DrivenLinkage`. Three have defaults.
 ``compare_linkage(options)``
     Follows a linkage whose truth is known, for ``spots twin`` without boards.
 ``flash_place(device)``

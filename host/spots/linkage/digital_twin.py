@@ -17,14 +17,14 @@ from ..link.frames import Touch
 from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage
 
-_GAP_S = 1.0  # between two readings of a joint, that nothing is told about
-_SILENT_S = 3.0  # from which on it is told that a joint tells nothing
+_GAP_S = 1.0  # between two readings of a joint, that is not interpolated
+_SILENT_S = 3.0  # without an angle, until a joint is reported
 _TRAIL = 4096
 _KEPT = 2048  # angles of a joint that wait for the other one
 _SIGMAS = 3.0  # that a turn's beginning or end has to stand out of the noise
 _NEAR_IN_LINE_RAD = math.radians(10)
 _POLL_S = 0.005
-_FAILING_S = 10.0  # so long may a board that restarted refuse what it is told
+_FAILING_S = 10.0  # for which a restarted board may refuse its commands
 
 
 class Terminal(NamedTuple):
@@ -79,7 +79,7 @@ class Terminal(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """What there is to say about it, for people; empty if nothing."""
+        """Limit, singularity or extrapolation in words; empty if there is neither."""
         doubts = {"near singular": self.singular, "beyond what was calibrated": not self.within}
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
@@ -107,7 +107,7 @@ class Twin:
     ----------
     linkage : Linkage
     encoders : pair of Encoder
-        Of joint 1 and joint 2, telling the angles of Eqs. 3 and 4.
+        Of joint 1 and joint 2, which give the angles of Eqs. 3 and 4.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Twin:
     The joints are not read at the same moments. A terminal is that of the moment of one reading
     and of the other joint between two of its readings, so it comes as soon as the other joint's
     next reading is there, and nothing is extrapolated. Which of two readings came first to the
-    program makes no difference: a recording tells the same terminals as the boards did.
+    program makes no difference: a recording gives the same terminals as the boards did.
     """
 
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
@@ -129,7 +129,7 @@ class Twin:
         self.encoders = tuple(encoders)
         self.trail: deque[Terminal] = deque(maxlen=_TRAIL)
         self._angles: list[deque[Angle]] = [deque(maxlen=_KEPT), deque(maxlen=_KEPT)]
-        self._done_s = -math.inf  # until when all was told that can be
+        self._done_s = -math.inf  # all terminals up to then are returned
 
     def take(self, joint: int, touch: Touch) -> list[Terminal]:
         """Take a reading of a joint, and return the terminals that it completes.
@@ -153,15 +153,15 @@ class Twin:
         if own and angle.time_s <= own[-1].time_s - _GAP_S:
             self._forget()  # a recording that is played again
         elif own and angle.time_s <= own[-1].time_s:
-            own.clear()  # after a restart its board's clock is compared with the host's anew
+            own.clear()  # after a restart its board's clock is compared with the host's again
         own.append(angle)
-        told = []
+        found = []
         for time_s in self._moments():
             angles = [_between(angles, time_s) for angles in self._angles]
             if None not in angles:
-                told.append(self._terminal(time_s, angles))
-        self.trail.extend(told)
-        return told
+                found.append(self._terminal(time_s, angles))
+        self.trail.extend(found)
+        return found
 
     def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
         """Take pairs of joint and reading, live or from a recording, and yield the terminals."""
@@ -169,7 +169,7 @@ class Twin:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return which joints have told nothing for long, for people; empty if none."""
+        """Return a sentence about joints without an angle for some seconds, if there are any."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -197,7 +197,7 @@ class Twin:
         self._done_s = max(self._done_s, until_s)
         return sorted(moments)
 
-    def _terminal(self, time_s: float, angles: list[_Moment]) -> Terminal:
+    def _terminal(self, time_s: float, angles: list[Angle]) -> Terminal:
         theta = tuple(angle.angle_rad for angle in angles)
         within = all(angle.within for angle in angles)
         try:
@@ -205,7 +205,7 @@ class Twin:
             jacobian = self.linkage.jacobian(*theta)
         except LimitError as error:
             return Terminal(time_s, None, None, None, None, theta, error.limit, True, within)
-        cov = (jacobian * [angle.variance_rad2 for angle in angles]) @ jacobian.T
+        cov = (jacobian * [angle.sigma_rad**2 for angle in angles]) @ jacobian.T
         speeds = [angle.velocity_rad_s for angle in angles]
         velocity = None if None in speeds else tuple((jacobian @ speeds).tolist())
         return Terminal(
@@ -221,35 +221,28 @@ class Twin:
         )
 
 
-class _Moment(NamedTuple):
-    angle_rad: float
-    variance_rad2: float
-    velocity_rad_s: float | None
-    within: bool
-
-
-def _between(angles: deque[Angle], time_s: float) -> _Moment | None:
+def _between(angles: deque[Angle], time_s: float) -> Angle | None:
     """Return a joint at a moment up to its last reading; None if no two readings enclose it."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
     new = angles[i]
     if new.time_s == time_s:
-        return _Moment(new.angle_rad, new.sigma_rad**2, new.velocity_rad_s, new.within)
-    if i == 0:
+        return new
+    if i == 0 or new.time_s > angles[i - 1].time_s + _GAP_S:
         return None
     old = angles[i - 1]
-    if new.time_s > old.time_s + _GAP_S:
-        return None
     share = (time_s - old.time_s) / (new.time_s - old.time_s)
     bow_rad = _bow((angles[i - 2], old, new), time_s) if i > 1 else 0.0
-    return _Moment(
-        old.angle_rad + share * (new.angle_rad - old.angle_rad) + bow_rad,
+    variance_rad2 = (
         (1 - share) ** 2 * (old.sigma_rad**2 - old.systematic_rad**2)
         + share**2 * (new.sigma_rad**2 - new.systematic_rad**2)
-        + max(old.systematic_rad, new.systematic_rad) ** 2,
-        new.velocity_rad_s,
-        old.within and new.within,
+        + max(old.systematic_rad, new.systematic_rad) ** 2
+    )
+    return new._replace(
+        angle_rad=old.angle_rad + share * (new.angle_rad - old.angle_rad) + bow_rad,
+        sigma_rad=math.sqrt(variance_rad2),
+        within=old.within and new.within,
     )
 
 

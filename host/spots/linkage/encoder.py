@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 _WINDOW_LEAST, _WINDOW = 3, 8  # readings that make a velocity
 _CLEAR = 10.0  # standard errors, from which on a velocity needs no more readings
-_WINDOW_S = 2.0  # older ones tell nothing about it
-_MEAN = 4  # readings that a slow movement is told by
+_WINDOW_S = 2.0  # older ones do not count
+_MEAN = 4  # readings that are averaged to notice a slow movement
 _SIGMAS = 4.0  # that a movement has to stand out of the noise
 _MARGIN = 0.05  # of the range that a joint was calibrated over
 
@@ -32,15 +32,15 @@ class Angle(NamedTuple):
         The same by the board's clock, which does not wrap here.
     angle_rad : float
     sigma_rad : float
-        Standard error: noise, what the joint's line leaves, and the play unless it is known to be
-        taken up.
+        Standard error: noise, what the joint's line leaves, and the backlash unless it is known
+        to be taken up.
     systematic_rad : float
         Of this, what does not average out over readings: all but the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
         By the board's clock, over the last 3 to 8 readings, so that of a moment in their middle:
         fewer the faster it is. None with fewer than three.
     direction : int
-        In which the play was last taken up: 1 towards larger angles, -1 towards smaller ones, 0
+        In which the backlash was last taken up: 1 towards larger angles, -1 towards smaller ones, 0
         if that is not known yet.
     within : bool
         Whether the joint was calibrated there.
@@ -65,7 +65,7 @@ class Encoder:
     joint : calibrate.file.Joint
         What ``spots calibrate joint`` found; of a calibration file, its ``joint``.
     offset_rad, gain : float
-        The angle told is ``offset_rad + gain * angle`` of the joint's own calibration: how it is
+        The angle is ``offset_rad + gain * angle`` of the joint's own calibration: how it is
         mounted, see `kinematics`.
 
     Raises
@@ -75,9 +75,9 @@ class Encoder:
 
     Notes
     -----
-    With play between joint and indenter, the indenter lags by half of it in either direction. As
-    soon as the position has moved by more than its noise, the play is known to be taken up that
-    way, and half of it is added or taken off.
+    With backlash between joint and indenter, the indenter lags by half of it in either direction.
+    As soon as the position has moved by more than its noise, the backlash is known to be taken up
+    that way, and half of it is added or subtracted.
     """
 
     def __init__(self, joint: Joint, offset_rad: float = 0.0, gain: float = 1.0):
@@ -94,7 +94,7 @@ class Encoder:
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Take a reading and return the angle; None if the reading is not to be trusted."""
+        """Take a reading and return the angle; None if the reading is untrusted."""
         if not touch.trusted:
             return None
         joint = self.joint
@@ -105,12 +105,12 @@ class Encoder:
             self._recent.clear()  # the board restarted, or nothing was felt for long
         self._recent.append((device_s, indenter_deg))
         self._follow(indenter_deg, noise_deg)
-        # A joint at rest may stand anywhere in its play.
+        # A joint at rest may stand anywhere in its backlash.
         moving = self._direction and self._still_for < _WINDOW
-        play_var = 0.0 if moving else joint.backlash_deg**2 / 12
-        # Mean absolute error to standard error, if normal; half the play of it is taken off below.
+        backlash_var = 0.0 if moving else joint.backlash_deg**2 / 12
+        # Mean absolute error to standard error, if normal; half the backlash is subtracted below.
         line_var = max(math.pi / 2 * joint.accuracy_deg**2 - joint.backlash_deg**2 / 4, 0.0)
-        systematic_deg = math.sqrt(line_var + play_var)
+        systematic_deg = math.sqrt(line_var + backlash_var)
         angle_deg = indenter_deg + self._direction * joint.backlash_deg / 2
         velocity, velocity_sigma = self._velocity(noise_deg)
         scale = math.radians(self.gain)
@@ -143,7 +143,7 @@ class Encoder:
         return low_um - slack_um <= position_um <= high_um + slack_um
 
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
-        """Take note of which way the indenter moved: at once if far, or else bit by bit."""
+        """Record which way the indenter moved: at once if far, else from means of some readings."""
         self._still_for += 1
         last_deg = self._since[-1] if self._since else indenter_deg
         moved_deg, least_deg = indenter_deg - last_deg, _SIGMAS * math.sqrt(2) * noise_deg

@@ -20,43 +20,32 @@ _BLOCK = 1 << 13  # samples at a time: what is worked on stays in the processor'
 
 
 class Limit(IntEnum):
-    """Why a linkage has no answer; `NONE` where it has one."""
+    """Why a linkage has no solution; `NONE` where it has one.
 
-    NONE = 0
-    NOT_FINITE = 1
-    BEYOND_ARM_1 = 2
-    BEYOND_ARM_2 = 3
-    WITHIN_ARM_1 = 4
-    WITHIN_ARM_2 = 5
-    AT_JOINT_1 = 6
-    AT_JOINT_2 = 7
-    OTHER_ASSEMBLY = 8
-    ELBOWS_APART = 9
-    ELBOWS_CLOSE = 10
-    ELBOWS_MEET = 11
-    SINGULAR = 12
+    Attributes
+    ----------
+    sentence : str
+        The reason, for people.
+    """
 
-    @property
-    def sentence(self) -> str:
-        """What it means, for people."""
-        return _SENTENCES[self]
+    NONE = 0, "the linkage can be there"
+    NOT_FINITE = 1, "a value is not a finite number"
+    BEYOND_ARM_1 = 2, "farther from joint 1 than its two bars reach"
+    BEYOND_ARM_2 = 3, "farther from joint 2 than its two bars reach"
+    WITHIN_ARM_1 = 4, "nearer to joint 1 than its two bars of unequal length fold"
+    WITHIN_ARM_2 = 5, "nearer to joint 2 than its two bars of unequal length fold"
+    AT_JOINT_1 = 6, "on joint 1, where its angle may be any"
+    AT_JOINT_2 = 7, "on joint 2, where its angle may be any"
+    OTHER_ASSEMBLY = 8, "only the other assembly of the linkage gets there"
+    ELBOWS_APART = 9, "the elbows are farther apart than the outer bars reach"
+    ELBOWS_CLOSE = 10, "the elbows are closer than the outer bars of unequal length fold"
+    ELBOWS_MEET = 11, "the elbows coincide, and the terminal may be anywhere around them"
+    SINGULAR = 12, "the outer bars are in line, and the terminal moves while the joints stand"
 
-
-_SENTENCES = {
-    Limit.NONE: "the linkage can be there",
-    Limit.NOT_FINITE: "a value is not a finite number",
-    Limit.BEYOND_ARM_1: "farther from joint 1 than its two bars reach",
-    Limit.BEYOND_ARM_2: "farther from joint 2 than its two bars reach",
-    Limit.WITHIN_ARM_1: "nearer to joint 1 than its two bars of unequal length fold",
-    Limit.WITHIN_ARM_2: "nearer to joint 2 than its two bars of unequal length fold",
-    Limit.AT_JOINT_1: "on joint 1, where its angle may be any",
-    Limit.AT_JOINT_2: "on joint 2, where its angle may be any",
-    Limit.OTHER_ASSEMBLY: "only the other assembly of the linkage gets there",
-    Limit.ELBOWS_APART: "the elbows are farther apart than the outer bars reach",
-    Limit.ELBOWS_CLOSE: "the elbows are closer than the outer bars of unequal length fold",
-    Limit.ELBOWS_MEET: "the elbows lie on each other, and the terminal may be anywhere around them",
-    Limit.SINGULAR: "the outer bars are in line, and the terminal moves while the joints stand",
-}
+    def __new__(cls, code: int, sentence: str):
+        limit = int.__new__(cls, code)
+        limit._value_, limit.sentence = code, sentence
+        return limit
 
 
 class LimitError(SpotsError):
@@ -86,6 +75,11 @@ class Linkage:
         Two terminals go with the same two angles. Seen from elbow 1 towards elbow 2, ``far`` has
         the terminal on the left: beyond the elbows, if these are raised from the base.
 
+    Attributes
+    ----------
+    side : float
+        1 for ``far``, -1 for ``near``.
+
     Raises
     ------
     SpotsError
@@ -93,10 +87,11 @@ class Linkage:
 
     Notes
     -----
-    Where there is no answer, scalars raise `LimitError`, and arrays come back masked
-    (`numpy.ma.MaskedArray`, NaN beneath the mask); `forward_limits` and `inverse_limits` tell the
-    reason for each. Arrays always come back as masked arrays, whether or not anything is masked,
-    and masked input stays masked. `inverse` is for elbows that point outwards, as Eqs. 3 and 4 are.
+    Where there is no solution, scalars raise `LimitError`, and arrays are masked
+    (`numpy.ma.MaskedArray`, NaN beneath the mask); `forward_limits` and `inverse_limits` return the
+    reason for each element. Arrays in are always masked arrays out, whether or not anything is
+    masked, and masked input stays masked. `inverse` is for elbows that point outwards, as in
+    Eqs. 3 and 4.
     """
 
     def __init__(self, bar_mm, base_mm: float, assembly: str = "far"):
@@ -115,7 +110,7 @@ class Linkage:
         self.bar_mm = tuple(bars.tolist())
         self.base_mm = base
         self.assembly = assembly
-        self._side = 1.0 if assembly == "far" else -1.0
+        self.side = 1.0 if assembly == "far" else -1.0
 
     def __repr__(self) -> str:
         bars = ", ".join(f"{bar:g}" for bar in self.bar_mm)
@@ -213,7 +208,8 @@ class Linkage:
             x, y, limit = self._forward(theta1_rad, theta2_rad)
             u1, u2, across = self._outer(theta1_rad, theta2_rad, x, y)
             _, b1, b2, _ = self.bar_mm
-            limit = np.where((limit == 0) & (abs(across) < _IN_LINE * b1 * b2), 12, limit)
+            in_line = abs(across) < _IN_LINE * b1 * b2
+            limit = np.where((limit == 0) & in_line, Limit.SINGULAR, limit)
             # u_i is constant in length: u_i . dT = u_i . d(elbow_i).
             a1, _, _, a2 = self.bar_mm
             push1 = a1 * (u1[0] * np.cos(theta1_rad) - u1[1] * np.sin(theta1_rad))
@@ -295,22 +291,15 @@ class Linkage:
         return u1, u2, u1[0] * u2[1] - u1[1] * u2[0]
 
     def _forward(self, theta1, theta2):
-        a1, b1, b2, a2 = self.bar_mm
-        x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)
-        across_x = self.base_mm - a2 * np.sin(theta2) - x1
-        across_y = a2 * np.cos(theta2) - y1
-        apart2 = across_x * across_x + across_y * across_y
-        # Along the line of the elbows, and off it, as shares of their distance.
-        along = 0.5 if b1 == b2 else 0.5 + (b1 * b1 - b2 * b2) / (2 * apart2)
-        off2 = b1 * b1 / apart2 - along * along
-        off = self._side * np.sqrt(np.maximum(off2, 0))
-        x = x1 + along * across_x - off * across_y
-        y = y1 + along * across_y + off * across_x
-        # One comparison tells that all is well; which limit it is costs only where it is not.
-        bad = ~(off2 >= 0)
+        _, b1, b2, _ = self.bar_mm
+        x, y, apart2, off2 = assembled(self.bar_mm, self.base_mm, self.side, theta1, theta2)
+        # One comparison shows that all is well; which limit it is costs only where it is not.
         limit = np.zeros(np.shape(x), np.int8)
-        if bad.any() or (apart2 <= _ROUNDING * b1 * b1).any():
-            limit = _elbow_limits(np.sqrt(apart2), b1, b2)
+        if (~(off2 >= 0)).any() or (apart2 <= _ROUNDING * b1 * b1).any():
+            apart = np.sqrt(apart2)
+            codes = Limit.ELBOWS_APART, Limit.ELBOWS_CLOSE, Limit.ELBOWS_MEET
+            limit = _bar_limits(apart, b1, b2, *codes)
+            limit = np.where(np.isfinite(apart), limit, Limit.NOT_FINITE).astype(np.int8)
         return x, y, limit
 
     def _inverse(self, x, y):
@@ -322,39 +311,54 @@ class Linkage:
         limit = np.where(np.isfinite(x) & np.isfinite(y), limit, Limit.NOT_FINITE)
         # On the line of the elbows the two assemblies are one.
         *_, across = self._outer(theta1, theta2, x, y)
-        other = self._side * across < -_ROUNDING * b1 * b2
+        other = self.side * across < -_ROUNDING * b1 * b2
         limit = np.where((limit == 0) & other, Limit.OTHER_ASSEMBLY, limit)
         return theta1, theta2, limit.astype(np.int8)
+
+
+def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
+    """Return the terminal at two angles; the square of the elbows' distance; and `off2`.
+
+    `off2` is negative where the linkage cannot be closed. There the terminal is the one of the
+    value `least`, which keeps a fit smooth that passes through such angles.
+    """
+    a1, b1, b2, a2 = bar_mm
+    x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)
+    across_x = base_mm - a2 * np.sin(theta2) - x1
+    across_y = a2 * np.cos(theta2) - y1
+    apart2 = across_x * across_x + across_y * across_y
+    # Along the line of the elbows, and off it, as shares of their distance.
+    along = 0.5 if b1 == b2 else 0.5 + (b1 * b1 - b2 * b2) / (2 * apart2)
+    off2 = b1 * b1 / apart2 - along * along
+    off = side * np.sqrt(np.maximum(off2, least))
+    x = x1 + along * across_x - off * across_y
+    y = y1 + along * across_y + off * across_x
+    return x, y, apart2, off2
 
 
 def _arm(x, y, inner, outer):
     """Return the angle of one arm, and the `Limit` code if it is arm 1."""
     reach = np.hypot(x, y)
-    whole = inner + outer
     # The cosine rule; for equal bars it is Eq. 3's sqrt(x^2 + y^2) / 2l.
     if inner == outer:
-        cosine = reach / whole
+        cosine = reach / (inner + outer)
     else:
         cosine = (reach * reach + inner * inner - outer * outer) / (2 * inner * reach)
     theta = np.pi / 2 - np.arctan2(y, x) - np.arccos(np.clip(cosine, -1, 1))
-    limit = np.where(reach > whole * (1 + _ROUNDING), Limit.BEYOND_ARM_1, 0)
-    limit = np.where(reach < abs(inner - outer) - whole * _ROUNDING, Limit.WITHIN_ARM_1, limit)
-    limit = np.where(
-        (reach <= whole * _ROUNDING) & (abs(inner - outer) <= whole * _ROUNDING),
-        Limit.AT_JOINT_1,
-        limit,
+    limit = _bar_limits(
+        reach, inner, outer, Limit.BEYOND_ARM_1, Limit.WITHIN_ARM_1, Limit.AT_JOINT_1
     )
     turn = 2 * np.pi
     return np.where(abs(theta) > np.pi, theta - np.copysign(turn, theta), theta), limit
 
 
-def _elbow_limits(apart, b1, b2):
-    whole = b1 + b2
-    limit = np.where(apart > whole * (1 + _ROUNDING), Limit.ELBOWS_APART, 0)
-    limit = np.where(apart < abs(b1 - b2) - whole * _ROUNDING, Limit.ELBOWS_CLOSE, limit)
-    met = (apart <= whole * _ROUNDING) & (abs(b1 - b2) <= whole * _ROUNDING)
-    limit = np.where(met, Limit.ELBOWS_MEET, limit)
-    return np.where(np.isfinite(apart), limit, Limit.NOT_FINITE).astype(np.int8)
+def _bar_limits(apart, a, b, beyond, within, meet):
+    """Return the `Limit` codes of two bars with a common end, whose other ends are so far apart."""
+    whole, difference = a + b, abs(a - b)
+    slack = whole * _ROUNDING
+    limit = np.where(apart > whole * (1 + _ROUNDING), beyond, 0)
+    limit = np.where(apart < difference - slack, within, limit)
+    return np.where((apart <= slack) & (difference <= slack), meet, limit)
 
 
 def _pair(first, second):

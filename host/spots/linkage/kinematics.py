@@ -1,6 +1,6 @@
 """Kinematic calibration: a linkage's lengths and mounting, from places where its terminal was.
 
-Robust least squares by scipy, the extra ``kinematics``; and what the places tell and do not tell.
+Robust least squares by scipy, the extra ``kinematics``; and which parameters the places determine.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from ..errors import SpotsError, missing
-from .fivebar import Linkage
+from .fivebar import Linkage, assembled
 
 # What is unknown about each parameter beforehand: the scale in which parameters of different units
 # are compared, and a weak pull towards the start that decides only what the places leave open.
@@ -33,10 +33,10 @@ NAMES = LENGTHS + tuple(_RANGES)
 STANDARD = LENGTHS + MOUNTING + FRAME
 _ROBUST = 2.0  # standard errors, from which on a residual pulls less than its square
 _OUTLIER = 5.0
-_KNOWN = 0.5  # a direction is told if the places leave less than this of what was unknown of it
+_KNOWN = 0.5  # a direction is determined if the places leave less than this of its prior range
 _NAMED = 0.3  # of the largest share, to be named with it
 _ROUNDS = 4  # of weights, and outliers, that follow from the last fit
-_NONSENSE = 0.02  # of a bar: a fit that leaves more is none
+_NONSENSE = 0.02  # of a bar: a fit with larger residuals is refused
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ class Kinematics:
     names : tuple of str
         Of the free parameters.
     values, standard_errors : dict of str to float
-        Of all parameters; the errors of the fixed ones are 0. Where something could not be told
+        Of all parameters; the errors of the fixed ones are 0. Where something is not determined
         (`unidentified`), errors are what was unknown beforehand.
     assembly : str
     unidentified : tuple of tuple of str
-        Parameters that these places do not tell apart: one of each group has to be known.
+        Groups of parameters that these places do not separate: give one of each group.
     rank : int
-        How many independent combinations of the free parameters the places tell.
+        How many independent combinations of the free parameters the places determine.
     condition : float
         Of the Jacobian, its columns scaled by what was unknown: largest over smallest singular
-        value; infinite if not even rounding tells something.
+        value; infinite if the smallest is 0.
     residual_rms_mm, residual_max_mm : float
         Distances of the measured terminals from those of the fit, without the outliers.
     misfit : float
@@ -125,9 +125,9 @@ class Kinematics:
             rows.append(f"places that do not fit: {', '.join(map(str, self.outliers))}")
         for group in self.unidentified:
             if len(group) == 1:
-                rows.append(f"these places do not tell {group[0]}: give it")
+                rows.append(f"these places do not determine {group[0]}: give it")
             else:
-                rows.append(f"these places do not tell apart {', '.join(group)}: give one of them")
+                rows.append(f"these places do not separate {', '.join(group)}: give one of them")
         return "\n".join(rows)
 
 
@@ -148,11 +148,11 @@ def calibrate(
     Parameters
     ----------
     angles_rad : array_like, shape (2, n)
-        What the encoders told at each place.
+        The angle of each encoder at each place.
     x_mm, y_mm : array_like, shape (n,)
         Where the terminal was, by a ruler, a grid or a machine, in a frame of its own.
     start : Linkage
-        As drawn.
+        The nominal linkage.
     angle_sigma_rad : float or array_like, shape (2, n)
         Standard error of the angles, see `Angle.sigma_rad`.
     place_sigma_mm : float
@@ -186,7 +186,7 @@ def calibrate(
     ranges = np.array(
         [_RANGES.get(name, _LENGTH_SHARE * value) for name, value in zip(names, centre)]
     )
-    fit = _Fit(angles, places, values, names, start.assembly)
+    fit = _Fit(angles, places, values, names, start.side)
     scale = np.full((len(places), 2, 2), np.eye(2) / place_sigma_mm)
     found = np.zeros(len(names))  # in units of the ranges, from the start
     outlier = np.zeros(len(places), bool)
@@ -199,10 +199,13 @@ def calibrate(
         misfit = float(np.median(distance) / np.sqrt(np.log(2)))  # Rayleigh's median
         outlier = distance > _OUTLIER * max(misfit, 1)
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
-        raise SpotsError("the angles and places do not go together: is each of the same moment?")
+        raise SpotsError(
+            "the angles and places do not go together: is each pair of the same moment, "
+            "in mm, and in the unit of angle that its name has?"
+        )
     _check_enough(int((~outlier).sum()), names, f"without the {outlier.sum()} that do not fit, ")
     jacobian = fit.jacobian(at, ranges, scale)[np.repeat(~outlier, 2)]
-    errors, unidentified, rank, condition = _told(jacobian, names, max(misfit, 1.0))
+    errors, unidentified, rank, condition = _identified(jacobian, names, max(misfit, 1.0))
     off_mm = np.hypot(*residual_mm[~outlier].T)
     return Kinematics(
         names,
@@ -220,10 +223,9 @@ def calibrate(
 
 
 class _Fit:
-    def __init__(self, angles, places, values, names, assembly):
-        self._angles, self._places = angles, places
+    def __init__(self, angles, places, values, names, side):
+        self._angles, self._places, self._side = angles, places, side
         self._values, self._names = values, names
-        self._side = 1.0 if assembly == "far" else -1.0
 
     def residual_mm(self, at) -> np.ndarray:
         """Return measured less fitted terminals, shape (n, 2)."""
@@ -269,19 +271,12 @@ class _Fit:
         return np.linalg.inv(np.linalg.cholesky(covariance))
 
     def _terminal(self, values, angles) -> np.ndarray:
-        # As `Linkage.forward`, but smooth beyond its limits, where a fit may pass through.
-        a1, b1, b2, a2 = (values[name] for name in LENGTHS[:4])
+        bar_mm = [values[name] for name in LENGTHS[:4]]
         t1 = values["offset1_rad"] + values["gain1"] * angles[0]
         t2 = values["offset2_rad"] + values["gain2"] * angles[1]
-        x1, y1 = a1 * np.sin(t1), a1 * np.cos(t1)
-        dx = values["base_mm"] - a2 * np.sin(t2) - x1
-        dy = a2 * np.cos(t2) - y1
-        apart2 = dx**2 + dy**2
-        along = 0.5 + (b1**2 - b2**2) / (2 * apart2)
-        off = self._side * np.sqrt(np.maximum(b1**2 / apart2 - along**2, 1e-12))
-        return np.stack(
-            framed(values, x1 + along * dx - off * dy, y1 + along * dy + off * dx), axis=-1
-        )
+        # A fit may pass through angles at which the linkage cannot be closed.
+        x, y, *_ = assembled(bar_mm, values["base_mm"], self._side, t1, t2, least=1e-12)
+        return np.stack(framed(values, x, y), axis=-1)
 
 
 def framed(values, x_mm, y_mm):
@@ -294,8 +289,8 @@ def framed(values, x_mm, y_mm):
     )
 
 
-def _told(jacobian, names, misfit):
-    """Return errors in units of the ranges, groups not told apart, rank and condition."""
+def _identified(jacobian, names, misfit):
+    """Return errors in units of the ranges, groups not separated, rank and condition."""
     _, sizes, ways = np.linalg.svd(jacobian, full_matrices=False)
     sizes = sizes / misfit
     left = 1 / np.sqrt(1 + sizes**2)  # of what was unknown, in each direction
@@ -325,6 +320,6 @@ def _checked(angles_rad, x_mm, y_mm, free):
 def _check_enough(places, free, where=""):
     if 2 * places < len(free):
         raise SpotsError(
-            f"{where}{places} places tell {2 * places} numbers, fewer than the {len(free)} that "
+            f"{where}{places} places are {2 * places} numbers, fewer than the {len(free)} that "
             "are free: measure more, or free less"
         )

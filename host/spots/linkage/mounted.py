@@ -1,4 +1,4 @@
-"""The linkage file: a five-bar linkage as it stands, and how the strips sit in its joints."""
+"""The linkage file: a five-bar linkage as built, and how the strips are mounted in its joints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from .encoder import Encoder
 from .fivebar import Linkage
 from .kinematics import Kinematics
 
-_Length = Annotated[float, msgspec.Meta(gt=0, le=10_000)]
+# Shorter ones are lengths in metres.
+_Length = Annotated[float, msgspec.Meta(ge=1, le=10_000)]
 _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 _GAINS = 0.5, 2.0
 # Keys that a file of a simulated linkage does not have.
@@ -147,7 +148,7 @@ def is_mounted(name: str) -> bool:
     try:
         content = toml.loads(read_text(name))
     except (OSError, ValueError, msgspec.ValidationError, SpotsError):
-        return False  # who reads it says what is wrong
+        return False  # `load` reports what is wrong
     return bool(_OWN & content.keys())
 
 
@@ -157,19 +158,20 @@ def load(path: str | Path) -> Mounted:
     Raises
     ------
     SpotsError
-        If there is none, or a key in it is unknown, missing or out of range.
+        If it cannot be read, or a key in it is unknown, missing or out of range.
     """
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
-            f"cannot read the linkage file {path}: docs/fivebar.md shows how to write one"
+            f"cannot read the linkage file {path}: name one with --linkage; docs/fivebar.md shows "
+            "how to write it"
         ) from None
     return toml.checked(text, Mounted, f"linkage file {path}")
 
 
 def save(mounted: Mounted, path: Path, comment: str = "") -> None:
-    """Write a linkage file, or replace it: at every moment the old one or the new one is whole.
+    """Write a linkage file, or replace it, atomically.
 
     Parameters
     ----------

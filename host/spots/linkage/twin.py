@@ -33,7 +33,7 @@ def twin_command(options: argparse.Namespace) -> None:
     """
     ports = options.port
     simulated = linkage_of(ports)
-    tell = _json if options.json else None
+    on_terminal = _json if options.json else None
     boards = (ports and not simulated) or is_mounted(options.linkage)
     if options.measure and simulated:
         raise SpotsError("--measure is for boards: nobody can move a simulated linkage by hand")
@@ -54,20 +54,20 @@ def twin_command(options: argparse.Namespace) -> None:
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
     elif simulated:
-        machine = simulated(
-            options.sensor, options.linkage, options.path, options.seed, options.exposure_us
-        )
-        with driven(machine, options.record) as source:
-            show(source, options.seconds, tell)
-    elif boards and options.measure:
-        if any(map(is_recording, ports)):
+        given = {"path": options.path, "exposure_us": options.exposure_us}
+        given = {name: value for name, value in given.items() if value is not None}
+        linkage = simulated(options.sensor, options.linkage, seed=options.seed, **given)
+        with driven(linkage, options.record) as source:
+            show(source, options.seconds, on_terminal)
+    elif boards:
+        played = any(map(is_recording, ports))
+        if options.measure and played:
             raise SpotsError("--measure is for boards: a recording cannot be asked for a place")
         with opened(options.linkage, ports, options.record) as source:
-            _measure(source, Path(options.measure))
-    elif boards:
-        with opened(options.linkage, ports, options.record) as source:
-            played = bool(ports) and is_recording(ports[0])
-            show(source, options.seconds, tell, played)
+            if options.measure:
+                _measure(source, Path(options.measure))
+            else:
+                show(source, options.seconds, on_terminal, played)
     elif options.record or options.measure or options.seconds:
         raise SpotsError("--record, --measure and --seconds are for boards: name them with --port")
     else:
@@ -80,23 +80,24 @@ def twin_command(options: argparse.Namespace) -> None:
 def show(
     source: Source,
     seconds: float | None,
-    tell: Callable[[Terminal], None] | None = None,
+    on_terminal: Callable[[Terminal], None] | None = None,
     played: bool = False,
 ) -> int:
-    """Show a twin until the time is over or Ctrl-C, and return how many terminals it told.
+    """Show a twin until the time is over or Ctrl-C, and return how many terminals there were.
 
     Parameters
     ----------
     source : Source
     seconds : float or None
-    tell : callable, optional
-        Given each terminal; if none, a live picture on a terminal and plain lines elsewhere.
+    on_terminal : callable, optional
+        Called with each terminal; if not given, there is a live picture on a terminal and plain
+        lines elsewhere.
     played : bool
-        Whether it is a recording, which waits for nobody but people.
+        Whether it is a recording, which is paced for a picture, else read as fast as possible.
     """
     console = Console()
-    drawing = console.is_terminal and tell is None
-    tell = tell or Lines()
+    drawing = console.is_terminal and on_terminal is None
+    on_terminal = on_terminal or Lines()
     view = TwinView(source.twin, source.names)
     count = 0
     pairs = source.readings(seconds)
@@ -108,13 +109,13 @@ def show(
                 for terminal in source.twin.take(joint, touch):
                     count += 1
                     if not drawing:
-                        tell(terminal)
+                        on_terminal(terminal)
                 if drawing and pace.due(touch.time_s):
                     display.update(view.picture(source.stats(), touch.time_s), refresh=True)
     except KeyboardInterrupt:
         return count
     if played and not count:
-        raise SpotsError("the recordings tell no terminal: were they made at the same time?")
+        raise SpotsError("the recordings have no terminal: were they made at the same time?")
     return count
 
 
@@ -137,13 +138,12 @@ class Lines:
 
     def __init__(self):
         self._began_s: float | None = None
-        self._due_s = -math.inf
+        self._pace = Pace(_LINES_PER_S)
 
     def __call__(self, terminal: Terminal) -> None:
         if self._began_s is None:
             self._began_s = terminal.time_s
-        if terminal.time_s >= self._due_s:
-            self._due_s = terminal.time_s + 1 / _LINES_PER_S
+        if self._pace.due(terminal.time_s):
             print(line(terminal, self._began_s), flush=True)
 
 

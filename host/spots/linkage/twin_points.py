@@ -1,4 +1,4 @@
-"""The points of a kinematic calibration: measured with a linkage, kept as a table, and used."""
+"""The points of a kinematic calibration: measured with a linkage, stored as a table, and fitted."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     return f"{report}\n{printable(str(out))} holds this linkage"
 
 
-def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tell=print) -> int:
+def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say=print) -> int:
     """Ask where the terminal is, read the joints there, add it to a table; until an empty line.
 
     Parameters
@@ -83,8 +83,8 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tel
         Is made, or goes on.
     ask : callable
         Given a question, returns the answer.
-    tell : callable
-        Given a line.
+    say : callable
+        Called with each line for the user.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tel
     Raises
     ------
     SpotsError
-        If the table is none of ours or cannot be written, or a joint tells nothing.
+        If the table has other columns or cannot be written.
     """
     count = len(_read(points)[0]) if points.exists() else 0
     while True:
@@ -106,18 +106,18 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, tel
         except ValueError:
             x_mm = y_mm = math.nan
         if not (math.isfinite(x_mm) and math.isfinite(y_mm)):
-            tell("two numbers in mm, such as: 40 150")
+            say("two numbers in mm, such as: 40 150")
             continue
         try:
             joints = [_mean(angles) for angles in _angles(source)]
         except SpotsError as error:
-            tell(str(error))
+            say(str(error))
             continue
         row = x_mm, y_mm, *(joint[0] for joint in joints), *(joint[1] for joint in joints)
         _append(points, row)
         count += 1
-        told = ", ".join(f"{angle:.3f} +- {sigma:.3f} deg" for angle, sigma in joints)
-        tell(f"joints at {told}")
+        measured = ", ".join(f"{angle:.3f} +- {sigma:.3f} deg" for angle, sigma in joints)
+        say(f"joints at {measured}")
 
 
 def _spare(out: Path, kept: list[Path]) -> None:
@@ -132,13 +132,13 @@ def _angles(source: Source) -> list[list[Angle]]:
     angles: list[list[Angle]] = [[], []]
     since_s = source.now_s()
     for joint, touch in source.readings(_LASTS_S):
-        # What came while nobody read is of another place.
+        # Readings from before now are of another place.
         angle = encoders[joint].take(touch) if touch.time_s >= since_s else None
         if angle is not None:
             angles[joint].append(angle)
     for number, found in enumerate(angles, 1):
         if len(found) < _LEAST:
-            raise SpotsError(f"joint {number} tells nothing: does its indenter press the strip?")
+            raise SpotsError(f"joint {number} gives no angle: does its indenter press the strip?")
     return angles
 
 
@@ -153,10 +153,8 @@ def _mean(angles: list[Angle]) -> tuple[float, float]:
 def _append(path: Path, row: Iterable[float]) -> None:
     try:
         new = not path.exists()
-        cut_off = not new and read_bytes(path, POINTS_MAX_BYTES)[-1:] not in (
-            b"",
-            b"\n",
-        )  # by an editor
+        # An editor may have left the last line without its end.
+        cut_off = not new and not read_bytes(path, POINTS_MAX_BYTES).endswith(b"\n")
         with open(path, "a", encoding="utf-8", newline="") as file:
             table = csv.writer(file)
             if cut_off:

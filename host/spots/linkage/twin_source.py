@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Protocol
 
@@ -73,12 +75,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     SpotsError
         If a file is wrong, or a board is not there or not that of its calibration.
     """
-    path = Path(linkage)
-    arm = mounted.load(path)
-    strips = arm.strips(path)
-    twin = Twin(arm.linkage, arm.encoders(strips))
-    if len(ports) > 2:
-        raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
+    twin, strips = loaded(linkage, ports)
     played = [is_recording(port) for port in ports]
     if any(played):
         if not all(played) or record:
@@ -92,8 +89,30 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
         yield _live(twin, boards, lambda board: _prepare(boards, strips, board))
 
 
-class Machine(Protocol):
-    """A linkage with a board in each joint, which it opens itself.
+def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[CalibrationFile]]:
+    """Return the twin of a linkage file, and the calibrations of its strips.
+
+    Parameters
+    ----------
+    linkage : str or Path
+    ports : list of str
+        Two, or one of a board with two sensors, or none.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or there are more than two ports.
+    """
+    path = Path(linkage)
+    arm = mounted.load(path)
+    strips = arm.strips(path)
+    if len(ports) > 2:
+        raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
+    return Twin(arm.linkage, arm.encoders(strips)), strips
+
+
+class DrivenLinkage(Protocol):
+    """A linkage that opens the boards of its joints itself, such as a simulated one.
 
     Attributes
     ----------
@@ -110,12 +129,12 @@ class Machine(Protocol):
 
 
 @contextmanager
-def driven(machine: Machine, record: list[str] = ()) -> Iterator[Source]:
-    """Open both boards of a machine; in a ``with`` block.
+def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
+    """Open both boards of a linkage that opens them itself; in a ``with`` block.
 
     Parameters
     ----------
-    machine : Machine
+    machine : DrivenLinkage
     record : list of str
         Recordings to make, one for each board.
     """
@@ -126,7 +145,7 @@ def driven(machine: Machine, record: list[str] = ()) -> Iterator[Source]:
 
 
 def linkage_of(ports: list[str]):
-    """Return what makes the `Machine` of ports one of which is a whole linkage, or None."""
+    """Return what makes the `DrivenLinkage` of ports one of which is a whole linkage, or None."""
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
@@ -219,27 +238,25 @@ def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> So
     recordings = [Recording(path) for path in paths]
     for recording in recordings:
         if recording.header.clock is None:
-            raise SpotsError(f"{recording.path} does not tell when its readings were taken")
+            raise SpotsError(f"{recording.path} does not hold when its readings were taken")
     if len(recordings) == 2:
         for number, (recording, strip) in enumerate(zip(recordings, strips), 1):
-            info = recording.header.info
+            info, named = recording.header.info, checksum(list(strip.lines))
             check(strip, info, number, str(recording.path))
-            if info["calibration"] != checksum(list(strip.lines)):
+            if info["calibration"] != named:
                 raise SpotsError(
                     f"joint {number}, {recording.path}: recorded with calibration "
-                    f"{info['calibration']}, and the linkage file names "
-                    f"{checksum(list(strip.lines))}: name the one that it was recorded with"
+                    f"{info['calibration']}, and the linkage file names {named}: name the one that "
+                    "it was recorded with"
                 )
 
     begun_s = max(recording.header.host_s for recording in recordings)
 
     def both(seconds: float | None) -> _Readings:
-        touches = [_touches(recording) for recording in recordings]
+        touches = [(one for _, one in file if isinstance(one, Touch)) for file in recordings]
         pairs = merged(*touches) if len(touches) == 2 else ((t.sensor, t) for t in touches[0])
-        for joint, touch in pairs:
-            if seconds is not None and touch.time_s > begun_s + seconds:
-                return
-            yield joint, touch
+        end_s = math.inf if seconds is None else begun_s + seconds
+        return takewhile(lambda pair: pair[1].time_s <= end_s, pairs)
 
     return Source(
         twin,
@@ -248,7 +265,3 @@ def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> So
         lambda: begun_s,
         both,
     )
-
-
-def _touches(recording: Recording) -> Iterator[Touch]:
-    return (frame for _, frame in recording if isinstance(frame, Touch))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable
 from itertools import groupby
 
@@ -58,13 +59,8 @@ class TwinView:
             self._high = tuple(map(max, self._high, point))
 
     def _plot(self, path: list[Point], bars: list[list[Point]], last: Terminal | None) -> Text:
-        lit: dict[tuple[int, int], int] = {}
-        quiet: dict[tuple[int, int], int] = {}
         drawn = [point for bar in bars for point in _filled(bar, self._scale())]
-        for cells, points in ((quiet, drawn), (lit, path)):
-            for column, row in map(self._dot, points):
-                cell = column // 2, row // 4
-                cells[cell] = cells.get(cell, 0) | _DOTS[column % 2][row % 4]
+        quiet, lit = self._cells(drawn), self._cells(path)
         at = None
         if last and not last.limit:
             column, row = self._dot((last.x_mm, last.y_mm))
@@ -77,6 +73,13 @@ class TwinView:
                 text.append("".join(character for character, _ in run), style=style)
             text.append("\n")
         return text
+
+    def _cells(self, points: list[Point]) -> dict[tuple[int, int], int]:
+        """Return the dots of each character that has some."""
+        cells: dict[tuple[int, int], int] = defaultdict(int)
+        for column, row in map(self._dot, points):
+            cells[column // 2, row // 4] |= _DOTS[column % 2][row % 4]
+        return cells
 
     def _scale(self) -> float:
         """Return dots per mm."""

@@ -17,6 +17,7 @@ from numpy.lib import format as npy
 
 from ..atomic import replacing, sync
 from ..errors import SpotsError, missing
+from .foxglove import LOG_SCHEMA, log_message, schema
 from .header import Header
 from .recording import Recording
 from .table import Table, rows
@@ -188,7 +189,6 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
         from mcap.writer import Writer
     except ImportError:
         raise missing("exporting to MCAP needs", "mcap", "export") from None
-    from .foxglove import LOG_SCHEMA, log_message, schema
 
     begun_ns = round(1e9 * header.utc_s)
     writer = Writer(files.new(out))

@@ -125,10 +125,10 @@ class StripView:
         held = touch is not None and touch.touching
         place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
         force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
-        words = _words(touch) if touch is not None else ""
+        words = " ".join(flag_words(touch)) if touch is not None else ""
         grid.add_row("position", place, Text(words, style="yellow"))
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
-        grid.add_row("force", force, Text(_bar(share, _BAR_COLUMNS), style="cyan"))
+        grid.add_row("force", force, Text(bar(share, _BAR_COLUMNS), style="cyan"))
         return grid
 
     def _history(self) -> Table:
@@ -154,12 +154,13 @@ class StripView:
         counts = self._spectrum.counts if self._spectrum else [0] * len(self._info["plan"])
         top = max([*counts, 1000])
         for name, count in zip(self._info["plan"], counts):
-            bar = Text(_bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
-            grid.add_row(Text(printable(name)), f"{count} ct", bar)
+            filled = Text(bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
+            grid.add_row(Text(printable(name)), f"{count} ct", filled)
         return grid
 
 
-def _bar(share: float, columns: int) -> str:
+def bar(share: float, columns: int) -> str:
+    """Return a bar that is filled to a share of its columns."""
     eighths = round(max(0.0, min(share, 1.0)) * columns * 8)
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
@@ -177,14 +178,15 @@ def _row(row: dict) -> Text:
     )
 
 
-def _words(touch: Touch) -> str:
-    return " ".join(word for flag, word in _FLAG_WORDS.items() if touch.flags & flag)
+def flag_words(touch: Touch) -> list[str]:
+    """Return the flags of a reading in words."""
+    return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
 
 
 def plain(touch: Touch, started_s: float) -> str:
     """Return a reading as a line of text, its time counted from `started_s`."""
     time_s = touch.time_s - started_s
-    words = _words(touch)
+    words = " ".join(flag_words(touch))
     if not touch.touching:
         return f"{time_s:8.3f} s  no touch  {words}".rstrip()
     place, force = touch.position_um / 1000, touch.force_mN / 1000

@@ -1,4 +1,4 @@
-"""Touches to gestures, for a strip that is worn: what was meant, and how sure that is.
+"""Touches to gestures, with a confidence, for a strip that is worn.
 
 Everything is relative to the touch itself (how far, how long, how much harder), for on an arm that
 bends and stretches places and forces are less certain than on a desk.
@@ -42,16 +42,16 @@ _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
 
 
 class Gesture(NamedTuple):
-    """What a finger did.
+    """A classified touch.
 
     Attributes
     ----------
     name : str
         One of `NAMES`.
     confidence : float
-        0 to 1: how far what was measured lies from what would have made it another gesture.
+        0 to 1: how far the measured values lie from the limits to another gesture; 0.5 at a limit.
     position_um, distance_um : int
-        Where it began, and how far it went away from the sensor.
+        Where it began, and how far it moved away from the sensor.
     force_mN : int
         At its hardest.
     time_s : float
@@ -67,12 +67,12 @@ class Gesture(NamedTuple):
 
 
 class Gestures:
-    """Turns readings into gestures; give it every reading of one strip.
+    """Classifies touches; takes every reading of one strip.
 
     Attributes
     ----------
     rests : int
-        How often something was found to rest on the strip that is no finger.
+        How often an object that is not a finger was found on the strip.
     """
 
     def __init__(self):
@@ -95,7 +95,7 @@ class Gestures:
     def take(self, touch: Touch, now_s: float) -> list[Gesture]:
         """Take a reading and return the gestures that it decided; `now_s` as in `tick`."""
         self.tick(now_s)
-        if not touch.flags & LED_OFF:  # a blind one knows of no finger
+        if not touch.flags & LED_OFF:  # a reading with the LED off sees no finger
             self._heard_s = now_s
         self._now_s = touch.time_s
         t = touch.t_us // TICK_US % TICKS
@@ -107,18 +107,18 @@ class Gestures:
         return found
 
     def tick(self, now_s: float) -> None:
-        """Forget the touch and what is pending, if no reading has come for `RELEASE_S`."""
+        """Drop the touch and what is pending if no reading has come for `RELEASE_S`."""
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             self.release()
 
     def release(self) -> None:
-        """Forget the touch and the tap that waits for a second one."""
+        """Drop the touch and the tap that waits for a second one."""
         self._contact.spend()
         self._path = None
         self._tap = None
 
-    # What the contact tells.
+    # Called by the contact.
 
     def down(self, x_um: int, t: int) -> None:
         self._path = _Path(self._now_s, x_um)
@@ -147,10 +147,10 @@ class Gestures:
         self._path = None
         self.rests += 1
 
-    # What it means.
+    # Classification.
 
     def _decide_early(self) -> None:
-        """Tell a squeeze, and a hold, while the finger is still there."""
+        """Decide on a squeeze or a hold while the finger is still there."""
         path = self._path
         still = path.spread_um <= _STILL_UM
         if not (still and path.force_mN >= _SQUEEZE_MN):
@@ -158,9 +158,9 @@ class Gestures:
         elif self._hard_since_s is None:
             self._hard_since_s = self._now_s
         elif self._now_s - self._hard_since_s >= _SQUEEZE_S:
-            self._tell(SQUEEZE, _above(path.hardest_mN, _SQUEEZE_MN), self._certainly_still())
+            self._decide(SQUEEZE, _above(path.hardest_mN, _SQUEEZE_MN), self._certainly_still())
         if not self._decided and still and self._now_s - path.began_s >= 2 * _HOLD_S:
-            self._tell(HOLD, 1.0, self._certainly_still())
+            self._decide(HOLD, 1.0, self._certainly_still())
 
     def _decide_late(self) -> None:
         path = self._path
@@ -168,22 +168,19 @@ class Gestures:
         if path.spread_um > _STILL_UM and abs(path.moved_um) > _STILL_UM:
             rested_s = path.left_s - path.began_s
             went_s = max(path.arrived_s() - path.left_s, 1e-3)
+            away, far_um = path.moved_um > 0, abs(path.moved_um)
             if rested_s >= _REST_S:
-                name = SLIDE_PLUS if path.moved_um > 0 else SLIDE_MINUS
-                self._tell(name, _above(rested_s, _REST_S), _above(abs(path.moved_um), _STILL_UM))
-            elif abs(path.moved_um) >= _SWIPE_UM and went_s <= _SWIPE_S:
-                name = SWIPE_PLUS if path.moved_um > 0 else SWIPE_MINUS
-                self._tell(
-                    name,
-                    _above(abs(path.moved_um), _SWIPE_UM),
-                    _below(went_s, _SWIPE_S),
-                    _below(rested_s, _REST_S),
-                )
-            return  # a finger that wandered means nothing
+                name = SLIDE_PLUS if away else SLIDE_MINUS
+                self._decide(name, _above(rested_s, _REST_S), _above(far_um, _STILL_UM))
+            elif far_um >= _SWIPE_UM and went_s <= _SWIPE_S:
+                name = SWIPE_PLUS if away else SWIPE_MINUS
+                quick = min(_below(went_s, _SWIPE_S), _below(rested_s, _REST_S))
+                self._decide(name, _above(far_um, _SWIPE_UM), quick)
+            return  # a finger that wandered is no gesture
         if path.spread_um > _STILL_UM:
             return
         if lasted_s >= _HOLD_S:
-            self._tell(HOLD, _above(lasted_s, _HOLD_S), self._certainly_still())
+            self._decide(HOLD, _above(lasted_s, _HOLD_S), self._certainly_still())
         elif lasted_s <= _TAP_S:
             self._tapped(_below(lasted_s, _TAP_S))
 
@@ -199,7 +196,7 @@ class Gestures:
             self._found.append(first)
         self._tap = gesture
 
-    def _tell(self, name: str, *margins: float) -> None:
+    def _decide(self, name: str, *margins: float) -> None:
         self._decided = True
         if self._tap:
             self._found.append(self._tap)
@@ -217,12 +214,12 @@ class Gestures:
 
 
 class _Path:
-    """Where a finger has been; what is asked at every reading is kept, not looked for.
+    """The path of a finger; what is needed at every reading is stored, not searched for.
 
     Attributes
     ----------
     began_s, left_s, end_s : float
-        When it came down, went away from there (or has not yet), and was last felt.
+        When it came down, left that place (or has not yet), and was last seen.
     begin_um, end_um : int
         Where.
     force_mN, hardest_mN : int

@@ -1,4 +1,4 @@
-"""``spots wearable``: gestures on a strip that is worn, to keys of this computer."""
+"""``spots wearable``: gestures on a worn strip press keys of this computer."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
+from ..link.untrusted import Untrusted
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
@@ -36,12 +37,12 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Mapping:
-    """What gestures do: a checked file.
+    """The keys of gestures, from a validated file.
 
     Attributes
     ----------
     least_confidence : float
-        What is less sure does nothing.
+        Gestures below it do nothing.
     names : dict of str to str
         By gesture, the key as the file has it.
     keys : dict of str to tuple of int
@@ -72,7 +73,7 @@ class Mapping:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
-        """Press and release what a gesture means, if it is sure enough."""
+        """Press and release the key of a gesture if its confidence suffices."""
         if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
             for pressed in (True, False):
                 keyboard.key(*self.keys[gesture.name], pressed)
@@ -97,25 +98,26 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Tell of each gesture until the time is over; return all of them.
+    """Report each gesture until the time is over; return all of them.
 
     Parameters
     ----------
     board : Board
-        Told to follow the light of the untouched strip.
+        It is set to follow the baseline.
     on_gesture : callable
     seconds : float or None
-        Never end, if None.
+        By the link's clock; endless if None.
     drawing : bool
         Whether to show a picture, with what `mapping` says.
     mapping : Mapping
     """
-    gestures, found = Gestures(), []
+    gestures, untrusted, found = Gestures(), Untrusted(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]
     pace, touch = Pace(), None
     with live(Console()) if drawing else nullcontext() as display:
         for touches in ticks(board, seconds, _TICK_S, gestures.release):
             for touch in touches:
+                untrusted.warn(touch, board.now_s())
                 for gesture in gestures.take(touch, board.now_s()):
                     found.append(gesture)
                     on_gesture(gesture)

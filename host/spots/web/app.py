@@ -1,4 +1,4 @@
-"""The web server: static files, one WebSocket that only tells, and recordings if they are allowed.
+"""The web server: static files, one WebSocket for the state, and recordings if they are allowed.
 
 Nothing that a page sends does anything to a board. A page acknowledges what it has drawn, and gets
 the newest state when it has; nothing is queued for it, here or in the sockets between.
@@ -21,9 +21,9 @@ from aiohttp.http_exceptions import PayloadEncodingError
 from ..errors import SpotsError
 from ..guarded import Guarded
 from .guard import Guard, host_of
-from .pace import Pace
+from .pace import PagePace
 from .recordings import START, STOP, Recordings
-from .state import State
+from .state import PageState
 
 STATIC = Path(__file__).parent / "static"
 # By name, so that no name that a request invents reaches the file system.
@@ -51,12 +51,12 @@ LOG = logging.getLogger(__name__)
 LOG.addFilter(_is_fault)
 
 
-class App:
+class PageApp:
     """Serves a state; used within one event loop.
 
     Parameters
     ----------
-    state : State
+    state : PageState
     guard : Guard
     recordings : Recordings, optional
         What a page with the token may start and stop.
@@ -67,17 +67,17 @@ class App:
         Given the transport of each connection that becomes a page's WebSocket.
     """
 
-    def __init__(self, state: State, guard: Guard, recordings: Recordings | None = None):
+    def __init__(self, state: PageState, guard: Guard, recordings: Recordings | None = None):
         self.on_page: Callable[[asyncio.BaseTransport | None], None] = lambda transport: None
         self._state, self._guard, self._recordings = state, guard, recordings
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
         self._waking = False
         self._wake = Guarded(self._wake_all, "waking the pages", self._not_woken)
-        self._telling = Guarded(self._tell, "sending to a page")
+        self._sending = Guarded(self._send_news, "sending to a page")
         state.on_change = Guarded(self._changed, "waking the server of the page")
         self.web = web.Application(middlewares=[guard.middleware()], client_max_size=_REQUEST_MAX)
-        self.web.router.add_get("/", self._index)
+        self.web.router.add_get("/", self._static)
         self.web.router.add_get("/live", self._live)
         if recordings:
             self.web.router.add_post("/recording", self._record)
@@ -86,7 +86,7 @@ class App:
         self.web.on_shutdown.append(self._close)
 
     def _changed(self) -> None:
-        # From the reader's thread, thousands of times a second; the loop is told once until it ran.
+        # From the reader's thread, thousands of times a second; the loop is woken once.
         if not self._waking:
             self._waking = True
             try:
@@ -104,11 +104,8 @@ class App:
         for news in self._clients.values():
             news.set()
 
-    async def _index(self, request: web.Request) -> web.Response:
-        return _file("index.html")
-
     async def _static(self, request: web.Request) -> web.Response:
-        return _file(request.match_info["name"])
+        return _file(request.match_info.get("name", "index.html"))
 
     async def _record(self, request: web.Request) -> web.Response:
         word = _COMMANDS.get(await _body(request))
@@ -135,7 +132,7 @@ class App:
         self._clients[socket] = news
         may_record = self._recordings and self._guard.may_command(request)
         first = {"may_record": True} if may_record else {}
-        telling = asyncio.create_task(self._tell(socket, news, drawn, first))
+        sending = asyncio.create_task(self._send_news(socket, news, drawn, first))
         try:
             async for message in socket:
                 if message.type == WSMsgType.PONG:
@@ -148,39 +145,33 @@ class App:
                     )
         finally:
             del self._clients[socket]
-            telling.cancel()
+            sending.cancel()
         return socket
 
-    async def _tell(
-        self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn, first: dict
-    ) -> None:
-        try:
-            await self._tell_news(socket, news, drawn, first)
-        except Exception as error:
-            # A page whose socket closes connects again and starts from the newest state.
-            self._telling.failed(error)
-            await socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b"the server failed")
-
-    async def _tell_news(
+    async def _send_news(
         self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn, first: dict
     ) -> None:
         cursor = self._state.begin()
-        while not socket.closed:
-            await news.wait()
-            await drawn.room()
-            news.clear()
-            cursor, parts = self._state.since(cursor)
-            if parts or first:
-                parts, first = first | parts, {}
-                number = drawn.pace.send()
-                message = msgspec.json.encode({"n": number, **parts}).decode()
-                try:
+        try:
+            while not socket.closed:
+                await news.wait()
+                await drawn.room()
+                news.clear()
+                cursor, parts = self._state.since(cursor)
+                if parts or first:
+                    parts, first = first | parts, {}
+                    number = drawn.pace.send()
+                    message = msgspec.json.encode({"n": number, **parts}).decode()
                     if number % _PING_EVERY == 1:
                         await socket.ping(drawn.ask())
                     await socket.send_str(message)
-                except ConnectionError:
-                    return
-                await asyncio.sleep(drawn.pace.every_s)
+                    await asyncio.sleep(drawn.pace.every_s)
+        except ConnectionError:
+            pass  # the page has left
+        except Exception as error:
+            # A page whose socket closes connects again and starts from the newest state.
+            self._sending.failed(error)
+            await socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b"the server failed")
 
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
@@ -191,7 +182,7 @@ class _Drawn:
     """What a page says it has drawn, and how far away it is."""
 
     def __init__(self):
-        self.pace = Pace(time.monotonic)
+        self.pace = PagePace(time.monotonic)
         self._changed = asyncio.Event()
         self._asked = b""
         self._asked_s = 0.0

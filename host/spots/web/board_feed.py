@@ -1,4 +1,4 @@
-"""The thread that reads a board, and finds it again when it was unplugged."""
+"""The thread that reads a board, and reconnects when it was unplugged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..recording.replay import Replay
 from .expected import expected_shown
 from .feel import Feel, layout_shown
 from .recordings import Recordings
-from .state import State
+from .state import PageState
 
 _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
@@ -33,6 +33,17 @@ _WHY = {
     LOST: "the board was disconnected",
     REFUSED: "another board is in its place",
 }
+# What keeps the strip from being felt, and the next step.
+_NEXT = {
+    SEARCHING: "there is no board; next: plug one in, or name its port with --port",
+    STALLED: "the board sends no readings; next: wait a moment, or press its reset button",
+    LOST: "the board is lost; next: check its plug, and this page finds it again",
+    REFUSED: "this is another board; next: plug the first one in, or restart 'spots serve'",
+}
+_UNCALIBRATED = (
+    "the board is not calibrated, so no press has a place or a force; "
+    "next: spots calibrate position"
+)
 
 
 class BoardReader:
@@ -43,7 +54,7 @@ class BoardReader:
     open_board : callable
         Given the id of the board to find again, or None for any, returns it or raises SpotsError.
     layout : KeyLayout
-    state : State
+    state : PageState
         ``board`` (what it is, and whether it is there), ``touch``, ``spectrum``, ``keys``,
         ``stick`` and ``link`` are put there.
     search_every_s : float
@@ -58,7 +69,7 @@ class BoardReader:
         self,
         open_board: Callable[[str | None], Board],
         layout: KeyLayout,
-        state: State,
+        state: PageState,
         search_every_s: float = _SEARCH_EVERY_S,
         on_touch: Callable[[Touch], None] = lambda touch: None,
         recordings: Recordings | None = None,
@@ -79,13 +90,13 @@ class BoardReader:
         self._thread.start()
 
     def stop(self, timeout_s: float = 5.0) -> None:
-        """End the thread and let the board go."""
+        """End the thread and close the board."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(timeout_s)
 
     def watch(self) -> None:
-        """Say so if a board is silent; called now and then by whoever does not read."""
+        """Report a stalled board; called now and then by another thread."""
         heard_s = self._heard_s
         if heard_s is not None and time.monotonic() - heard_s > self._patience_s():
             self._say(LOST, "no readings come")
@@ -182,7 +193,10 @@ class BoardReader:
     def _say(self, state: str, message: str) -> None:
         said = state, message, self._known.get("port")
         if said != self._said:
-            self._state.put("board", {"state": state, "message": message, **self._known})
+            uncalibrated = self._known.get("layout", "") is None
+            step = _NEXT.get(state, _UNCALIBRATED if uncalibrated else "")
+            board = {"state": state, "message": message, "next": step, **self._known}
+            self._state.put("board", board)
             self._said = said  # now: what could not be shown is shown with the next attempt
 
 
@@ -203,7 +217,7 @@ _FACTS = (
 class _Health:
     """Rate, losses and latency of a link, twice a second."""
 
-    def __init__(self, board: Board, state: State):
+    def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
         self._readings = 0
         self._latencies_s: deque[float] = deque(maxlen=256)
@@ -236,7 +250,7 @@ class _Health:
 
 
 def finder(
-    port: str | None, sensor: str, scenario: str, seed: int
+    port: str | None, sensor: str = "default", scenario: str = "demo", seed: int = 0
 ) -> Callable[[str | None], Board]:
     """Return a function as `BoardReader` takes it; arguments as for `spots.open`.
 
@@ -246,18 +260,19 @@ def finder(
         If a file of the virtual board is wrong, which waiting does not mend.
     """
     module, rest = scheme(port)
+    simulated = {"sensor": sensor, "scenario": scenario, "seed": seed}
     if hasattr(module, "check"):
-        module.check(rest, sensor=sensor, scenario=scenario, seed=seed)
+        module.check(rest, **simulated)
 
     def open_board(board_id: str | None) -> Board:
         found = []
         if port is not None or board_id is None:
             try:
-                found = [open(port, sensor=sensor, scenario=scenario, seed=seed)]
+                found = [open(port, **simulated)]
             except SpotsError:
                 if board_id is None or module is not None:
                     raise
-        kind = RefusedError if found else SpotsError
+        refusal = RefusedError if found else SpotsError
         if board_id not in (None, *(one.info["id"] for one in found)):
             found += find()[0]  # its port may have another name now
         wanted = [one for one in found if board_id in (None, one.info["id"])][:1]
@@ -265,7 +280,7 @@ def finder(
             if one not in wanted:
                 one.close()
         if not wanted:
-            raise kind(f"waiting for board {board_id}: plug it in again")
+            raise refusal(f"waiting for board {board_id}: plug it in again")
         return wanted[0]
 
     return open_board

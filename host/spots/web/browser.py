@@ -1,4 +1,4 @@
-"""Whether there is a browser to open a page in, and somebody who sees it."""
+"""Opens the page in a browser where there is a screen."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def opens() -> bool:
 
 
 def show(url: str) -> None:
-    """Print where the page is, and open it if it would be seen."""
+    """Print the address of the page, and open it if there is a screen."""
     print_address(url)
     if opens():
         webbrowser.open(url)
 
 
 def print_address(url: str) -> None:
-    """Tell where the page is."""
+    """Print the address of the page."""
     print(f"the page is at {url} (Ctrl-C ends it)", flush=True)

@@ -19,12 +19,12 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     info : dict
         Its ``hello``.
     dark : list of int
-        Its dark frame, as ``get`` tells it.
+        Its dark frame, from ``get``.
 
     Returns
     -------
     dict or None
-        None where the host does not know the calibration that the board uses, or it is none.
+        None where the host does not know the calibration that the board uses, or it is invalid.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:

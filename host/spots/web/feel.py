@@ -1,36 +1,30 @@
-"""What the uses make of a board's readings: keys, gestures and a stick, as parts of the page."""
+"""Keys, gestures and a stick from a board's readings, as parts of the page."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 
-from spots_device import decode
 from spots_device.layout import action
 
 from ..controller.controller import controller_for
 from ..controller.controller_settings import load as load_controller
 from ..errors import SpotsError
 from ..keyboard.key_engine import KeyEngine
-from ..keyboard.layout import KeyLayout
+from ..keyboard.layout import KeyLayout, typed
 from ..link.board import Board
 from ..link.frames import Key, Touch
+from ..link.untrusted import Untrusted
 from ..outputs.devices import AXIS_MAX
-from ..outputs.usages import USAGES, name_of
+from ..outputs.usages import name_of
+from ..terminal.view import flag_words
 from ..wearable.gestures import Gestures
-from .state import State
+from .state import PageState
 
-_FLAG_WORDS = {
-    decode.SATURATED: "saturated",
-    decode.MISFIT: "not one press",
-    decode.NOT_CALIBRATED: "not calibrated",
-    decode.LED_OFF: "LED off",
-}
 _BUTTONS = 3
 
 
 class Feel:
-    """Takes readings and puts what they mean into a state.
+    """Runs the applications on readings and puts their output into a state.
 
     Parameters
     ----------
@@ -39,14 +33,14 @@ class Feel:
         Its ``hello``; without a calibration there is nothing but the readings.
     layout : KeyLayout
         Of keys; not used where the board is a keyboard itself.
-    state : State
+    state : PageState
     """
 
-    def __init__(self, board: Board, info: dict, layout: KeyLayout, state: State):
-        self._board, self._state, self._layout = board, state, layout
+    def __init__(self, board: Board, info: dict, layout: KeyLayout, state: PageState):
+        self._state, self._layout = state, layout
         self._engine = self._gestures = self._controller = None
-        self._down: dict[tuple, tuple] = {}  # by the event that will let it go
-        self._shown_stick = None
+        self._down: dict[tuple, tuple] = {}  # by the event that will release it
+        self._shown: dict[str, dict] = {}
         length_um = info.get("length_um")
         if length_um:
             self._gestures = Gestures()
@@ -54,24 +48,22 @@ class Feel:
                 self._controller = controller_for(board, load_controller())
             if not info["keys"]:
                 self._engine = KeyEngine(layout, length_um, self)
+        engines = self._engine, self._gestures, self._controller
+        self._engines = [one for one in engines if one is not None]
+        self._untrusted = Untrusted()
         state.put("keys", None)
         state.put("stick", None)
-        self._show_keys()
-        self._show_stick()
+        self._show()
 
     def take(self, touch: Touch, now_s: float) -> None:
         """Take a reading."""
-        self._state.put("touch", _shown(touch, now_s))
-        if self._gestures is None:
-            return
-        if self._engine:
-            with self._shown_layer():
-                self._engine.take(touch, now_s)
-        for gesture in self._gestures.take(touch, now_s):
-            self._state.tell({"kind": "gesture", **gesture._asdict()})
-        if self._controller:
-            self._controller.take(touch, now_s)
-        self._show_stick()
+        self._state.put("touch", _message(touch, now_s))
+        self._untrusted.take(touch, now_s)
+        for engine in self._engines:
+            found = engine.take(touch, now_s)
+            for gesture in found if engine is self._gestures else ():
+                self._state.add_event({"kind": "gesture", **gesture._asdict()})
+        self._show()
 
     def take_key(self, key: Key) -> None:
         """Take a key of a board that is a keyboard itself."""
@@ -80,38 +72,31 @@ class Feel:
 
     def tick(self, now_s: float) -> None:
         """Let time pass, also when no reading comes."""
-        if self._gestures is None:
-            return
-        if self._engine:
-            with self._shown_layer():
-                self._engine.tick(now_s)
-        self._gestures.tick(now_s)
-        if self._controller:
-            self._controller.tick(now_s)
-        self._show_stick()
+        for engine in self._engines:
+            engine.tick(now_s)
+        self._show()
 
     def release(self) -> None:
-        """Let go of all: nobody knows of a finger any more."""
+        """Release all keys and the stick: where the finger is, is unknown."""
         if self._engine:
             self._engine.release()
-        self._show_keys()
-        self._shown_stick = None
-        for name in ("touch", "stick"):
+        self._shown.clear()
+        for name in ("touch", "keys", "stick", "untrusted"):
             self._state.put(name, None)
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Tell of a key event, and which key of the layout it is."""
+        """Add a key event, and mark which key of the layout it is."""
         event = page, usage, modifiers
         if pressed:
-            self._down[event] = self._place(action(page, usage, modifiers))
-        layer, index = self._down.get(event, (None, None))
-        if not pressed:
-            self._down.pop(event, None)
-        name = _written(page, usage)
-        self._state.tell(
+            self._down[event] = self._place(action(*event))
+            layer, index = self._down[event]
+        else:
+            layer, index = self._down.pop(event, (None, None))
+        name = typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
+        self._state.add_event(
             {"kind": "key", "name": name, "pressed": pressed, "layer": layer, "index": index}
         )
-        self._show_keys()
+        self._show()
 
     def _place(self, wanted: int) -> tuple[str | None, int | None]:
         if self._engine is None:
@@ -123,42 +108,30 @@ class Feel:
                     return layer, index
         return None, None
 
-    @contextlib.contextmanager
-    def _shown_layer(self) -> Iterator[None]:
-        layer = self._engine.layer
-        yield
-        if self._engine.layer != layer:
-            self._show_keys()
+    def _show(self) -> None:
+        """Put the parts that have changed."""
+        for name, engine, part in (
+            ("keys", self._engine, self._keys),
+            ("stick", self._controller, self._stick),
+            ("untrusted", self._untrusted, lambda: self._untrusted.sentence),
+        ):
+            if engine is not None and (value := part()) != self._shown.get(name):
+                self._shown[name] = value
+                self._state.put(name, value)
 
-    def _show_keys(self) -> None:
-        if self._engine is None:
-            return
+    def _keys(self) -> dict:
         down = [{"layer": layer, "index": index} for layer, index in self._down.values()]
-        self._state.put("keys", {"layer": self._engine.layer, "down": down})
+        return {"layer": self._engine.layer, "down": down}
 
-    def _show_stick(self) -> None:
-        if self._controller is None:
-            return
+    def _stick(self) -> dict:
         x, y, z, buttons = self._controller.state
-        stick = {
+        return {
             "x": x / AXIS_MAX,
             "y": y / AXIS_MAX,
             "z": z / AXIS_MAX,
             "buttons": [bool(buttons >> i & 1) for i in range(_BUTTONS)],
             "held": self._controller.held,
         }
-        if stick != self._shown_stick:
-            self._shown_stick = stick
-            self._state.put("stick", stick)
-
-
-def _written(page: int, usage: int) -> str:
-    """Return the character that a key writes, else its name."""
-    known = USAGES.get((page, usage))
-    character = known.pynput if known else None
-    if character and len(character) == 1:
-        return character.upper()
-    return name_of(page, usage).lower().replace("_", " ")
 
 
 def layout_shown(layout: KeyLayout) -> dict:
@@ -172,7 +145,7 @@ def layout_shown(layout: KeyLayout) -> dict:
     }
 
 
-def _shown(touch: Touch, now_s: float) -> dict:
+def _message(touch: Touch, now_s: float) -> dict:
     return {
         "time_s": touch.time_s,
         "arrived_s": now_s,
@@ -182,5 +155,5 @@ def _shown(touch: Touch, now_s: float) -> dict:
         "force_mN": touch.force_mN,
         "touching": touch.touching,
         "trusted": touch.trusted,
-        "flags": [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag],
+        "flags": flag_words(touch),
     }

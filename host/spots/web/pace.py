@@ -1,4 +1,4 @@
-"""How often a page is told: as often as it draws without getting late."""
+"""The rate of messages to a page: as many as it draws without delay."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ LATE_S = 0.03
 _SLOWER, _FASTER = 1.25, 0.99
 
 
-class Pace:
-    """The pace of one page, from the times at which it was told and at which it had drawn.
+class PagePace:
+    """The pace of one page, from the times of its messages and of their acknowledgements.
 
     Where processors are short, more messages do not show more, they only wait longer. So each
     that was drawn late makes those that follow much rarer, and each that was not, a little more
@@ -51,7 +51,7 @@ class Pace:
         return self.sent
 
     def acknowledge(self, number: int) -> None:
-        """Take it that a page has drawn all messages up to one."""
+        """Record that a page has drawn all messages up to one."""
         for one in range(self.drawn + 1, min(number, self.sent) + 1):
             late = self._now_s() - self._sent_s.pop(one) > LATE_S + (self._way_s or 0.0)
             every_s = self.every_s * (_SLOWER if late else _FASTER)
@@ -59,7 +59,7 @@ class Pace:
             self.drawn = one
 
     def answered(self, way_s: float) -> None:
-        """Take it that so much went by until there was an answer that had not to be drawn for.
+        """Record the round-trip time of a ping, which needs no drawing.
 
         The least counts: where processors are short, such an answer waits for them, too.
         """

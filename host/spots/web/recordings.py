@@ -14,7 +14,7 @@ from ..errors import SpotsError
 from ..guarded import sentence_of
 from ..link.board import Board
 from ..recording.recorder import Recorder
-from .state import State
+from .state import PageState
 
 START, STOP = "start", "stop"
 _SHOWN_EVERY_S = 0.5
@@ -26,8 +26,8 @@ class Recordings:
     Parameters
     ----------
     folder : Path
-        Where their files are made; the names tell date and board.
-    state : State
+        Where their files are made; named by date and board.
+    state : PageState
         ``recording`` is put there.
 
     Raises
@@ -36,7 +36,7 @@ class Recordings:
         If there is no such folder.
     """
 
-    def __init__(self, folder: Path, state: State):
+    def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
             raise SpotsError(f"there is no folder {folder} to record to: make it first")
         self._folder, self._state = folder, state
@@ -62,7 +62,7 @@ class Recordings:
         return answer
 
     def attend(self, board: Board) -> None:
-        """Do what was asked, and tell how it goes; called often by who reads the board."""
+        """Do what was asked, and show progress; called often by the thread that reads the board."""
         self._attended = True
         while asked := self._next():
             word, answer = asked
@@ -83,7 +83,7 @@ class Recordings:
         """The board is read no more, and its recording has ended with it."""
         self._attended = False
         self._recorder = None
-        self._tell({**self._shown, "on": False})
+        self._put({**self._shown, "on": False})
         self._refuse()
 
     def _start(self, board: Board) -> None:
@@ -126,9 +126,9 @@ class Recordings:
             "seconds": board.now_s() - self._begun_s,
             "lost": board.stats.lost - self._lost,
         }
-        self._tell(shown)
+        self._put(shown)
 
-    def _tell(self, shown: dict) -> None:
+    def _put(self, shown: dict) -> None:
         if shown != self._shown:
             self._shown = shown
             self._state.put("recording", shown)

@@ -9,6 +9,7 @@ import secrets
 import signal
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from ..errors import SpotsError, missing
@@ -19,13 +20,13 @@ from .board_feed import BoardReader, finder
 from .browser import print_address
 from .connections import Connections
 from .recordings import Recordings
-from .state import State
-from .twin_feed import linkage_readers, machine_readers
+from .state import PageState
+from .twin_feed import driven_readers, linkage_readers
 
 try:
     from aiohttp import web
 
-    from .app import LOG, App
+    from .app import LOG, PageApp
     from .guard import Guard
 except ImportError:
     raise missing("the page needs", "aiohttp", "web") from None
@@ -39,7 +40,7 @@ class Server:
 
     Parameters
     ----------
-    state : State
+    state : PageState
     address : str
         An IP address of this machine. Any but a loopback one asks everyone for a token.
     port : int
@@ -57,12 +58,12 @@ class Server:
     Raises
     ------
     SpotsError
-        If the address is none of this machine's, or the port is taken.
+        If the address is not of this machine, or the port is in use.
     """
 
     def __init__(
         self,
-        state: State,
+        state: PageState,
         address: str = LOOPBACK,
         port: int = 0,
         token: str | None = None,
@@ -79,7 +80,7 @@ class Server:
         self.url = ""
 
     async def __aenter__(self) -> Server:
-        app = App(self._state, Guard(self._address, self._token), self._recordings)
+        app = PageApp(self._state, Guard(self._address, self._token), self._recordings)
         self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
         await self._runner.setup()
         connections = Connections(self._runner.server)
@@ -109,7 +110,7 @@ class Server:
 
 def serve_command(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
-    state, layout, ports = State(), load(options.layout), options.port
+    state, layout, ports = PageState(), load(options.layout), options.port
     recordings = _recordings(options, state)
     if options.linkage is None:
         if len(ports) > 1:
@@ -119,13 +120,13 @@ def serve_command(options: argparse.Namespace) -> None:
         readers = [BoardReader(open_board, layout, state, recordings=recordings)]
     elif simulated := linkage_of(ports):
         machine = simulated(options.sensor, options.linkage, seed=options.seed)
-        readers = machine_readers(machine, layout, state)
+        readers = driven_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
     serve(state, options.address, options.http_port, readers, print_address, recordings)
 
 
-def _recordings(options: argparse.Namespace, state: State) -> Recordings | None:
+def _recordings(options: argparse.Namespace, state: PageState) -> Recordings | None:
     if options.record_to is None:
         return None
     if options.linkage is not None or any(map(is_recording, options.port)):
@@ -134,7 +135,7 @@ def _recordings(options: argparse.Namespace, state: State) -> Recordings | None:
 
 
 def serve(
-    state: State,
+    state: PageState,
     address: str,
     port: int,
     readers: list[BoardReader],
@@ -145,14 +146,14 @@ def serve(
 
     Parameters
     ----------
-    state : State
+    state : PageState
     address : str
     port : int
         As for `Server`.
     readers : list of BoardReader
         Of the state.
     on_start : callable
-        Told the URL.
+        Called with the URL.
     recordings : Recordings, optional
         As for `Server`.
     """
@@ -167,10 +168,8 @@ def serve(
             while not ended.is_set():
                 for watch in watches:
                     watch()
-                try:
+                with suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(ended.wait(), _WATCH_EVERY_S)
-                except asyncio.TimeoutError:
-                    pass
 
     try:
         asyncio.run(main())
@@ -183,21 +182,17 @@ def serve(
 
 def _ended_by_sigterm() -> asyncio.Event:
     ended = asyncio.Event()
-    try:
+    with suppress(NotImplementedError, RuntimeError):  # on Windows, and in threads
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
-    except (NotImplementedError, RuntimeError):
-        pass  # Windows has none, and threads get none
     return ended
 
 
 def _outward(address: str) -> str:
     """Return this machine's address towards others; nothing is sent to find it."""
-    family, far = (
-        (socket.AF_INET6, "2001:db8::1") if ":" in address else (socket.AF_INET, "192.0.2.1")
-    )
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+    six = ":" in address
+    with socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((far, 9))
+            probe.connect(("2001:db8::1" if six else "192.0.2.1", 9))
             return probe.getsockname()[0]
         except OSError:
             return socket.gethostname()

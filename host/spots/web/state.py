@@ -1,4 +1,4 @@
-"""What there is to show: the newest of everything, and the last events in their order.
+"""The state of the page: the newest of every part, and the last events in order.
 
 One thread writes, any number of clients read. A client is a pair of numbers, so that a slow one
 costs nothing and loses what was overwritten meanwhile.
@@ -23,14 +23,14 @@ class Cursor(NamedTuple):
     version : int
         Of the parts.
     events : int
-        How many had been told.
+        How many had been added.
     """
 
     version: int
     events: int
 
 
-class State:
+class PageState:
     """Parts by name, and events.
 
     Parameters
@@ -45,7 +45,7 @@ class State:
         self._parts: dict[str, tuple[int, Any]] = {}
         self._version = 0
         self._events: deque[dict] = deque(maxlen=EVENTS_KEPT)
-        self._told = 0
+        self._added = 0
 
     def put(self, name: str, value: Any) -> None:
         """Replace a part; None takes it away from the page."""
@@ -54,17 +54,17 @@ class State:
             self._parts[name] = self._version, value
         self.on_change()
 
-    def tell(self, event: dict) -> None:
+    def add_event(self, event: dict) -> None:
         """Append an event."""
         with self._lock:
             self._events.append(event)
-            self._told += 1
+            self._added += 1
         self.on_change()
 
     def begin(self) -> Cursor:
         """Return the cursor of a client that knows no part and wants the events from now on."""
         with self._lock:
-            return Cursor(0, self._told)
+            return Cursor(0, self._added)
 
     def since(self, cursor: Cursor) -> tuple[Cursor, dict]:
         """Return what a client does not know yet, and its cursor after that.
@@ -82,10 +82,10 @@ class State:
                 for name, (version, value) in self._parts.items()
                 if version > cursor.version
             }
-            new = self._told - cursor.events
+            new = self._added - cursor.events
             kept = min(new, len(self._events))
             if kept:
                 news["events"] = [self._events[i] for i in range(-kept, 0)]
             if new > kept:
                 news["missed"] = new - kept
-            return Cursor(self._version, self._told), news
+            return Cursor(self._version, self._added), news

@@ -5,27 +5,22 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 
-from ..errors import SpotsError
 from ..keyboard.layout import KeyLayout
 from ..link.board import CONNECTED, Board
 from ..link.frames import Touch
-from ..linkage import mounted
 from ..linkage.digital_twin import Terminal, Twin
-from ..linkage.twin_source import Machine, check, give
+from ..linkage.twin_source import DrivenLinkage, check, give, loaded
 from ..terminal.view import Pace
 from .board_feed import BoardReader, finder
-from .state import State
+from .state import PageState
 
 _SHOWN_PER_S = 20
 # A trail is sent whole each time: no finer than a page shows it, and so long at most.
 _STEP_MM = 0.5
 _TRAIL = 1000
-
-Opener = Callable[[str | None], Board]
 
 
 class TwinFeed:
@@ -34,10 +29,10 @@ class TwinFeed:
     Parameters
     ----------
     twin : Twin
-    state : State
+    state : PageState
     """
 
-    def __init__(self, twin: Twin, state: State):
+    def __init__(self, twin: Twin, state: PageState):
         self._twin, self._state = twin, state
         self._lock = threading.Lock()
         self._pace = Pace(_SHOWN_PER_S)
@@ -72,7 +67,7 @@ class TwinFeed:
                 self._wait("".join(self._away) or silence)
 
     def lost(self, joint: int, why: str) -> None:
-        """Say that a joint cannot be read, and why."""
+        """Report why a joint cannot be read."""
         with self._lock:
             self._away[joint] = f"joint {joint + 1}: {why}"
             self._wait(self._away[joint])
@@ -92,8 +87,8 @@ class TwinFeed:
         self._state.put("twin", {**self._shown, "trail": list(self._trail), "note": note})
 
 
-class _Aside(State):
-    """Of a board that is not shown itself, only that it is away is told."""
+class _Aside(PageState):
+    """The state of a board that is not shown itself; only its loss is reported."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
@@ -105,7 +100,7 @@ class _Aside(State):
 
 
 def linkage_readers(
-    linkage: str, ports: list[str], layout: KeyLayout, state: State
+    linkage: str, ports: list[str], layout: KeyLayout, state: PageState
 ) -> list[BoardReader]:
     """Return a reader for each board of a linkage file; the first one's strip is shown, too.
 
@@ -116,65 +111,53 @@ def linkage_readers(
     ports : list of str
         Of joint 1 and joint 2, or of one board with two sensors; found, if not given.
     layout : KeyLayout
-    state : State
+    state : PageState
 
     Raises
     ------
     SpotsError
         If a file is wrong, or there are more than two ports.
     """
-    path = Path(linkage)
-    arm = mounted.load(path)
-    strips = arm.strips(path)
-    if len(ports) > 2:
-        raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
-    feed = TwinFeed(Twin(arm.linkage, arm.encoders(strips)), state)
+    twin, strips = loaded(linkage, ports)
+    feed = TwinFeed(twin, state)
     if len(ports) == 1:
-        found = finder(ports[0], "default", "demo", 0)
-        return [
-            BoardReader(found, layout, state, on_touch=lambda touch: feed.take(touch.sensor, touch))
-        ]
-    # One after the other: a board that is being asked who it is is busy for everyone else.
+
+        def of_any_sensor(touch: Touch) -> None:
+            feed.take(touch.sensor, touch)
+
+        return [BoardReader(finder(ports[0]), layout, state, on_touch=of_any_sensor)]
+    # One after the other: a board that one search asks for its id is busy for the other one.
     searching = threading.Lock()
 
-    def opener(joint: int) -> Opener:
-        strip, port = strips[joint], ports[joint] if ports else None
-        search = finder(port, "default", "demo", 0)
+    searches = [finder(port) for port in (ports or (None, None))]
 
-        def open_board(board_id: str | None) -> Board:
-            with searching:
-                board = search(board_id if port else strip.board)
-                try:
-                    check(strip, board.info, joint + 1, board.port)
-                    give(board, strip)
-                except BaseException:
-                    board.close()
-                    raise
-                return board
+    def open_board(joint: int, board_id: str | None) -> Board:
+        strip = strips[joint]
+        with searching, ExitStack() as stack:
+            board = stack.enter_context(searches[joint](board_id if ports else strip.board))
+            check(strip, board.info, joint + 1, board.port)
+            give(board, strip)
+            stack.pop_all()
+            return board
 
-        return open_board
-
-    return _readers(feed, [opener(joint) for joint in (0, 1)], layout, state)
+    return _readers(feed, open_board, layout, state)
 
 
-def machine_readers(machine: Machine, layout: KeyLayout, state: State) -> list[BoardReader]:
-    """Return readers of the two boards of a machine.
+def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:
+    """Return readers of the two boards of a linkage that opens them itself.
 
     Parameters
     ----------
-    machine : Machine
+    driven : DrivenLinkage
     layout : KeyLayout
-    state : State
+    state : PageState
     """
-    feed = TwinFeed(Twin(machine.linkage, machine.encoders()), state)
-    openers = [lambda _, joint=joint: machine.open(joint) for joint in (0, 1)]
-    return _readers(feed, openers, layout, state)
+    feed = TwinFeed(Twin(driven.linkage, driven.encoders()), state)
+    return _readers(feed, lambda joint, board_id: driven.open(joint), layout, state)
 
 
-def _readers(
-    feed: TwinFeed, openers: list[Opener], layout: KeyLayout, state: State
-) -> list[BoardReader]:
-    def reader(joint: int, of_board: State) -> BoardReader:
-        return BoardReader(openers[joint], layout, of_board, on_touch=partial(feed.take, joint))
-
-    return [reader(0, state), reader(1, _Aside(feed, 1))]
+def _readers(feed: TwinFeed, open_board, layout: KeyLayout, state: PageState) -> list[BoardReader]:
+    return [
+        BoardReader(partial(open_board, i), layout, of_board, on_touch=partial(feed.take, i))
+        for i, of_board in enumerate((state, _Aside(feed, 1)))
+    ]

@@ -11,7 +11,7 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
-// Whether a reading tells where the press is.
+// Whether a reading has a position.
 export function placed(touch) {
   return Boolean(touch?.touching) && !touch.flags.includes("not calibrated");
 }
@@ -51,7 +51,7 @@ export function canvas(root, height) {
   };
 }
 
-// Colours by name, as the style sheet has them now; asked anew when the scheme changes.
+// Colours by name, as the style sheet has them now; read again when the scheme changes.
 const names = ["text", "quiet", "edge", "faint", "place", "force"];
 const painted = [];
 export const colours = {};

@@ -1,4 +1,4 @@
-// Takes what the server tells, draws it at the next frame of the screen, and says so.
+// Draws the server's messages at the next frame of the screen, and acknowledges them.
 
 import { placed } from "./dom.js";
 import { connect } from "./link.js";
@@ -11,6 +11,7 @@ import { keyboard } from "./panels/keyboard.js";
 import { stick } from "./panels/stick.js";
 import { twin } from "./panels/twin.js";
 import { recording } from "./panels/recording.js";
+import { next } from "./panels/next.js";
 import { link } from "./panels/link.js";
 
 // How often a panel is drawn at most, a second: what answers a finger at every frame, what is
@@ -27,6 +28,7 @@ const PANELS = [
   [history, LOOK, "touch"],
   [recording, READ, "recording", "may_record"],
   [link, READ, "link"],
+  [next, READ, "board", "untrusted", "connection"],
 ];
 // What waits is drawn with the next messages, or so long after the last one.
 const QUIET_MS = 100;
@@ -40,33 +42,33 @@ const panels = PANELS.map(([make, rate, ...parts]) => ({
 }));
 
 const state = {};
-let asked = false, told = false, quiet = 0, newest = null;
+let asked = false, arrived = false, quiet = 0, newest = null;
 
 const receipt = connect(
   (parts) => {
     const { events, missed, ...changed } = parts;
     take(changed, events);
-    if (changed.board && changed.board.state !== "connected") letGo();
+    if (changed.board && changed.board.state !== "connected") clear();
   },
   (how) => {
     document.body.dataset.link = how;
     take({ connection: how, may_record: false });
-    if (how !== "live") letGo();
+    if (how !== "live") clear();
   },
 );
 
-// What is not told any more is not shown as if it were.
-function letGo() {
-  take({ touch: null, stick: null, keys: null });
+// Clears what is stale as soon as board or server is lost.
+function clear() {
+  take({ touch: null, stick: null, keys: null, untrusted: null });
 }
 
 function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
-  // That a press begins or ends is told by all as soon as each has its turn.
+  // All panels show the begin and the end of a press as soon as each is scheduled.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;
-  told = true;
+  arrived = true;
   for (const panel of panels) {
     if (!panel.news && !events.length && !panel.parts.some((part) => part in parts)) continue;
     const news = panel.news ??= { events: [], touches: [] };
@@ -91,13 +93,13 @@ function frame(now_ms) {
   // with more in it, it would be late.
   const [longest] = due.filter(({ every_ms }) => every_ms).sort((a, b) => a.due_ms - b.due_ms);
   for (const panel of due) {
-    if (told && panel.every_ms && panel !== longest) continue;
+    if (arrived && panel.every_ms && panel !== longest) continue;
     const { news } = panel;
     panel.due_ms = now_ms + panel.every_ms;
     panel.news = null;
     if (panel.draw(state, news, now_ms / 1000)) panel.news = { events: [], touches: [] };
   }
-  told = false;
+  arrived = false;
   clearTimeout(quiet);
   if (panels.some(({ news }) => news)) quiet = setTimeout(ask, QUIET_MS);
   if (newest) document.dispatchEvent(new CustomEvent("drawn", { detail: newest }));

@@ -13,7 +13,7 @@ export function history(root) {
   let low = Infinity, high = -Infinity;
 
   function take(touch, now_s) {
-    // The soonest arrival is nearest the truth; a clock that begins anew is followed.
+    // The soonest arrival is nearest the truth; a clock that restarts is followed.
     const offset = now_s - touch.time_s;
     if (ahead_s === null || Math.abs(offset - ahead_s) > STALE_S) {
       ahead_s = offset;

@@ -1,14 +1,14 @@
-// What is recorded, and the button for who may.
+// The recording, and its button for those who may record.
 import { list } from "../dom.js";
 
 export function recording(root) {
   const recorded = document.getElementById("recorded");
-  let told = null, may = false, refused = "";
+  let it = null, may = false, refused = "";
 
   root.addEventListener("click", async () => {
     root.disabled = true;
     try {
-      const answer = await fetch("recording", { method: "POST", body: told.on ? "stop" : "start" });
+      const answer = await fetch("recording", { method: "POST", body: it.on ? "stop" : "start" });
       refused = answer.ok ? "" : await answer.text();
     } catch {
       refused = "the server does not answer";
@@ -18,22 +18,22 @@ export function recording(root) {
   });
 
   function show() {
-    root.hidden = !told || !may;
-    if (!told) return;
-    root.classList.toggle("on", told.on);
-    root.textContent = told.on ? "stop" : "record";
+    root.hidden = !it || !may;
+    if (!it) return;
+    root.classList.toggle("on", it.on);
+    root.textContent = it.on ? "stop" : "record";
     list(recorded, [
       ["recording", refused],
-      [told.on ? "records" : "recorded", told.file],
-      ["size", told.file && `${(told.bytes / 1e6).toFixed(2)} MB`],
-      ["time", told.file && `${told.seconds.toFixed(1)} s`],
-      ["lost", told.file && told.lost],
+      [it.on ? "records" : "recorded", it.file],
+      ["size", it.file && `${(it.bytes / 1e6).toFixed(2)} MB`],
+      ["time", it.file && `${it.seconds.toFixed(1)} s`],
+      ["lost", it.file && it.lost],
     ]);
   }
 
   return (state, news) => {
     if (!("recording" in news || "may_record" in news)) return;
-    told = state.recording;
+    it = state.recording;
     may = state.may_record;
     show();
   };

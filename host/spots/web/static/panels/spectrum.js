@@ -55,10 +55,10 @@ export function spectrum(root) {
 }
 
 // Counts of a press at the place and of the brightness of a reading, in straight lines between
-// the places that the server told.
-function expected(told, { position_um, brightness }) {
-  if (!told) return null;
-  const { from_um, step_um, logs, dark } = told;
+// the places that the server sent.
+function expected(curve, { position_um, brightness }) {
+  if (!curve) return null;
+  const { from_um, step_um, logs, dark } = curve;
   const at = Math.min(Math.max((position_um - from_um) / step_um, 0), logs.length - 1);
   const below = Math.min(Math.floor(at), logs.length - 2);
   return dark.map((counts, i) => {

@@ -1,4 +1,4 @@
-// What a gamepad would be told: where, how hard, which buttons.
+// The state of a gamepad: position, force and buttons.
 import { fill, make } from "../dom.js";
 
 export function stick(root) {

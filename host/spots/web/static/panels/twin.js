@@ -73,7 +73,7 @@ function draw(c, width, height, it, box) {
   c.fill();
 }
 
-// From joint 1 over the elbows to joint 2, if the lengths are told. Angles count from +y towards
+// From joint 1 over the elbows to joint 2, if the lengths are known. Angles count from +y towards
 // the other joint.
 function outline({ x_mm, y_mm, theta1_rad: a, theta2_rad: b, base_mm, bar_mm }) {
   if (!base_mm || !bar_mm || x_mm === null) return [];

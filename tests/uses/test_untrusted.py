@@ -1,0 +1,103 @@
+"""A strip that gives only untrusted readings: every application reports it within a second."""
+
+import pytest
+
+from spots.controller import controller
+from spots.controller.controller_settings import load as load_settings
+from spots.keyboard.keyboard import type_on
+from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Touch
+from spots.link.untrusted import Untrusted
+from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
+from spots.wearable.wearable import Mapping, play
+from spots_device.decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
+from spots_sim.files import Finger, ScenarioFile
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
+
+TWO_S = 2.0  # two fingers come down at this time, and stay
+WITHIN_S = 1.0
+BEGUN_S = 0.1  # until both are down and no reading fits one press
+TWO = ScenarioFile(
+    seconds=60,
+    touch=[
+        Finger(points=[(TWO_S, place_mm, 0), (TWO_S + 0.02, place_mm, 4000), (50, place_mm, 4000)])
+        for place_mm in (15.0, 70.0)
+    ],
+)
+
+
+def nothing(_):
+    pass
+
+
+def as_keyboard(board, seconds):
+    type_on(board, load("digits"), PrintedKeyboard(nothing), seconds)
+
+
+def as_controller(board, seconds):
+    made = controller.controller_for(board, load_settings())
+    controller.play(board, made, PrintedGamepad(nothing), seconds)
+
+
+def as_wearable(board, seconds):
+    play(board, nothing, seconds, False, Mapping())
+
+
+@pytest.mark.parametrize("run", [as_keyboard, as_controller, as_wearable])
+def test_only_untrusted_readings_are_reported_within_a_second(sensor, calibration, run, capsys):
+    with Board(LockstepLink(sensor, Scenario(TWO), 0)) as board:
+        prepare(board, calibration)
+        run(board, TWO_S + BEGUN_S - board.now_s())
+        assert capsys.readouterr().err == ""
+        run(board, TWO_S + WITHIN_S - board.now_s())
+        said = capsys.readouterr().err
+        assert "untrusted" in said
+        assert "fit one press" in said
+        assert "next: " in said
+        run(board, 3 * WITHIN_S)
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+def reading(flags):
+    return Touch(0, 0, 0, flags, 0, 0, 0, 0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (TOUCHING | MISFIT, "fit one press"),
+        (MISFIT, "fit one press"),
+        (SATURATED | MISFIT | TOUCHING, "saturated"),
+        (NOT_CALIBRATED, "spots calibrate position"),
+        (LED_OFF, "dark frame"),
+    ],
+)
+def test_each_cause_has_a_sentence_with_a_next_step(flags, words):
+    untrusted = Untrusted()
+    for i in range(100):
+        untrusted.take(reading(flags), 0.01 * i)
+    assert words in untrusted.sentence
+    assert "; next: " in untrusted.sentence
+
+
+@pytest.mark.parametrize("good", [TOUCHING, TOO_DARK, 0])
+def test_one_good_reading_ends_it_and_nothing_is_said_of_a_strip_that_nobody_touches(good):
+    untrusted = Untrusted()
+    for i in range(300):
+        untrusted.take(reading(good if i % 50 == 0 else MISFIT), 0.01 * i)
+        assert untrusted.sentence == ""
+    for i in range(300, 400):
+        untrusted.take(reading(MISFIT), 0.01 * i)
+    assert untrusted.sentence
+    untrusted.take(reading(good), 4.0)
+    assert untrusted.sentence == ""
+
+
+def test_a_slow_board_is_reported_within_a_second_too():
+    untrusted = Untrusted()
+    for i in range(4):
+        untrusted.take(reading(MISFIT), 0.3 * i)
+    assert untrusted.sentence
