@@ -194,7 +194,7 @@ def _checked(path: Path, body: str) -> CalibrationFile:
     try:
         content = toml.loads(body)
         content.pop("version")
-        found = msgspec.convert(content, CalibrationFile)
+        found = toml.convert(content, CalibrationFile)
         made = Calibration(found.lines)
     except (
         msgspec.ValidationError,

@@ -252,7 +252,7 @@ def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
 
 def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
     built_in = device.runtime == "circuitpython"
-    if device.config["USB_HID"] and not built_in and not target.has("usb.device.hid"):
+    if device.device["USB_HID"] and not built_in and not target.has("usb.device.hid"):
         print(
             "to be a USB keyboard or gamepad, this board also needs: "
             f"mpremote connect {printable(target.port)} mip install usb-device-hid"

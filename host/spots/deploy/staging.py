@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -15,7 +14,7 @@ import spots_device
 
 from .. import toml
 from ..bounded import read_text
-from ..errors import SpotsError, missing
+from ..errors import SpotsError, did_you_mean, missing
 
 # An installed package carries both folders inside itself; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
@@ -38,25 +37,13 @@ LIBRARIES = {
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 
 
-class _BoardFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    title: str
-    runtime: Literal["micropython", "circuitpython"]
-    port: str | None = None
-    march: str | None = None
-    viper: bool = False
-    board_id: str | None = None
-    device: dict
-    wiring: dict = {}
-
-
-@dataclass(frozen=True)
-class Device:
+class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What board.toml says of a board.
 
     Attributes
     ----------
-    name, title : str
-        As the command line and as people call it.
+    title : str
+        As people call it.
     runtime : str
         ``micropython`` or ``circuitpython``.
     port : str or None
@@ -67,21 +54,25 @@ class Device:
         Whether its sample path is machine code, by MicroPython's viper, which needs `march`.
     board_id : str or None
         As CircuitPython names the board.
-    config : dict
-        What becomes board_config.py.
+    device : dict
+        What becomes board_config.py, with the board's ``NAME``.
     wiring : dict
         Pins by the names that are printed on the board, for people.
     """
 
-    name: str
     title: str
-    runtime: str
-    port: str | None
-    march: str | None
-    viper: bool
-    board_id: str | None
-    config: dict
-    wiring: dict
+    runtime: Literal["micropython", "circuitpython"]
+    port: str | None = None
+    march: str | None = None
+    viper: bool = False
+    board_id: str | None = None
+    device: dict
+    wiring: dict = {}
+
+    @property
+    def name(self) -> str:
+        """As the command line calls it."""
+        return self.device["NAME"]
 
 
 def board_names() -> list[str]:
@@ -98,27 +89,18 @@ def device_of(board: str) -> Device:
         If there is no such board, its file is damaged, or it asks for viper where that cannot be
         compiled.
     """
-    if board not in board_names():
-        raise SpotsError(f"no board is called {board}; there are {', '.join(board_names())}")
+    known = board_names()
+    if board not in known:
+        raise SpotsError(f"no board is called {board}: {did_you_mean(board, known)}")
     path = BOARDS / board / "board.toml"
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(f"{path} cannot be read: install the package again") from None
-    said = toml.checked(text, _BoardFile, str(path))
-    if said.viper and (said.runtime != "micropython" or said.march is None):
+    found = toml.checked(text, Device, str(path))
+    if found.viper and (found.runtime != "micropython" or found.march is None):
         raise SpotsError(f"boards/{board}/board.toml: viper needs MicroPython and a march")
-    return Device(
-        name=board,
-        title=said.title,
-        runtime=said.runtime,
-        port=said.port,
-        march=said.march,
-        viper=said.viper,
-        board_id=said.board_id,
-        config={"NAME": board} | said.device,
-        wiring=said.wiring,
-    )
+    return msgspec.structs.replace(found, device={"NAME": board} | found.device)
 
 
 def names(runtime: str) -> set[str]:
@@ -155,7 +137,7 @@ def stage(board: str, folder: Path) -> None:
         shutil.copy(firmware / KERNEL_VIPER, folder / "spots_device" / KERNEL)
     for entry in ENTRIES[device.runtime]:
         shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
-    config = "".join(f"{name} = {value!r}\n" for name, value in device.config.items())
+    config = "".join(f"{name} = {value!r}\n" for name, value in device.device.items())
     (folder / CONFIG).write_text(config, encoding="utf-8")
 
 

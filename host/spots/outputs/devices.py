@@ -11,6 +11,7 @@ then destroys the virtual device with its last file handle and lets go of what i
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
@@ -204,6 +205,9 @@ class Gamepad(Output):
         raise NotImplementedError
 
 
+_print = functools.partial(print, flush=True)
+
+
 class PrintedKeyboard(Keyboard):
     """Prints a line for each key that goes down or up.
 
@@ -213,7 +217,7 @@ class PrintedKeyboard(Keyboard):
         Takes the line.
     """
 
-    def __init__(self, write: Callable[[str], None] = print):
+    def __init__(self, write: Callable[[str], None] = _print):
         super().__init__()
         self._write = write
 
@@ -230,7 +234,7 @@ class PrintedGamepad(Gamepad):
         Takes the line.
     """
 
-    def __init__(self, write: Callable[[str], None] = print):
+    def __init__(self, write: Callable[[str], None] = _print):
         super().__init__()
         self._write = write
 
