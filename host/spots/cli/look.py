@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
+import sys
 
 from spots_device.command import Commands
 
@@ -63,10 +64,14 @@ COMMANDS = monitor, serve, command
 
 
 def _monitor(options: argparse.Namespace) -> None:
+    from ..link.calibrated import next_step
     from ..terminal.monitor import watch
 
     with arguments.open_board(options) as board:
         watch(board, options.seconds, quiet=False)
+        step = next_step(board.info)
+    if step:
+        print(step, file=sys.stderr)
 
 
 def _command(options: argparse.Namespace) -> None:
