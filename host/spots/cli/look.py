@@ -68,8 +68,8 @@ def _monitor(options: argparse.Namespace) -> None:
     from ..terminal.monitor import watch
 
     with arguments.open_board(options) as board:
+        step = next_step(board.command("hello"))
         watch(board, options.seconds, quiet=False)
-        step = next_step(board.info)
     if step:
         print(step, file=sys.stderr)
 

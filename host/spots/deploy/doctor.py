@@ -105,8 +105,9 @@ def examine_board(board: Board) -> Iterator[Finding]:
         yield Finding("light", False, "the LED is off: spots command set led_mA=20")
     board.command("stream off")
     yield _rate(spectra, reading_s)
-    step = next_step(board.info)
-    yield Finding("calibrated", True, f"not yet; {step}" if step else board.info["calibration"])
+    hello = board.command("hello")
+    step = next_step(hello)
+    yield Finding("calibrated", True, f"not yet; {step}" if step else hello["calibration"])
 
 
 def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
