@@ -76,7 +76,7 @@ def wirings() -> list[Path]:
     template = Template((_HERE / "wiring.svg.in").read_text(encoding="utf-8"))
     paths = []
     for device in map(device_of, board_names()):
-        if device.wiring:
+        if "drawn" in device.wiring:
             drawn = device.wiring["drawn"]
             places = {name: (drawn[name], 1 / drawn["rows"]) for name in _WIRES}
             pins = [_pin(device.wiring[name], *place) for name, place in places.items()]

@@ -4,11 +4,13 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from spots.cli import main
+import spots
+from spots.cli import glyphs, main
 from spots_device.command import Commands
 from spots_device.settings import LIMITS
 
@@ -102,3 +104,27 @@ def test_help_without_docstrings_is_short_but_there():
     )
     assert run.returncode == 0, run.stderr
     assert "--port" in run.stdout
+
+
+def test_a_locale_without_unicode_gets_plain_characters(tmp_path):
+    path = tmp_path / "my.toml"
+    keys = '{ tap = "A", label = "\N{LATIN SMALL LETTER E WITH ACUTE}" }, "B"'
+    path.write_text(f'name = "x \N{FULL BLOCK}"\n[[layer]]\nname = "a"\nkeys = [{keys}]\n', "utf-8")
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    for what, shown in (("check", "x #: 2 keys"), ("show", "x #")):
+        run = subprocess.run(
+            [sys.executable, "-m", "spots", "keys", what, str(path)],
+            capture_output=True,
+            env=os.environ | plain,
+            timeout=60,
+            check=False,
+        )
+        assert run.returncode == 0, run.stderr
+        assert shown in run.stdout.decode("ascii")
+
+
+def test_every_glyph_of_a_picture_has_a_plain_character():
+    views = ("terminal/view.py", "calibrate/guide.py", "controller/stick.py")
+    text = "".join((Path(spots.__file__).parent / name).read_text("utf-8") for name in views)
+    assert [c for c in set(text) if not c.isascii() and c not in glyphs.PLAIN] == []
+    assert all(len(plain) == 1 and plain.isascii() for plain in glyphs.PLAIN.values())

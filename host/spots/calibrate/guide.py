@@ -13,13 +13,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import SpotsError, printable
-from ..terminal.view import live
+from ..terminal.view import live, strip_columns
 from .session import Wanted
 from .spectra import Reading
 
-_COLUMNS = 64
-_BAR_COLUMNS = 40
 _MESSAGES = 4
+_LOW = 24  # lines of a terminal that has room for one message
 
 
 class Guide:
@@ -131,35 +130,38 @@ class Guide:
             self._live.update(self._picture(), refresh=True)
 
     def _picture(self) -> Panel:
-        parts = [self._strip(), Text(), self._bars(), Text()]
-        parts += [Text(message, style="dim") for message in self._messages[:-1]]
-        parts += [Text(message, style="bold") for message in self._messages[-1:]]
+        columns = strip_columns()
+        parts = [self._strip(columns), Text(), self._bars(columns), Text()]
+        shown = self._messages[-_MESSAGES if self._console.height > _LOW else -1 :]
+        parts += [Text(message, style="dim") for message in shown[:-1]]
+        parts += [Text(message, style="bold") for message in shown[-1:]]
         title = f"{self._title}  {self._done} of {self._total}"
         return Panel(
-            Group(*parts), title=Text(printable(title)), width=_COLUMNS + 16, padding=(1, 2)
+            Group(*parts), title=Text(printable(title)), width=columns + 16, padding=(1, 2)
         )
 
-    def _strip(self) -> Text:
-        line = Text("sensor ▐" + "█" * _COLUMNS, style="rgb(140,60,60)")
+    def _strip(self, columns: int) -> Text:
+        line = Text("sensor ▐" + "█" * columns, style="rgb(140,60,60)")
         if self._wanted is not None:
             share = self._wanted.place_um / self._length_um
-            at = len("sensor ▐") + round(min(max(share, 0), 1) * (_COLUMNS - 1))
+            at = len("sensor ▐") + round(min(max(share, 0), 1) * (columns - 1))
             line.stylize("rgb(255,235,180)", at, at + 1)
             line.append("\n" + " " * at + "▲")
         return line
 
-    def _bars(self) -> Table:
+    def _bars(self, columns: int) -> Table:
         grid = Table.grid(padding=(0, 1))
-        for width in (9, 8, _BAR_COLUMNS):
-            grid.add_column(justify="right" if width < _BAR_COLUMNS else "left", width=width)
+        grid.add_column(justify="right", width=9)
+        grid.add_column(justify="right", width=8)
+        grid.add_column(width=columns - 24)
         counts = [0.0] * len(self._plan) if self._reading is None else self._reading.counts
         top = max(*counts, 100.0) if len(counts) else 1.0
         for name, count in zip(self._plan, counts):
             grid.add_row(
                 Text(printable(name)), f"{count:.0f} ct", Bar(top, 0, max(count, 0), color="white")
             )
-        word = Text(self._trouble or "steady", style="yellow" if self._trouble else "green")
         if self._reading is not None:
             grid.add_row("held", "", Bar(1.0, 0, min(self._steady, 1), color="green"))
-            grid.add_row("", "", word)
+            style = "yellow" if self._trouble else "green"
+            grid.add_row("", "", Text(self._trouble or "steady", style=style))
         return grid

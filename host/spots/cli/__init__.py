@@ -11,6 +11,7 @@ from spots_device import __version__
 
 from ..errors import SpotsError
 from . import applications, boards, look, recordings, remote
+from .glyphs import never_fail
 from .parser import CommandList, Parser
 
 # In the order in which `spots --help` lists their commands.
@@ -24,6 +25,7 @@ _NO_ROOM = errno.ENOSPC, errno.EDQUOT
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; a mistake of the user's is one sentence and exit code 2."""
     code = 0
+    never_fail(sys.stdout)
     try:
         try:
             code = _run(arguments)
