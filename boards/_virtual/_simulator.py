@@ -17,7 +17,7 @@ SLEEP = const(0x53)  # time in us, 3 bytes, low first
 RESET = const(0x58)  # 0, 0, 0; ends this run
 RECEIVE = const(0x47)  # device address, 0, size
 SPEED = const(0x46)  # of the bus in kHz, 2 bytes, low first, 0
-LINES = const(0x4C)  # SCL and SDA let go of (1) or pulled (0), 1; answers the level of SDA
+LINES = const(0x4C)  # SCL and SDA released (1) or pulled (0), 1; answers the level of SDA
 FEED = const(0x44)  # until when a watchdog waits from now on, in ms, 3 bytes, low first
 HID = const(0x48)  # USB interface, size of the report or 0 to ask for room, 0
 MEMORY = const(0x4D)  # bytes free, 3 bytes, low first; simulated time only, and has no answer
@@ -63,7 +63,7 @@ def call(operation, a, b, c, buffer=None):
 
 
 def set_wire(wire, level):
-    """Let go of a wire of the I2C bus, or pull it."""
+    """Release a wire of the I2C bus, or pull it."""
     _wires[wire] = 1 if level else 0
     call(LINES, _wires[SCL], _wires[SDA], 1, _level)
 
@@ -98,7 +98,7 @@ def _tell_memory():
 
 def _receive(buffer, size):
     if _answers.readinto(buffer) != size:
-        raise SystemExit  # the simulator is gone, and the board with it
+        raise SystemExit  # the simulator has ended, and the board with it
 
 
 def _send(buffer, size):

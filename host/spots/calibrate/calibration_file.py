@@ -1,7 +1,7 @@
-"""The calibration file: what a board was given, how good it is, and what it was made with.
+"""The calibration file: the board's lines, their residuals, and what they were made with.
 
-TOML, to be read by people too. A CRC-32 of all text before the section ``[end]`` tells a file that
-was cut short or changed.
+TOML, readable by people. A CRC-32 of all text before the section ``[end]`` detects a file that was
+cut short or changed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .presses import Conditions
 
 VERSION = 1
 _END = "[end]\n"
-_AGAIN = "copy it again, or run 'spots calibrate' with its session to make it anew"
+_AGAIN = "copy it again, or run 'spots calibrate' with its session to make it again"
 
 
 class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -123,7 +123,7 @@ class CalibrationFile(_Struct, kw_only=True):
 
 
 def save(calibration: CalibrationFile, path: Path) -> None:
-    """Write a file, or replace it: at every moment the old one or the new one is whole.
+    """Write or replace a file, atomically.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def load(path: Path) -> CalibrationFile:
     Raises
     ------
     SpotsError
-        If there is none, or it is cut short, changed, of another version, or not a calibration.
+        If it does not exist, is cut short, changed, of another version, or not a calibration.
     """
     try:
         text = read_text(path)
@@ -160,26 +160,26 @@ def load(path: Path) -> CalibrationFile:
             "is older"
         )
     body, end, tail = text.partition(_END)
-    told = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
-    if not end or (told is None and len(tail) < len('crc32 = "00000000"')):
+    found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
+    if not end or (found is None and len(tail) < len('crc32 = "00000000"')):
         raise SpotsError(f"{path} is cut short: {_AGAIN}")
-    if told is None or told[1] != _crc32(body):
+    if found is None or found[1] != _crc32(body):
         raise SpotsError(f"{path} was changed after it was written, the checksum differs: {_AGAIN}")
     return _checked(path, body)
 
 
 def send(board: Board, calibration: CalibrationFile) -> str:
-    """Give a board a calibration and store it there.
+    """Upload a calibration to a board and store it there.
 
     Returns
     -------
     str
-        The calibration's name, as ``hello`` tells it.
+        The calibration's name, as ``hello`` reports it.
 
     Raises
     ------
     SpotsError
-        If it was made on another board or at other settings; then the board keeps what it has.
+        If it was made on another board or at other settings; the board is then unchanged.
     """
     upload(board, calibration.lines)
     board.command("save")
@@ -201,7 +201,7 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         CalibrationError,
         KeyError,
     ) as error:
-        raise SpotsError(f"{path} is no calibration ({error}): {_AGAIN}") from None
+        raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
     c = found.conditions
     reason = made.mismatch(c.board, c.plan, c.gain, c.exposure_us, c.led_mA)
     if reason is not None:

@@ -1,4 +1,4 @@
-"""What the one who calibrates sees: where to press next, and whether it is held."""
+"""The picture of a calibration session: where to press next, and whether it is held."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Take note of presses that are there already."""
+        """Count presses that were taken before."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
@@ -79,13 +79,13 @@ class Guide:
         self._draw()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
-        """Tell that a press was taken."""
+        """Show that a press was taken."""
         self._done += 1
         counts = " ".join(f"{count:.0f}" for count in reading.counts)
         self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
 
     def say(self, text: str) -> None:
-        """Tell something."""
+        """Show a message."""
         text = printable(text)
         self._messages = [*self._messages, text][-_MESSAGES:]
         if self._live is None:
@@ -107,7 +107,7 @@ class Guide:
         if self._live is not None:
             self._live.start()
         if not line:
-            raise SpotsError("nobody answers on standard input: run this in a terminal")
+            raise SpotsError("standard input is closed: run this in a terminal")
         return line.strip()
 
     def ask_number(
@@ -123,7 +123,7 @@ class Guide:
             if math.isfinite(value) and lowest <= value <= highest:
                 return value
             most = f", at most {highest:g}" if highest < math.inf else ""
-            self.say(f"'{answer}' will not do: type a number such as 1.5{most}")
+            self.say(f"'{answer}' is not a number that fits: type one such as 1.5{most}")
 
     def _draw(self) -> None:
         if self._live is not None:

@@ -17,7 +17,7 @@ _REWEIGHTINGS = 4
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a calibration belongs to, as the board's ``hello`` tells it."""
+    """What a calibration belongs to, from the board's ``hello``."""
 
     board: str
     plan: tuple[str, ...]
@@ -83,7 +83,7 @@ def own_variance(samples: np.ndarray) -> np.ndarray:
     -------
     numpy.ndarray, shape (c,)
         In counts**2. The logarithms of two channels differ by the noise of both and by nothing
-        else: least squares over all pairs tells them apart.
+        else: least squares over all pairs separates them.
     """
     mean = samples.mean(axis=0)
     relative = samples / mean

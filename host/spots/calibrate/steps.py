@@ -197,8 +197,8 @@ def _learn_noise(setup: Setup) -> None:
         return
     read = presses(known)
     found = Noise.of(read)
-    # From few presses of one force the two parts are hard to tell apart; a weak press must not be
-    # judged by a constant that is too small.
+    # Few presses of one force do not separate the two parts; a constant that is too small would
+    # reject weak presses.
     constant = max(found.constant, float(np.median(read.variance)))
     setup.taker.noise = Noise(constant, found.per_count)
 
@@ -281,7 +281,7 @@ def _finish(setup: Setup) -> None:
         )
     setup.reader.give_back()  # what is sent is saved with the settings
     name = file.send(setup.reader.board, calibration)
-    guide.say(f"{setup.out}: the board uses and keeps calibration {name}")
+    guide.say(f"{setup.out}: the board uses calibration {name}, and has stored it")
 
 
 def _joint(setup: Setup, count: int) -> None:
@@ -303,19 +303,19 @@ def _joint(setup: Setup, count: int) -> None:
         setup.guide.skip(min(known, count))
         for share in shares[known:]:
             wanted = setup.presser.turn(direction, share)
-            # With one angle twice, no line can be fitted to the session ever after.
+            # With one angle twice, the session can no longer be fitted.
             if _turned(setup.session, wanted):
                 setup.guide.skip()
-                setup.guide.say(f"{wanted} was taken already: turn on")
+                setup.guide.say(f"{wanted} was taken already: turn further")
                 continue
             setup.guide.want(wanted)
             reading = setup.taker.take(wanted)
             position = _positions_um(setup)
-            told = {
+            measured = {
                 "position_um": round(float(position.mean()), 2),
                 "position_sigma_um": round(float(position.std(ddof=1)), 2),
             }
-            setup.session.add(point(wanted, reading, setup.reader.conditions, **told))
+            setup.session.add(point(wanted, reading, setup.reader.conditions, **measured))
             setup.guide.taken(wanted, reading)
     joint = fit_joint(setup.session.of("joint"))
     file.save(msgspec.structs.replace(calibration, joint=joint), setup.out)
@@ -334,7 +334,7 @@ def _turned(session: Session, wanted: Wanted) -> bool:
 
 
 def _positions_um(setup: Setup) -> np.ndarray:
-    """Return what the board tells under the press that is held now."""
+    """Return the positions that the board reports under the press that is held now."""
     board, wanted = setup.reader.board, setup.taker.window
     begun_s = board.now_s() + 0.5e-6 * setup.reader.info["exposure_us"]
     rows = []
@@ -343,4 +343,4 @@ def _positions_um(setup: Setup) -> np.ndarray:
             rows.append(frame.position_um)
             if len(rows) == wanted:
                 return np.array(rows, dtype=float)
-    raise SpotsError("the board tells no position: the indenter has to press the strip firmly")
+    raise SpotsError("the board reports no position: press the strip firmly with the indenter")

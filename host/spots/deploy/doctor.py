@@ -1,4 +1,4 @@
-"""What is wrong with a board, from the cable to the light; each finding says what to do."""
+"""Checks a board from its cable to its light; each finding says what to do."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ def doctor(port: str | None = None) -> None:
         problems += not finding.ok
         print(f"{'ok' if finding.ok else 'problem':8} {finding.check:10} {printable(finding.text)}")
     if problems:
-        raise SpotsError(f"{problems} of the checks found a problem: see what each says to do")
+        raise SpotsError(f"{problems} of the checks found a problem: do what each of them says")
 
 
 def examine(port: str | None = None) -> Iterator[Finding]:
-    """Check a board in the order in which one thing needs the other; end where that ends."""
+    """Check a port and its board step by step; stop where the next step needs the failed one."""
     if not scheme_name(port):
         try:
             port = port or the_board()[-1]
@@ -72,7 +72,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
         except SpotsError as error:
             yield Finding("permission", False, with_rule(str(error), port))
             return
-        yield Finding("permission", True, "the port may be opened")
+        yield Finding("permission", True, "the port can be opened")
     try:
         board = open_board(port)
     except SpotsError as error:
@@ -156,7 +156,7 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int]:
 
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     if len(spectra) < 2:
-        return Finding("rate", False, "no spectra come: spots command reboot")
+        return Finding("rate", False, "the board sends no spectra: spots command reboot")
     # In a dark window one comes each exposure, however many are averaged else.
     steps = list(pairwise(spectra))
     steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps

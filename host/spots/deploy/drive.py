@@ -24,7 +24,7 @@ _UID = re.compile(r"UID: ?(\S+)")
 _FAT = ("vfat", "msdos", "fat", "fat12", "fat16", "fat32")
 _BLOCK_DEVICES = Path("/sys/class/block")
 _CHUNK = 1 << 16
-_CLUSTER = 4096  # of such drives none has larger ones
+_CLUSTER = 4096  # larger than on any such drive
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 
@@ -38,7 +38,7 @@ class Drive:
     folder : str
         Where it is mounted.
     console : str, optional
-        The board's serial port with the prompt, over which it is started anew.
+        The board's serial port with the prompt, used to restart it.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Drive:
     Raises
     ------
     SpotsError
-        If the folder is no such drive.
+        If the folder is not a CircuitPython drive.
     """
 
     def __init__(self, folder: str, console: str | None = None):
@@ -68,7 +68,7 @@ class Drive:
         if not version:
             self.close()
             raise SpotsError(
-                f"{folder} is no CircuitPython drive: give the one that holds {_ABOUT}"
+                f"{folder} is not a CircuitPython drive: give the one that holds {_ABOUT}"
             )
         board_id, uid = _BOARD_ID.search(about), _UID.search(about)
         self.facts = {
@@ -87,12 +87,12 @@ class Drive:
         self.close()
 
     def close(self) -> None:
-        """Hold the drive no longer, so that it can be ejected."""
+        """Close the drive, so that it can be ejected."""
         if self._tree is not None:
             self._tree.close()
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return the sizes of those of these files that there are, by path."""
+        """Return the sizes of the files that exist among these, by path."""
         return self._do(self._sizes, paths)
 
     def read(self, path: str, size: int) -> bytes:
@@ -108,24 +108,24 @@ class Drive:
         self._do(self._tree.remove, path)
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder if there is nothing in it."""
+        """Remove a folder if it is empty."""
         try:
             self._tree.remove_folder(path)
         except OSError:
-            pass  # somebody else's files are in it
+            pass  # it holds files of the user
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under another name, and give it its own when it is on the drive."""
+        """Write a file under a temporary name, and rename it once it is on the drive."""
         self._do(self._tree.write, path, data)
 
     def reset(self) -> None:
-        """Start the board anew, or ask for it if its prompt cannot be reached."""
+        """Restart the board, or ask the user to, where its prompt cannot be reached."""
         try:
             if self._console:
                 Prompt(self._console).reset()
                 return
         except SpotsError:
-            pass  # what follows says what to do
+            pass  # the line below says what to do
         print("press the board's reset button")
 
     def _sizes(self, paths: Iterable[str]) -> dict[str, int]:
@@ -153,7 +153,7 @@ class Drive:
                 ) from None
             if error.errno in _READ_ONLY:
                 raise SpotsError(
-                    f"the drive {self.port} may only be read, for the board itself writes to it: "
+                    f"the drive {self.port} is read-only, for the board itself writes to it: "
                     "reset the board, hold its button for two seconds right after that, and flash "
                     "again when the drive is back"
                 ) from None
@@ -205,5 +205,5 @@ def _first_character(path: Path) -> str:
 def _is_file(path: str) -> bool:
     try:
         return stat.S_ISREG(os.lstat(path).st_mode)
-    except OSError:  # of another user's drives it cannot even be asked what is there
+    except OSError:  # another user's drive may not even be listed
         return False

@@ -1,4 +1,4 @@
-"""File names of version 0.1.0, the only one that left no manifest on its boards.
+"""File names of version 0.1.0, the only one that wrote no manifest.
 
 Data, and never changed: the files of this version are those of `staging.names`.
 """

@@ -22,23 +22,23 @@ _CHECKOUT = Path(spots_device.__file__).resolve().parents[2]
 _ROOT = _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
 BOARDS = _ROOT / "boards"
 
-# What a runtime starts with; the last one is what makes a board run the application.
+# The files that a runtime starts with; the last one runs the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
 CONFIG = "board_config.py"
 # Apart: on this Python's path, a code.py would hide the standard library's.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
-# What a runtime needs besides, taken from this Python's own packages into `lib`.
+# Libraries that a runtime needs in `lib`, copied from this Python's packages.
 LIBRARIES = {
     "micropython": (),
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The two forms of the firmware's kernel: every board knows the one it has by the first one's name.
+# The two forms of the firmware's kernel; a board has one of them, under the first name.
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 
 
 class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What board.toml says of a board.
+    """A board file, board.toml.
 
     Attributes
     ----------
@@ -76,17 +76,17 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 def board_names() -> list[str]:
-    """Return the boards that there are files for."""
+    """Return the names of the boards that SPOTS has files for."""
     return sorted(path.parent.name for path in BOARDS.glob("*/board.toml"))
 
 
 def device_of(board: str) -> Device:
-    """Return what is known of a board.
+    """Return the board file of a board.
 
     Raises
     ------
     SpotsError
-        If there is no such board, its file is damaged, or it asks for viper where that cannot be
+        If the board is unknown, its file is damaged, or it asks for viper where that cannot be
         compiled.
     """
     known = board_names()
@@ -120,7 +120,7 @@ def stage(board: str, folder: Path) -> None:
     Raises
     ------
     SpotsError
-        If there is no such board, or a library is missing here.
+        If the board is unknown, or a library is not installed here.
     """
     device = device_of(board)
     for library in LIBRARIES[device.runtime]:

@@ -1,12 +1,12 @@
-"""What a computer is played through: a keyboard, a gamepad; here those that only print.
+"""Output devices of this computer: keyboard and gamepad; here those that only print.
 
-Whoever opens one lets go of everything when it ends or stops, however it does, see `signals`::
+An open output releases everything on every exit path and when the process stops, see `signals`::
 
     with released_by_signals(), open_keyboard(dry_run=False) as keyboard:
         keyboard.key(*usage_of("PLAY_PAUSE"), modifiers=0, pressed=True)
 
 A process that is killed outright (SIGKILL, a power cut) runs no such line. On Linux the kernel
-then destroys the virtual device with its last file handle and lets go of what it held.
+then destroys the virtual device with its last file handle and releases what it held.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ REST = State(0, 0, 0, 0)
 
 
 class Output:
-    """A device that lets go of everything when it is closed, also by an exception.
+    """A device that releases everything when it is closed, also by an exception.
 
     Attributes
     ----------
@@ -65,16 +65,16 @@ class Output:
         self.close()
 
     def release(self) -> None:
-        """Let go of all."""
+        """Release everything."""
         raise NotImplementedError
 
     def mute(self) -> None:
-        """Let go of all, and press nothing until `signals.resumed` unmutes it."""
+        """Release everything, and press nothing until `signals.resumed` unmutes it."""
         self.muted = True
         self.release()
 
     def close(self) -> None:
-        """Let go of all, then of the device; closing twice is closing once."""
+        """Release everything and close the device; idempotent."""
         with SECTION:
             if self._closed:
                 return
@@ -119,7 +119,7 @@ class Keyboard(Output):
         Raises
         ------
         SpotsError
-            If there is no such key here, or the device takes no events any more.
+            If the key is unknown here, or the device no longer takes events.
         """
         key = (page, usage)
         with SECTION:
@@ -134,7 +134,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Let go of all keys; what fails on the way does not keep the others down."""
+        """Release all keys; one that fails does not keep the others down."""
         with SECTION:
             self._held.clear()
             self._apply()
@@ -198,7 +198,7 @@ class Gamepad(Output):
                 self._last = state
 
     def release(self) -> None:
-        """Centre all axes and let go of all buttons."""
+        """Centre all axes and release all buttons."""
         self.update(*REST)
 
     def _send(self, state: State) -> None:

@@ -31,7 +31,7 @@ def open_gamepad(dry_run: bool) -> Gamepad:
     Raises
     ------
     SpotsError
-        If there is none, or a package or a permission is missing; the text says what to do.
+        If this system has none, or a package or a permission is missing; the text says what to do.
     """
     if dry_run:
         return PrintedGamepad()

@@ -76,7 +76,7 @@ def usage_of(name: str) -> tuple[int, int]:
     Raises
     ------
     SpotsError
-        If there is no such key; the text names similar ones.
+        If the key is unknown; the text names similar ones.
     """
     found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
     if found is None:
@@ -104,7 +104,7 @@ def chord_of(text: str) -> tuple[int, int, int]:
     Raises
     ------
     SpotsError
-        If there is no such key or modifier, or the key takes none.
+        If the key or modifier is unknown, or the key takes no modifiers.
     """
     *modifiers, name = text.split("+") if len(text) > 1 else [text]
     bits = 0
