@@ -6,6 +6,7 @@ cut short or changed.
 
 from __future__ import annotations
 
+import json
 import re
 import zlib
 from datetime import datetime, timezone
@@ -196,11 +197,7 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         content.pop("version")
         found = toml.convert(content, CalibrationFile)
         made = Calibration(found.lines)
-    except (
-        msgspec.ValidationError,
-        CalibrationError,
-        KeyError,
-    ) as error:
+    except (msgspec.ValidationError, CalibrationError, KeyError) as error:
         raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
     c = found.conditions
     reason = made.mismatch(c.board, c.plan, c.gain, c.exposure_us, c.led_mA)
@@ -209,34 +206,27 @@ def _checked(path: Path, body: str) -> CalibrationFile:
     return found
 
 
-def _text(c: CalibrationFile) -> str:
+def _text(calibration: CalibrationFile) -> str:
+    fields = msgspec.to_builtins(calibration)
+    date, lines, residuals, joint = map(fields.pop, ("date", "lines", "residuals", "joint"))
     rows = [
         "# The calibration of one SPOTS board, made by 'spots calibrate'.",
         f"version = {VERSION}",
-        f"date = {c.date.strftime('%Y-%m-%dT%H:%M:%SZ')}",
-        f'board = "{c.board}"',
-        f"plan = [{_strings(c.plan)}]",
-        f"gain = {c.gain}",
-        f"exposure_us = {c.exposure_us}",
-        f"led_mA = {c.led_mA}",
+        f"date = {date}",
+        *_keys(fields),
         "# What the board is given, see docs/protocol.md.",
         "lines = [",
-        *(f'  "{line}",' for line in c.lines),
+        *(f"  {json.dumps(line)}," for line in lines),
         "]",
     ]
-    for residual in c.residuals:
-        rows += ["", "[[residuals]]", *_numbers(residual)]
-    if c.joint is not None:
+    for residual in residuals:
+        rows += ["", "[[residuals]]", *_keys(residual)]
+    if joint is not None:
         rows += ["", "# angle in degrees = zero_deg + deg_per_um * position in um"]
-        rows += ["[joint]", *_numbers(c.joint)]
+        rows += ["[joint]", *_keys(joint)]
     return "\n".join([*rows, "", ""])
 
 
-def _strings(values) -> str:
-    return ", ".join(f'"{value}"' for value in values)
-
-
-def _numbers(struct: msgspec.Struct) -> list[str]:
-    fields = msgspec.structs.asdict(struct)
-    values = {name: list(v) if isinstance(v, tuple) else v for name, v in fields.items()}
-    return [f"{name} = {value!r}" for name, value in values.items() if value is not None]
+def _keys(fields: dict) -> list[str]:
+    # What JSON writes of a number, a text or a list is TOML, too.
+    return [f"{name} = {json.dumps(value)}" for name, value in fields.items() if value is not None]

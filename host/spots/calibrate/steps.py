@@ -304,7 +304,8 @@ def _joint(setup: Setup, count: int) -> None:
         for share in shares[known:]:
             wanted = setup.presser.turn(direction, share)
             # With one angle twice, the session can no longer be fitted.
-            if _turned(setup.session, wanted):
+            taken = [(p.angle_deg, p.direction) for p in setup.session.of("joint")]
+            if (wanted.angle_deg, wanted.direction) in taken:
                 setup.guide.skip()
                 setup.guide.say(f"{wanted} was taken already: turn further")
                 continue
@@ -322,14 +323,6 @@ def _joint(setup: Setup, count: int) -> None:
     setup.guide.say(
         f"joint: R2 {joint.r2:.5f}, resolution {joint.resolution_deg:.3f} deg, accuracy "
         f"{joint.accuracy_deg:.3f} deg, backlash {joint.backlash_deg:.3f} deg, in {setup.out}"
-    )
-
-
-def _turned(session: Session, wanted: Wanted) -> bool:
-    """Return whether the joint was at this angle already, from this direction."""
-    return any(
-        (p.angle_deg, p.direction) == (wanted.angle_deg, wanted.direction)
-        for p in session.of("joint")
     )
 
 

