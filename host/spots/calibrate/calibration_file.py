@@ -113,7 +113,17 @@ class CalibrationFile(_Struct, kw_only=True):
 
     @classmethod
     def now(cls, conditions: Conditions, lines, residuals, joint=None) -> CalibrationFile:
-        """Return a calibration that was made now."""
+        """Return a calibration dated now.
+
+        Parameters
+        ----------
+        conditions : Conditions
+            What it was made with.
+        lines : iterable of str
+            The board's.
+        residuals : list of Residual
+        joint : Joint, optional
+        """
         return cls(
             date=datetime.now(timezone.utc).replace(microsecond=0),
             **vars(conditions),
@@ -125,6 +135,11 @@ class CalibrationFile(_Struct, kw_only=True):
 
 def save(calibration: CalibrationFile, path: Path) -> None:
     """Write or replace a file, atomically.
+
+    Parameters
+    ----------
+    calibration : CalibrationFile
+    path : Path
 
     Raises
     ------
@@ -171,6 +186,11 @@ def load(path: Path) -> CalibrationFile:
 
 def send(board: Board, calibration: CalibrationFile) -> str:
     """Upload a calibration to a board and store it there.
+
+    Parameters
+    ----------
+    board : Board
+    calibration : CalibrationFile
 
     Returns
     -------

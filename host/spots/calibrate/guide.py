@@ -59,7 +59,18 @@ class Guide:
                 self._console.print(message, markup=False, soft_wrap=True)
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
-        """Begin a row of `total` presses on a strip of this length."""
+        """Begin a series of presses.
+
+        Parameters
+        ----------
+        title : str
+        total : int
+            How many presses.
+        plan : tuple of str
+            The channels.
+        length_um : float
+            Of the strip.
+        """
         self._title, self._plan, self._length_um = title, plan, length_um
         self._done, self._total = 0, total
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
@@ -74,7 +85,16 @@ class Guide:
         self._draw()
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading, what is wrong with it, and how far (0 to 1) it is from being taken."""
+        """Show a reading.
+
+        Parameters
+        ----------
+        reading : Reading
+        trouble : str or None
+            What is wrong with it.
+        steady : float
+            From 0 to 1, where it is taken.
+        """
         self._reading, self._trouble, self._steady = reading, trouble, steady
         self._draw()
 
@@ -113,7 +133,14 @@ class Guide:
     def ask_number(
         self, question: str, lowest: float = -math.inf, highest: float = math.inf
     ) -> float:
-        """Return a number from `lowest` to `highest`; ask until one is given."""
+        """Return a number; ask until a valid one is given.
+
+        Parameters
+        ----------
+        question : str
+        lowest, highest : float
+            The range, both included.
+        """
         while True:
             answer = self.ask(question)
             try:

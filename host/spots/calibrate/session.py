@@ -85,7 +85,16 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) -> Point:
-    """Return the point that a reading of a wanted press makes."""
+    """Return the point that a reading of a wanted press makes.
+
+    Parameters
+    ----------
+    wanted : Wanted
+    reading : Reading
+    conditions : Conditions
+    **measured
+        Other fields of `Point`.
+    """
     return Point(
         **msgspec.structs.asdict(wanted),
         **vars(conditions),
@@ -154,7 +163,14 @@ class Session:
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
     def has(self, wanted: Wanted, plan: tuple[str, ...]) -> bool:
-        """Return whether a press was taken already, with these channels."""
+        """Return whether a press was taken already.
+
+        Parameters
+        ----------
+        wanted : Wanted
+        plan : tuple of str
+            The channels that it has to have been read with.
+        """
         return any(
             abs(p.place_um - wanted.place_um) < _SAME_UM
             and abs(p.force_mN - wanted.force_mN) < _SAME_SHARE * wanted.force_mN

@@ -60,8 +60,10 @@ class SpectrumReader:
         self._average = 1
         self.set_up()
 
-    def set_up(self) -> None:
-        """Read the board's settings and take a dark frame."""
+    def set_up(self, line: str = "") -> None:
+        """`set` something, if given; then read the board's settings and take a dark frame."""
+        if line:
+            self.board.command("set " + line)
         self.info = self.board.command("hello")
         if self.info["average"] != 1:
             self._average = self.info["average"]

@@ -66,12 +66,6 @@ class Setup:
         """Return the channels that are read."""
         return self.reader.conditions.plan
 
-    def set_up(self, line: str = "") -> None:
-        """`set` something, then read with it."""
-        if line:
-            self.reader.board.command("set " + line)
-        self.reader.set_up()
-
 
 def calibrate(
     setup: Setup, kind: str, count: int, strain_percent: float | None, options: argparse.Namespace
@@ -134,7 +128,7 @@ def _settle(setup: Setup, options: argparse.Namespace) -> None:
             )
         return
     if wanted_plan:
-        setup.set_up("plan=" + options.plan)
+        setup.reader.set_up("plan=" + options.plan)
     if not session.points and not options.keep_settings:
         _auto(setup)
     if not wanted_plan:
@@ -147,7 +141,7 @@ def _auto(setup: Setup) -> None:
     setup.guide.want(wanted)
     setup.taker.take(wanted, as_it_is=True)
     found = setup.reader.board.command("auto", timeout_s=60)
-    setup.set_up()
+    setup.reader.set_up()
     setup.taker.release()
     gain, led_mA, exposure_us = (found[name] for name in ("gain", "led_mA", "exposure_us"))
     setup.guide.say(f"gain {gain}, LED {led_mA} mA, exposure {exposure_us} us")
@@ -160,7 +154,7 @@ def _choose(setup: Setup) -> None:
     row = [Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN)]
     row += [Wanted(kind="choose", place_um=x, force_mN=FIRM_MN) for x in places_um]
     for plan in plans:
-        setup.set_up("plan=" + ",".join(plan))
+        setup.reader.set_up("plan=" + ",".join(plan))
         setup.guide.begin("choice of channels", len(row), plan, setup.length_um)
         for wanted in row:
             _take(setup, wanted, as_it_is=True)
@@ -169,7 +163,7 @@ def _choose(setup: Setup) -> None:
     )
     full = full_scale(*registers(setup.reader.conditions.exposure_us))
     choice = choose(plans, measured, full)
-    setup.set_up("plan=" + ",".join(choice.plan))
+    setup.reader.set_up("plan=" + ",".join(choice.plan))
     setup.guide.say(
         f"channels {' '.join(choice.plan)}: {choice.sigma_um:.0f} um a sample, "
         f"{' '.join(plans[0])}: {choice.present_sigma_um:.0f} um"
@@ -206,7 +200,7 @@ def _learn_noise(setup: Setup) -> None:
 def _places(setup: Setup, kind: str, count: int, strain_ppm: int) -> None:
     length_um = setup.length_um * (1 + strain_ppm * 1e-6)
     setup.presser.stretch(strain_ppm, length_um)
-    setup.set_up()
+    setup.reader.set_up()
     title = f"positions at {strain_ppm / 10_000:g} % strain" if strain_ppm else "positions"
     setup.guide.begin(title, count, setup.plan(), length_um)
     for place_um in _along(length_um, count):
@@ -293,7 +287,7 @@ def _joint(setup: Setup, count: int) -> None:
     if board.command("hello")["calibration"] != checksum(list(calibration.lines)):
         setup.reader.give_back()
         file.send(board, calibration)
-    setup.set_up()
+    setup.reader.set_up()
     _learn_noise(setup)
     board.command("stream touch spectrum")
     setup.guide.begin("joint", 2 * count, setup.plan(), setup.length_um)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+from io import TextIOWrapper
 from typing import TextIO
 
 _HANDLER = "spots.plain"
@@ -31,4 +32,5 @@ def plain(error: UnicodeError) -> tuple[str, int]:
 def never_fail(output: TextIO) -> None:
     """Let a stream write plain characters for those that its encoding does not have."""
     codecs.register_error(_HANDLER, plain)
-    output.reconfigure(errors=_HANDLER)
+    if isinstance(output, TextIOWrapper):  # else it encodes nothing
+        output.reconfigure(errors=_HANDLER)

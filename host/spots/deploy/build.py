@@ -67,6 +67,13 @@ def mpy_header(data: bytes) -> MpyHeader:
 def build(board: str, root: Path = Path("build")) -> Path:
     """Build a board's files and return their folder, ``root/board``.
 
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    root : Path
+        The folder of all builds.
+
     Raises
     ------
     SpotsError

@@ -9,7 +9,8 @@ import re
 import shutil
 import stat
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import SpotsError, missing
@@ -57,7 +58,8 @@ class Drive:
         self._tree = None
         try:
             self._tree = Tree(folder)
-            about = self._read(_ABOUT, _ABOUT_BYTES).decode("utf-8", errors="replace")
+            with self._tree.open(_ABOUT) as file:
+                about = file.read(_ABOUT_BYTES).decode("utf-8", errors="replace")
             free = shutil.disk_usage(folder).free
         except OSError:
             about = ""
@@ -93,19 +95,27 @@ class Drive:
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
         """Return the sizes of the files that exist among these, by path."""
-        return self._do(self._sizes, paths)
+        with self._explained():
+            sizes = {path: self._tree.size(path) for path in paths}
+        return {path: size for path, size in sizes.items() if size is not None}
 
     def read(self, path: str, size: int) -> bytes:
         """Return the first bytes of a file, at most `size` of them."""
-        return self._do(self._read, path, size)
+        with self._explained(), self._tree.open(path) as file:
+            return file.read(size)
 
     def sha256(self, path: str) -> str:
         """Return the hash of a file, in hexadecimal."""
-        return self._do(self._sha256, path)
+        digest = hashlib.sha256()
+        with self._explained(), self._tree.open(path) as file:
+            while chunk := file.read(_CHUNK):
+                digest.update(chunk)
+        return digest.hexdigest()
 
     def remove(self, path: str) -> None:
         """Remove a file."""
-        self._do(self._tree.remove, path)
+        with self._explained():
+            self._tree.remove(path)
 
     def remove_folder(self, path: str) -> None:
         """Remove a folder if it is empty."""
@@ -116,7 +126,8 @@ class Drive:
 
     def write(self, path: str, data: bytes) -> None:
         """Write a file under a temporary name, and rename it once it is on the drive."""
-        self._do(self._tree.write, path, data)
+        with self._explained():
+            self._tree.write(path, data)
 
     def reset(self) -> None:
         """Restart the board, or ask the user to, where its prompt cannot be reached."""
@@ -128,24 +139,10 @@ class Drive:
             pass  # the line below says what to do
         print("press the board's reset button")
 
-    def _sizes(self, paths: Iterable[str]) -> dict[str, int]:
-        sizes = {path: self._tree.size(path) for path in paths}
-        return {path: size for path, size in sizes.items() if size is not None}
-
-    def _read(self, path: str, size: int) -> bytes:
-        with self._tree.open(path) as file:
-            return file.read(size)
-
-    def _sha256(self, path: str) -> str:
-        digest = hashlib.sha256()
-        with self._tree.open(path) as file:
-            while chunk := file.read(_CHUNK):
-                digest.update(chunk)
-        return digest.hexdigest()
-
-    def _do(self, function, *arguments):
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
         try:
-            return function(*arguments)
+            yield
         except OSError as error:
             if error.errno == errno.ENOSPC:
                 raise SpotsError(

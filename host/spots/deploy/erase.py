@@ -14,6 +14,15 @@ from .staging import ENTRIES, device_of
 def erase(board: str, port: str | None = None, yes: bool = False) -> None:
     """Remove the firmware's files from a board after a confirmation; other files stay.
 
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    port : str, optional
+        A serial port, or the folder of a CircuitPython drive; found if not given.
+    yes : bool
+        Do not ask for the confirmation.
+
     Raises
     ------
     SpotsError

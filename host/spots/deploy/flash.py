@@ -63,6 +63,15 @@ class Plan:
 def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     """Copy the firmware to a board, start it, and check that it answers.
 
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    port : str, optional
+        A serial port, or the folder of a CircuitPython drive; found if not given.
+    dry_run : bool
+        Only print what would be copied and removed.
+
     Raises
     ------
     SpotsError
@@ -85,7 +94,23 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Raise SpotsError if a board with these facts cannot run these files."""
+    """Check that a board can run the files that were built for it.
+
+    Parameters
+    ----------
+    facts : dict
+        Of the board, see `Prompt` and `Drive`.
+    device : staging.Device
+    files : dict of str to bytes
+        By their path on the board.
+    port : str
+        Where the board is, for the sentence.
+
+    Raises
+    ------
+    SpotsError
+        If its runtime, version, chip or board is another one.
+    """
     runs = f"the board on {port} runs {facts['runtime']}"
     if facts["runtime"] != device.runtime:
         raise SpotsError(f"{runs}, but {device.name} needs {device.runtime}: install that on it")
@@ -127,7 +152,20 @@ def _refuse_chip(facts: dict, device: Device, files: dict[str, bytes], port: str
 
 
 def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
-    """Compare the files on a board with those it should have."""
+    """Compare the files on a board with those it should have.
+
+    Parameters
+    ----------
+    files : dict of str to bytes
+        Those it should have, by their path on the board.
+    target : Prompt or Drive
+    runtime : str
+        ``micropython`` or ``circuitpython``.
+
+    Returns
+    -------
+    Plan
+    """
     entry = ENTRIES[runtime][-1]
     known = Known(target, runtime, files)
     there = known.sizes
@@ -208,7 +246,20 @@ class Known:
 
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
-    """Carry out a plan; raises SpotsError if the board has no room for it."""
+    """Carry out a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    files : dict of str to bytes
+        By their path on the board.
+    target : Prompt or Drive
+
+    Raises
+    ------
+    SpotsError
+        If the board has no room for it; the board is then unchanged.
+    """
     free = target.facts["free"]
     if free is not None and plan.need > free:
         raise SpotsError(

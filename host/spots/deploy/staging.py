@@ -117,6 +117,13 @@ def names(runtime: str) -> set[str]:
 def stage(board: str, folder: Path) -> None:
     """Lay out a board's files in a folder: firmware, libraries, board_config.py, in sources.
 
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    folder : Path
+        Exists, and is empty.
+
     Raises
     ------
     SpotsError

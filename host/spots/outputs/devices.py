@@ -183,7 +183,12 @@ class Gamepad(Output):
         self._last: State | None = REST
 
     def update(self, x: int, y: int, z: int, buttons: int) -> None:
-        """Take all axes and buttons, in the ranges of `State`.
+        """Take all axes and buttons.
+
+        Parameters
+        ----------
+        x, y, z, buttons : int
+            In the ranges of `State`.
 
         Raises
         ------
