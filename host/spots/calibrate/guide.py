@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 
-from rich.bar import Bar
 from rich.console import Console, Group
 from rich.live import Live
 from rich.panel import Panel
@@ -13,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import SpotsError, printable
-from ..terminal.view import live, strip_columns
+from ..terminal.view import bar, bars, live, strip_columns
 from .session import Wanted
 from .spectra import Reading
 
@@ -158,7 +157,7 @@ class Guide:
 
     def _picture(self) -> Panel:
         columns = strip_columns()
-        parts = [self._strip(columns), Text(), self._bars(columns), Text()]
+        parts = [self._strip(columns), Text(), self._bars(), Text()]
         shown = self._messages[-_MESSAGES if self._console.height > _LOW else -1 :]
         parts += [Text(message, style="dim") for message in shown[:-1]]
         parts += [Text(message, style="bold") for message in shown[-1:]]
@@ -176,19 +175,11 @@ class Guide:
             line.append("\n" + " " * at + "▲")
         return line
 
-    def _bars(self, columns: int) -> Table:
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(justify="right", width=9)
-        grid.add_column(justify="right", width=8)
-        grid.add_column(width=columns - 24)
+    def _bars(self) -> Table:
         counts = [0.0] * len(self._plan) if self._reading is None else self._reading.counts
-        top = max(*counts, 100.0) if len(counts) else 1.0
-        for name, count in zip(self._plan, counts):
-            grid.add_row(
-                Text(printable(name)), f"{count:.0f} ct", Bar(top, 0, max(count, 0), color="white")
-            )
+        grid = bars(self._plan, counts, 100)
         if self._reading is not None:
-            grid.add_row("held", "", Bar(1.0, 0, min(self._steady, 1), color="green"))
+            grid.add_row("held", "", Text(bar(self._steady), style="green"))
             style = "yellow" if self._trouble else "green"
             grid.add_row("", "", Text(self._trouble or "steady", style=style))
         return grid

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from shutil import get_terminal_size
 from typing import Protocol
 
@@ -129,7 +130,7 @@ class StripView:
         words = _words(touch) if touch is not None else ""
         grid.add_row("position", place, Text(words, style="yellow"))
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
-        grid.add_row("force", force, Text(_bar(share), style="cyan"))
+        grid.add_row("force", force, Text(bar(share), style="cyan"))
         return grid
 
     def _history(self) -> Table:
@@ -148,16 +149,30 @@ class StripView:
         return grid
 
     def _bars(self) -> Table:
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(justify="right", width=9)
-        grid.add_column(justify="right", width=10)
-        grid.add_column()
-        counts = self._spectrum.counts if self._spectrum else [0] * len(self._info["plan"])
-        top = max([*counts, 1000])
-        for name, count in zip(self._info["plan"], counts):
-            bar = Text(_bar(count / top), style=_CHANNEL_COLOURS.get(name, "white"))
-            grid.add_row(Text(printable(name)), f"{count} ct", bar)
-        return grid
+        plan = self._info["plan"]
+        return bars(plan, self._spectrum.counts if self._spectrum else [0] * len(plan), 1000)
+
+
+def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
+    """Return a table with a bar for each channel.
+
+    Parameters
+    ----------
+    plan : sequence of str
+        Names of the channels.
+    counts : sequence of float
+    least : float
+        The count of the longest bar, if no channel has more.
+    """
+    grid = Table.grid(padding=(0, 1))
+    grid.add_column(justify="right", width=9)
+    grid.add_column(justify="right", width=10)
+    grid.add_column()
+    top = max([*counts, least])
+    for name, count in zip(plan, counts):
+        colour = _CHANNEL_COLOURS.get(name, "white")
+        grid.add_row(Text(printable(name)), f"{count:.0f} ct", Text(bar(count / top), style=colour))
+    return grid
 
 
 def strip_columns() -> int:
@@ -165,7 +180,8 @@ def strip_columns() -> int:
     return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
 
 
-def _bar(share: float) -> str:
+def bar(share: float) -> str:
+    """Return a bar, its length a share of the longest."""
     eighths = round(max(0.0, min(share, 1.0)) * (strip_columns() - _BAR_LEFT) * 8)
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
