@@ -80,9 +80,17 @@ def test_a_misspelt_word_is_answered_with_the_one_that_was_meant(capsys, argumen
     code, text = printed(capsys, *arguments)
     assert code == 2
     assert suggested in text
-    assert text.startswith("usage: spots")
+    assert text.count("\n") == 1
     if arguments[0] in ("flash", "monitor"):
-        assert text.startswith(f"usage: spots {arguments[0]} ")
+        assert text.startswith(f"spots {arguments[0]}: ")
+
+
+def test_a_mistake_without_a_suggestion_names_the_help(capsys):
+    code, text = printed(capsys, "flash")
+    assert code == 2
+    assert text == (
+        "spots flash: the following arguments are required: BOARD; see 'spots flash --help'\n"
+    )
 
 
 def test_the_commands_of_a_board_are_listed_in_full(capsys):

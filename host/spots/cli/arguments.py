@@ -73,7 +73,7 @@ def number(what: str, low: float, high: float, kind: type = float):
             value = math.nan
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(
-                f"{what} is a number from {low:g} to {high:g}, not '{text}'"
+                f"{what} is a number from {low:g} to {high:,.12g}, not '{text}'"
             )
         return value
 

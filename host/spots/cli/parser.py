@@ -39,7 +39,8 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
 
     def error(self, message: str) -> NoReturn:
-        super().error(printable(message))
+        hint = "" if message.endswith("?") else f"; see '{self.prog} --help'"
+        self.exit(2, f"{self.prog}: {printable(message)}{hint}\n")
 
     def parse_known_args(self, args=None, namespace=None):
         """Refuse what is left over here: the parser of a command knows its options."""
@@ -50,7 +51,7 @@ class Parser(argparse.ArgumentParser):
             self.error(
                 f"there is no option {unknown[0]}: {hint}"
                 if unknown[0].startswith("-")
-                else f"nothing takes the argument '{unknown[0]}': see '{self.prog} --help'"
+                else f"nothing takes the argument '{unknown[0]}'"
             )
         return namespace, unknown
 
