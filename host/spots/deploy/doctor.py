@@ -107,7 +107,8 @@ def examine_board(board: Board) -> Iterator[Finding]:
     yield _rate(spectra, reading_s)
     hello = board.command("hello")
     step = next_step(hello)
-    yield Finding("calibrated", True, f"not yet; {step}" if step else hello["calibration"])
+    text = f"not yet; {step}" if step else f"for {hello['length_um'] / 1000:g} mm"
+    yield Finding("calibrated", True, text)
 
 
 def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
