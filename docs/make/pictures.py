@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-import textwrap
 from pathlib import Path
 from string import Template
+from typing import NamedTuple
 
 from rich.console import Console
 
@@ -34,7 +34,24 @@ from spots_sim.simulated_linkage import START_S, Simulation
 from spots_sim.typist import TypedText
 
 _HERE = Path(__file__).parents[1]
-_LINE = 15  # letters of a board's name that fit its picture
+
+
+class Wire(NamedTuple):
+    """Where a wire runs: at the breakout, between the two, and around a board's lower end."""
+
+    colour: str
+    breakout_y: int
+    lane_x: int
+    left_x: int
+    below_y: int
+
+
+_WIRES = {
+    "ground": Wire("#222222", 110, 270, 12, 406),
+    "power": Wire("#d00000", 160, 300, 18, 399),
+    "sda": Wire("#0057d9", 270, 360, 28, 388),
+    "scl": Wire("#e0a800", 320, 330, 40, 376),
+}
 
 # In the demo scenario a finger slides back towards the sensor at this moment.
 MOMENT_S = 4.0
@@ -59,12 +76,41 @@ def wirings() -> list[Path]:
     template = Template((_HERE / "wiring.svg.in").read_text(encoding="utf-8"))
     paths = []
     for device in map(device_of, board_names()):
-        if device.wiring:
-            line1, line2 = textwrap.wrap(device.title, _LINE)
-            text = template.substitute(device.wiring, title=device.title, line1=line1, line2=line2)
+        if "drawn" in device.wiring:
+            drawn = device.wiring["drawn"]
+            places = {name: (drawn[name], 1 / drawn["rows"]) for name in _WIRES}
+            pins = [_pin(device.wiring[name], *place) for name, place in places.items()]
+            wires = [_wire(_WIRES[name], *place) for name, place in places.items()]
+            text = template.substitute(
+                title=device.title, pins="\n".join(pins), wires="\n".join(wires)
+            )
             paths.append(_HERE / f"wiring-{device.name}.svg")
             atomic.write_text(text, paths[-1])
     return paths
+
+
+def _height(row: int, pitch: float) -> float:
+    return 60 + 300 * (row - 0.5) * pitch
+
+
+def _pin(label: str, drawn: tuple[str, int], pitch: float) -> str:
+    side, row = drawn
+    y = _height(row, pitch)
+    x, text_x, anchor = (60, 72, "start") if side == "left" else (230, 218, "end")
+    return (
+        f'  <circle cx="{x}" cy="{y:g}" r="6" fill="#ffd966" stroke="#7a5c00"/>\n'
+        f'  <text x="{text_x}" y="{y + 4:g}" text-anchor="{anchor}" fill="#fff" font-size="12">'
+        f"{label}</text>"
+    )
+
+
+def _wire(wire: Wire, drawn: tuple[str, int], pitch: float) -> str:
+    side, row = drawn
+    start = f"M237 {_height(row, pitch):g}"
+    if side == "left":  # around the lower end of the board
+        start = f"M53 {_height(row, pitch):g} H{wire.left_x} V{wire.below_y}"
+    path = f"{start} H{wire.lane_x} V{wire.breakout_y} H423"
+    return f'    <path d="{path}" stroke="{wire.colour}"/>'
 
 
 def demo() -> Path:

@@ -47,7 +47,23 @@ class LineReader:
 
 
 class Commands:
-    """What each command does to the application.
+    """What each command does to the application; `spots command --help` shows this list.
+
+    commands of the board:
+      hello               board, firmware, id, settings, calibration
+      get                 settings, dark frame, faults and what was missed
+      set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
+                          baseline, keys, gamepad, watchdog
+      auto                search gain and LED current while you press firmly
+      dark                take a dark frame
+      rest                take the present light as the baseline
+      stream KIND ...     what each sample sends: touch, spectrum, both, off
+      keys on|off         touches press keys
+      gamepad on|off      touches move a gamepad
+      layout, cal         upload a layout or a calibration, line by line
+      save                store settings, layout and calibration
+      sync                the board's time, and what it streams
+      reboot              restart the firmware
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""What a user can put right."""
+"""Errors that a user can correct, and their sentences."""
+
+import difflib
+from collections.abc import Iterable
 
 # As `pip` knows the project: `spots` alone is somebody else's.
 DISTRIBUTION = "spots-tactile"
@@ -10,6 +13,28 @@ _LONGEST = 2000
 def printable(text: str) -> str:
     """Return a text as one line that does nothing to a terminal: the rest of it is escaped."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the end of a sentence about a name that does not exist.
+
+    Parameters
+    ----------
+    word : str
+        The name that was given, in any case.
+    known : iterable of str
+        The names that exist.
+
+    Returns
+    -------
+    str
+        "did you mean ...?" with the similar names, or all names if there are none.
+    """
+    by_case = {name.lower(): name for name in known}
+    found = difflib.get_close_matches(word.lower(), by_case, n=3, cutoff=0.7)
+    if found:
+        return f"did you mean {' or '.join(by_case[name] for name in found)}?"
+    return f"there are {', '.join(by_case.values())}"
 
 
 def _shortened(text: str) -> str:

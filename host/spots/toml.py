@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TypeVar
 
 import msgspec
+from msgspec import inspect
 
 from .bounded import read_text
-from .errors import SpotsError
+from .errors import SpotsError, did_you_mean
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -33,6 +34,10 @@ _TEXT_OR_COMMENT = re.compile(
     r"|#[^\n]*",
     re.DOTALL,
 )
+
+# How msgspec reports a key or a value that does not exist, and the parts of its path there.
+_UNKNOWN = re.compile(r"(?:unknown field `|Invalid enum value ')(.*?)[`'](?: - at `\$(.*)`)?$")
+_STEP = re.compile(r"\.([^.\[]+)|\[[^]]*\]")
 
 
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
@@ -94,9 +99,54 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
         If it is not TOML, or a key in it is unknown, missing or out of range.
     """
     try:
-        return msgspec.convert(loads(text), kind)
+        return convert(loads(text), kind)
     except msgspec.ValidationError as error:
         raise SpotsError(f"{what}: {error}") from None
+
+
+def convert(content: dict, kind: type[_Kind]) -> _Kind:
+    """Return a file's content as a `msgspec.Struct`.
+
+    Raises
+    ------
+    msgspec.ValidationError
+        If a key is unknown, missing or out of range; the text names the keys that exist.
+    """
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        wrong = _UNKNOWN.search(str(error))
+        if wrong is None:
+            raise
+        hint = did_you_mean(wrong[1], _known(kind, wrong[2] or ""))
+        raise msgspec.ValidationError(f"{error}: {hint}") from None
+
+
+def _known(kind: type, path: str) -> list[str]:
+    """Return the keys, or the values, that a type allows at one of msgspec's paths."""
+    found = _alternatives(inspect.type_info(kind))
+    for name in _STEP.findall(path):
+        found = [one for outer in found for one in _inside(outer, name)]
+    names = []
+    for one in found:
+        if isinstance(one, inspect.StructType):
+            names += [one.tag_field] if one.tag_field else []
+            names += [field.encode_name for field in one.fields]
+        elif isinstance(one, inspect.LiteralType):
+            names += map(str, one.values)
+    return list(dict.fromkeys(names))
+
+
+def _inside(outer: inspect.Type, name: str) -> list[inspect.Type]:
+    if isinstance(outer, inspect.StructType):
+        (inner,) = [field.type for field in outer.fields if field.encode_name == name] or [None]
+    else:
+        inner = getattr(outer, "item_type", getattr(outer, "value_type", None))
+    return _alternatives(inner)
+
+
+def _alternatives(one: inspect.Type | None) -> list[inspect.Type]:
+    return list(getattr(one, "types", [one]))
 
 
 def _check_keys(text: str) -> None:

@@ -7,44 +7,64 @@ import json
 import sys
 
 from spots.cli import arguments
+from spots.cli.parser import Parser, calls
 from spots.errors import SpotsError
 
+PURPOSE = "simulate, without hardware"
 
-def add(commands) -> None:
-    """Add the commands to a parser's subparsers."""
-    demo = commands.add_parser("demo", help="the virtual board: real firmware, simulated sensor")
-    demo.add_argument(
-        "--seconds", type=arguments.seconds, help="end after so long (10 off a terminal)"
-    )
-    demo.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
-    demo.add_argument("--fast", action="store_true", help="simulated time, the same bytes each run")
-    demo.add_argument("--page", action="store_true", help="a page in a web browser, until Ctrl-C")
-    demo.add_argument(
+
+def demo(parser: Parser):
+    """Watch a virtual board: real firmware on a simulated sensor.
+
+    examples:
+      spots demo
+      spots demo --use keyboard --seconds 10
+    """
+    arguments.add_seconds(parser, "stop after this time; 10 if the output is not a terminal")
+    parser.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
+    parser.add_argument("--fast", action="store_true", help="simulated time; equal runs are equal")
+    parser.add_argument("--page", action="store_true", help="show it in a browser, until Ctrl-C")
+    parser.add_argument(
         "--use", help="strip, keyboard, controller, wearable, fivebar; in this terminal"
     )
-    arguments.add_simulation(demo)
-    demo.set_defaults(run=_demo, scenario=None)  # that of the use
+    arguments.add_simulation(parser)
+    parser.set_defaults(scenario=None)  # that of the application
+    return _demo
 
-    characterize = commands.add_parser(
-        "characterize", help="measure a simulated sensor, on a stage"
-    )
-    characterize.add_argument(
-        "--sensor", default="default", metavar="FILE", help="sensor file or name"
-    )
-    characterize.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
-    characterize.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
-    characterize.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
-    characterize.add_argument("--json", action="store_true", help="one JSON object")
-    characterize.add_argument("--out", metavar="DIR", help="draw figures there")
-    characterize.set_defaults(run=_characterize)
 
-    design = commands.add_parser("design", help="dye and exposure for a length and a resolution")
-    design.add_argument("--length-mm", type=float, required=True)
-    design.add_argument("--resolution-um", type=float, required=True)
-    design.add_argument("--rate-hz", type=float, required=True, help="readings a second")
-    design.add_argument("--json", action="store_true", help="one JSON object")
-    design.add_argument("--out", metavar="DIR", help="write sensor file and figure there")
-    design.set_defaults(run=_design)
+def characterize(parser: Parser):
+    """Measure a simulated sensor on a simulated stage.
+
+    examples:
+      spots characterize
+      spots characterize --sensor long_200mm --exposure-us 10000
+    """
+    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
+    parser.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
+    parser.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--out", metavar="DIR", help="draw figures there")
+    names = "sensor", "seed", "exposure_us", "average", "json", "out"
+    return calls("spots_sim.characterize:measure", *names)
+
+
+def design(parser: Parser):
+    """Find the dye and exposure for a length, a resolution and a rate.
+
+    example:
+      spots design --length-mm 85 --resolution-um 50 --rate-hz 100
+    """
+    parser.add_argument("--length-mm", type=float, required=True, help="of the strip")
+    parser.add_argument("--resolution-um", type=float, required=True, help="of the position")
+    parser.add_argument("--rate-hz", type=float, required=True, help="readings a second")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--out", metavar="DIR", help="write sensor file and figure there")
+    names = "length_mm", "resolution_um", "rate_hz", "json", "out"
+    return calls("spots_sim.design:design_command", *names)
+
+
+COMMANDS = demo, characterize, design
 
 
 def _demo(options: argparse.Namespace) -> None:
@@ -87,24 +107,3 @@ def _check(options: argparse.Namespace) -> None:
         raise SpotsError("--use fivebar goes along a path of its own: leave out --scenario")
     if options.use == FIVEBAR and options.fast and options.seconds:
         raise SpotsError("--use fivebar --fast goes along its path once: leave out --seconds")
-
-
-def _characterize(options: argparse.Namespace) -> None:
-    from .characterize import measure
-
-    measure(
-        options.sensor,
-        options.seed,
-        options.exposure_us,
-        options.average,
-        options.json,
-        options.out,
-    )
-
-
-def _design(options: argparse.Namespace) -> None:
-    from .design import design_command
-
-    design_command(
-        options.length_mm, options.resolution_um, options.rate_hz, options.json, options.out
-    )

@@ -48,6 +48,9 @@ _FINE_SHARE = 5e-3
 # A channel with fewer counts than this at the far end is mostly rounding, and what its logarithm
 # does is not what the bound takes it to do.
 _COUNTS_MIN = 10.0
+# What no strip exceeds: a value beyond is in another unit.
+_LENGTHS_MM = 1.0, 10_000.0
+_FINEST_UM = 1e-3
 _SLOWEST_HZ = 1e6 / (AVERAGE_MAX * MAX_US)
 _FASTEST_HZ = 1e6 / MIN_US
 
@@ -190,14 +193,14 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     SpotsError
         If it cannot be done; the text says what can.
     """
-    for name, value in (("length-mm", length_mm), ("resolution-um", resolution_um)):
-        if not 0 < value < math.inf:
-            raise SpotsError(f"--{name} takes a number greater than 0, not {value:g}")
-    if not _SLOWEST_HZ <= rate_hz <= _FASTEST_HZ:
-        raise SpotsError(
-            f"--rate-hz takes {_SLOWEST_HZ:.3g} to {_FASTEST_HZ:g}, the rates that the sensor and "
-            f"its averaging can do, not {rate_hz:g}"
-        )
+    for name, value, low, high in (
+        ("length-mm", length_mm, *_LENGTHS_MM),
+        ("resolution-um", resolution_um, _FINEST_UM, 1000 * length_mm),
+        ("rate-hz", rate_hz, _SLOWEST_HZ, _FASTEST_HZ),
+    ):
+        if not low <= value <= high:
+            unit = name.rpartition("-")[2]
+            raise SpotsError(f"--{name} is from {low:.3g} to {high:g} {unit}, not {value:g}")
     found = best(length_mm, rate_hz)
     if found.resolution_um <= resolution_um:
         return found

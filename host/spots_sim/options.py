@@ -22,4 +22,4 @@ def add_linkage(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--sensor", metavar="FILE", help="sensor file or name")
     group.add_argument("--seed", type=arguments.seed, help="of the noise")
     group.add_argument("--exposure-us", type=arguments.exposure_us, help="of both strips")
-    group.add_argument("--picture", metavar="FILE.png", help="draw path and truth")
+    group.add_argument("--picture", metavar="FILE.png", help="draw the path and the true path")

@@ -119,7 +119,7 @@ def test_a_drive_without_a_console_is_written_and_the_user_told_to_press_reset(
 ):
     monkeypatch.setattr("spots.deploy.flash._RETURN_S", 0)
     folder = mount(*RIGHT)
-    assert "does not come back" in refused_after_copying(capsys)
+    assert "does not answer after its restart" in refused_after_copying(capsys)
     files = files_of(folder)
     assert files.pop("boot_out.txt")
     assert files == files_of(build("qtpy_rp2040", tmp_path / "build"))
@@ -147,7 +147,7 @@ def test_a_board_that_will_not_do(mount, capsys, about, sentence):
 
 def test_no_drive_two_drives_and_what_is_none(mount, capsys, tmp_path):
     assert "no CIRCUITPY drive found" in refused(capsys, "flash", "qtpy_rp2040")
-    assert "is no CircuitPython drive" in refused(
+    assert "is not a CircuitPython drive" in refused(
         capsys, "flash", "qtpy_rp2040", "--port", str(tmp_path)
     )
     mount(*RIGHT)

@@ -82,6 +82,10 @@ def test_what_no_rate_would_do(capsys):
     ("numbers", "says"),
     [
         ((0, 50, 100), "--length-mm"),
+        ((0.085, 50, 100), "--length-mm is from 1 to 10000 mm, not 0.085"),
+        ((85_000, 50, 100), "--length-mm is from 1 to 10000 mm, not 85000"),
+        ((85, 5e-5, 100), "--resolution-um is from 0.001 to 85000 um, not 5e-05"),
+        ((85, 90_000, 100), "--resolution-um is from 0.001 to 85000 um, not 90000"),
         ((85, -1, 100), "--resolution-um"),
         ((85, 50, 2000), "--rate-hz"),
         ((85, 50, 0), "--rate-hz"),

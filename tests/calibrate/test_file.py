@@ -90,10 +90,10 @@ def sealed(path, old, new):
     ("old", "new", "says"),
     [
         ("gain = 9", "gain = 8", "contradicts itself"),
-        ('"coarse ', '"course ', "is no calibration"),
-        ("gain = 9", "gain = nine", "is no calibration"),
-        ("gain = 9", "gains = 9", "is no calibration"),
-        ("version = 1", "", "is no calibration"),
+        ('"coarse ', '"course ', "is not a calibration"),
+        ("gain = 9", "gain = nine", "is not a calibration"),
+        ("gain = 9", "gains = 9", "is not a calibration"),
+        ("version = 1", "", "is not a calibration"),
     ],
 )
 def test_a_file_made_by_hand_is_checked_as_a_calibration(path, old, new, says):

@@ -209,7 +209,7 @@ def test_a_session_that_is_whole_takes_no_press_again(full, capsys):
     assert full.session.read_bytes() == before
     again = file.load(full.out)
     assert (again.lines, again.joint) == (calibration.lines, calibration.joint)
-    assert "the board uses and keeps calibration" in capsys.readouterr().out
+    assert "the board uses calibration" in capsys.readouterr().out
 
 
 def test_an_unfinished_joint_is_left_out_until_it_is_finished(full, tmp_path, capsys):
@@ -234,7 +234,7 @@ def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
     assert run("joint", "--places", 4, "--session", path) == 0
     # Of the last three angles of seven, four have two already.
     assert run("joint", "--places", 7, "--session", path) == 0
-    assert capsys.readouterr().out.count("degrees was taken already: turn on") == 4
+    assert capsys.readouterr().out.count("degrees was taken already: turn further") == 4
     for direction in (1, -1):
         angles = [p.angle_deg for p in Session(path).of("joint") if p.direction == direction]
         assert len(angles) == len(set(angles)) == 5
@@ -291,7 +291,7 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["strain"], "say --strain-percent with 'strain'"),
+        (["strain"], "give --strain-percent with 'strain'"),
         (["position", "--strain-percent", 5], "only there"),
         (["position", "--places", 5], "position needs 12 or more"),
         (["force", "--places", 5], "force needs 14 or more"),
@@ -404,7 +404,7 @@ MISTAKES = [
     (elsewhere, "the colour does not lie between those of its neighbours"),
     (lightly, "the light is not what its neighbours suggest"),
     (barely, "too dark: press harder"),
-    (not_at_all, "no press is felt"),
+    (not_at_all, "no press is seen"),
     (in_a_flood_of_light, "a channel is saturated"),
     (harder_and_harder, "the light changes: hold still"),
     (trembling, "hold still"),  # light and colour tremble; which is seen first is chance
@@ -439,7 +439,7 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
             assert len(Session(path).points) == 17
         else:
             with pytest.raises(
-                SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*goes on from there"
+                SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*the same command continues"
             ):
                 session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert len(Session(path).points) == 9
@@ -526,7 +526,7 @@ class Person(io.StringIO):
     def write(self, text):
         if found := re.search(r"press at ([\d.]+) mm with ([\d.]+) N and hold", text):
             self._held.press = Press(float(found[1]), 1000 * float(found[2]), 4.0)
-        elif "let go" in text:
+        elif text.startswith("release"):
             self._held.press = None
         elif text.strip().endswith("?"):
             self.asked.append(text)
@@ -551,7 +551,7 @@ def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
         presser = PersonPresser(shown)
         for kind in ("position", "force"):
             session_of(stage, presser, path, shown, kind)
-        assert "'nonsense' will not do" in person.getvalue()
+        assert "'nonsense' is not a number that fits" in person.getvalue()
         stage.held.press = None
         session_of(stage, presser, path, shown, "joint")
     made = file.load(path.with_suffix(".toml"))
@@ -565,7 +565,10 @@ def test_a_least_force_in_grams_is_asked_again():
     wanted = Wanted(kind="force", place_um=76_500, force_mN=FULL_MN)
     assert PersonPresser(shown).least_mN(wanted, None) == pytest.approx(210)
     for answer in ("20", "11,3", "nan"):
-        assert f"'{answer}' will not do: type a number such as 1.5, at most 6" in out.getvalue()
+        assert (
+            f"'{answer}' is not a number that fits: type one such as 1.5, at most 6"
+            in out.getvalue()
+        )
 
 
 def test_nobody_there_is_said(sensor, tmp_path):
@@ -573,7 +576,7 @@ def test_nobody_there_is_said(sensor, tmp_path):
         shown = Guide(Console(file=io.StringIO()), stdin=io.StringIO())
         presser = PersonPresser(shown)
         presser.release = lambda: None
-        with pytest.raises(SpotsError, match="nobody answers on standard input"):
+        with pytest.raises(SpotsError, match="standard input is closed"):
             session_of(stage, presser, tmp_path / "a.jsonl", shown, "force")
 
 

@@ -1,6 +1,7 @@
 """What goes onto each board: compiled where it can be, and nothing stale."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ from spots.deploy import build as builder
 from spots.deploy import staging as staging
 from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.deploy.staging import board_names, device_of, stage
+
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.parametrize("board", board_names())
@@ -76,7 +79,7 @@ def test_nothing_stale_stays(tmp_path):
 def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
     (tmp_path / "virtual").mkdir()
     (tmp_path / "virtual" / "thesis.txt").write_text("the user's own")
-    with pytest.raises(SpotsError, match="is no build of this program: move it"):
+    with pytest.raises(SpotsError, match="is not a build of this program: move it"):
         build("virtual", tmp_path)
     assert files_of(tmp_path) == {"virtual/thesis.txt": b"the user's own"}
 
@@ -148,10 +151,23 @@ def test_the_package_for_mip_lists_the_firmware(tmp_path):
 
 
 def test_every_board_with_pins_has_a_picture_of_its_wiring():
-    docs = Path(__file__).parents[2] / "docs"
     devices = [device_of(name) for name in board_names()]
     wired = [device for device in devices if not device.name.startswith("virtual")]
     assert all(device.wiring for device in wired)
     for device in wired:
-        picture = (docs / f"wiring-{device.name}.svg").read_text(encoding="utf-8")
-        assert all(f">{pin}</text>" in picture for pin in device.wiring.values())
+        picture = (DOCS / f"wiring-{device.name}.svg").read_text(encoding="utf-8")
+        pins = [device.wiring[name] for name in ("power", "ground", "sda", "scl")]
+        assert all(f">{pin}</text>" in picture for pin in pins)
+
+
+def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
+    # Physical pins: 1 to 20 down the left side with USB up, 21 to 40 up the right side.
+    for name in ("pico", "pico2"):
+        wiring = device_of(name).wiring
+        for pin in ("power", "ground", "sda", "scl"):
+            number = int(wiring[pin].rpartition("pin ")[2])
+            drawn = ["left", number] if number <= 20 else ["right", 41 - number]
+            assert wiring["drawn"][pin] == drawn
+        picture = (DOCS / f"wiring-{name}.svg").read_text(encoding="utf-8")
+        for pin, x in (("6", 72), ("7", 72), ("36", 218), ("38", 218)):
+            assert re.search(rf'<text x="{x}"[^>]*>[^<]*pin {pin}<', picture)

@@ -9,8 +9,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from soak.soak import soak_command
-from spots.cli.arguments import hours, seed
+from spots.cli.arguments import number, seed
 from spots.errors import SpotsError
+
+hours = number("a time in hours", 0.001, 10_000)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -24,7 +24,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
     if count < LEAST_COUNTS[options.kind]:
         raise SpotsError(f"--places: {options.kind} needs {LEAST_COUNTS[options.kind]} or more")
     if (options.kind == "strain") != (options.strain_percent is not None):
-        raise SpotsError("say --strain-percent with 'strain', and only there")
+        raise SpotsError("give --strain-percent with 'strain', and only there")
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
     if out.resolve() == session.path.resolve():
@@ -43,12 +43,12 @@ def calibrate_command(options: argparse.Namespace) -> None:
 
 
 def _give_back(reader: SpectrumReader) -> None:
-    with suppress(SpotsError):  # of a board that is gone another error tells
+    with suppress(SpotsError):  # the error of a lost board is reported elsewhere
         reader.give_back()
 
 
 def _by_hand(options, session: Session, out: Path, guide: Guide) -> Setup:
     reader = SpectrumReader(open(options.port))
-    told_um = options.length_mm and 1000 * options.length_mm
-    length_um = told_um or session.length_um or 1000 * _LENGTH_MM
+    given_um = options.length_mm and 1000 * options.length_mm
+    length_um = given_um or session.length_um or 1000 * _LENGTH_MM
     return Setup(reader, PersonPresser(guide), guide, session, length_um, out)

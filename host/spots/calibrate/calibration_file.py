@@ -1,11 +1,12 @@
-"""The calibration file: what a board was given, how good it is, and what it was made with.
+"""The calibration file: the board's lines, their residuals, and what they were made with.
 
-TOML, to be read by people too. A CRC-32 of all text before the section ``[end]`` tells a file that
-was cut short or changed.
+TOML, readable by people. A CRC-32 of all text before the section ``[end]`` detects a file that was
+cut short or changed.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import zlib
 from datetime import datetime, timezone
@@ -25,7 +26,7 @@ from ..link.connect import upload
 
 VERSION = 1
 _END = "[end]\n"
-_AGAIN = "copy it again, or run 'spots calibrate' with its session to make it anew"
+_AGAIN = "copy it again, or run 'spots calibrate' with its session to make it again"
 
 
 class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -112,7 +113,17 @@ class CalibrationFile(_Struct, kw_only=True):
 
     @classmethod
     def now(cls, conditions: Conditions, lines, residuals, joint=None) -> CalibrationFile:
-        """Return a calibration that was made now."""
+        """Return a calibration dated now.
+
+        Parameters
+        ----------
+        conditions : Conditions
+            What it was made with.
+        lines : iterable of str
+            The board's.
+        residuals : list of Residual
+        joint : Joint, optional
+        """
         return cls(
             date=datetime.now(timezone.utc).replace(microsecond=0),
             **vars(conditions),
@@ -123,7 +134,12 @@ class CalibrationFile(_Struct, kw_only=True):
 
 
 def save(calibration: CalibrationFile, path: Path) -> None:
-    """Write a file, or replace it: at every moment the old one or the new one is whole.
+    """Write or replace a file, atomically.
+
+    Parameters
+    ----------
+    calibration : CalibrationFile
+    path : Path
 
     Raises
     ------
@@ -140,7 +156,7 @@ def load(path: Path) -> CalibrationFile:
     Raises
     ------
     SpotsError
-        If there is none, or it is cut short, changed, of another version, or not a calibration.
+        If it does not exist, is cut short, changed, of another version, or not a calibration.
     """
     try:
         text = read_text(path)
@@ -160,26 +176,31 @@ def load(path: Path) -> CalibrationFile:
             "is older"
         )
     body, end, tail = text.partition(_END)
-    told = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
-    if not end or (told is None and len(tail) < len('crc32 = "00000000"')):
+    found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
+    if not end or (found is None and len(tail) < len('crc32 = "00000000"')):
         raise SpotsError(f"{path} is cut short: {_AGAIN}")
-    if told is None or told[1] != _crc32(body):
+    if found is None or found[1] != _crc32(body):
         raise SpotsError(f"{path} was changed after it was written, the checksum differs: {_AGAIN}")
     return _checked(path, body)
 
 
 def send(board: Board, calibration: CalibrationFile) -> str:
-    """Give a board a calibration and store it there.
+    """Upload a calibration to a board and store it there.
+
+    Parameters
+    ----------
+    board : Board
+    calibration : CalibrationFile
 
     Returns
     -------
     str
-        The calibration's name, as ``hello`` tells it.
+        The calibration's name, as ``hello`` reports it.
 
     Raises
     ------
     SpotsError
-        If it was made on another board or at other settings; then the board keeps what it has.
+        If it was made on another board or at other settings; the board is then unchanged.
     """
     upload(board, calibration.lines)
     board.command("save")
@@ -194,48 +215,37 @@ def _checked(path: Path, body: str) -> CalibrationFile:
     try:
         content = toml.loads(body)
         content.pop("version")
-        found = msgspec.convert(content, CalibrationFile)
+        found = toml.convert(content, CalibrationFile)
         made = Calibration(found.lines)
-    except (
-        msgspec.ValidationError,
-        CalibrationError,
-        KeyError,
-    ) as error:
-        raise SpotsError(f"{path} is no calibration ({error}): {_AGAIN}") from None
+    except (msgspec.ValidationError, CalibrationError, KeyError) as error:
+        raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
     reason = made.mismatch(found.conditions)
     if reason is not None:
         raise SpotsError(f"{path} contradicts itself ({reason}): {_AGAIN}")
     return found
 
 
-def _text(c: CalibrationFile) -> str:
+def _text(calibration: CalibrationFile) -> str:
+    fields = msgspec.to_builtins(calibration)
+    date, lines, residuals, joint = map(fields.pop, ("date", "lines", "residuals", "joint"))
     rows = [
         "# The calibration of one SPOTS board, made by 'spots calibrate'.",
         f"version = {VERSION}",
-        f"date = {c.date.strftime('%Y-%m-%dT%H:%M:%SZ')}",
-        f'board = "{c.board}"',
-        f"plan = [{_strings(c.plan)}]",
-        f"gain = {c.gain}",
-        f"exposure_us = {c.exposure_us}",
-        f"led_mA = {c.led_mA}",
+        f"date = {date}",
+        *_keys(fields),
         "# What the board is given, see docs/protocol.md.",
         "lines = [",
-        *(f'  "{line}",' for line in c.lines),
+        *(f"  {json.dumps(line)}," for line in lines),
         "]",
     ]
-    for residual in c.residuals:
-        rows += ["", "[[residuals]]", *_numbers(residual)]
-    if c.joint is not None:
+    for residual in residuals:
+        rows += ["", "[[residuals]]", *_keys(residual)]
+    if joint is not None:
         rows += ["", "# angle in degrees = zero_deg + deg_per_um * position in um"]
-        rows += ["[joint]", *_numbers(c.joint)]
+        rows += ["[joint]", *_keys(joint)]
     return "\n".join([*rows, "", ""])
 
 
-def _strings(values) -> str:
-    return ", ".join(f'"{value}"' for value in values)
-
-
-def _numbers(struct: msgspec.Struct) -> list[str]:
-    fields = msgspec.structs.asdict(struct)
-    values = {name: list(v) if isinstance(v, tuple) else v for name, v in fields.items()}
-    return [f"{name} = {value!r}" for name, value in values.items() if value is not None]
+def _keys(fields: dict) -> list[str]:
+    # What JSON writes of a number, a text or a list is TOML, too.
+    return [f"{name} = {json.dumps(value)}" for name, value in fields.items() if value is not None]

@@ -1,4 +1,4 @@
-"""Which six of the nine diodes tell positions best, from two passes along the strip.
+"""Which six of the nine diodes resolve positions best, from two passes along the strip.
 
 The board reads six diodes at a time. Two passes that share some read all nine; what the shared
 ones differ by is how much harder the second pass was pressed.

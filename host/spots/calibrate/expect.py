@@ -1,7 +1,7 @@
 """From the lines of a calibration to the spectra that it expects of a press.
 
 A board needs three sums of logarithms: for the position, for the force, and for what one press
-cannot do. The lines tell them at knots along the strip. Three sums do not fix six channels at
+cannot do. The lines give them at knots along the strip. Three sums do not fix six channels at
 one place; but each segment has weights of its own, and one smooth curve for each channel has to
 give the sums of all of them. A weak preference for straight curves decides what is left open.
 """
@@ -25,7 +25,7 @@ _COEFFICIENT_SIGMA = 3.0
 
 
 def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return what each channel tells of a press, by its place.
+    """Return the log2 counts that each channel should have, by the place of a press.
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     position_um : numpy.ndarray, shape (n,)
         Even steps along the strip.
     logs : numpy.ndarray, shape (n, 6)
-        log2 of the dark-subtracted counts, less the brightness that the board tells. In counts
+        log2 of the dark-subtracted counts, less the brightness that the board computes. In counts
         good to 3 % of those of the brightest channel.
 
     Raises
     ------
     spots_device.calibration.CalibrationError
-        If the lines are no calibration, or do not go up to that strain.
+        If the lines are not a calibration, or do not go up to that strain.
     """
     made = Calibration(lines, strain_ppm)
     places = np.concatenate([segment.positions_um for segment in made.segments])

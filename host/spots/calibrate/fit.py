@@ -31,7 +31,7 @@ _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of what fits 31 bits, for bends and for strain
-_TOLERANCE_MAX = 600  # Q12; light so dim tells nothing about a second press anyway
+_TOLERANCE_MAX = 600  # Q12; light so dim shows no second press anyway
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 
 

@@ -1,11 +1,10 @@
-"""What the one who calibrates sees: where to press next, and whether it is held."""
+"""The picture of a calibration session: where to press next, and whether it is held."""
 
 from __future__ import annotations
 
 import math
 import sys
 
-from rich.bar import Bar
 from rich.console import Console, Group
 from rich.live import Live
 from rich.panel import Panel
@@ -13,13 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import SpotsError, printable
-from ..terminal.view import live
+from ..terminal.view import bar, bars, live, strip_columns
 from .session import Wanted
 from .spectra import Reading
 
-_COLUMNS = 64
-_BAR_COLUMNS = 40
 _MESSAGES = 4
+_LOW = 24  # lines of a terminal that has room for one message
 
 
 class Guide:
@@ -60,13 +58,24 @@ class Guide:
                 self._console.print(message, markup=False, soft_wrap=True)
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
-        """Begin a row of `total` presses on a strip of this length."""
+        """Begin a series of presses.
+
+        Parameters
+        ----------
+        title : str
+        total : int
+            How many presses.
+        plan : tuple of str
+            The channels.
+        length_um : float
+            Of the strip.
+        """
         self._title, self._plan, self._length_um = title, plan, length_um
         self._done, self._total = 0, total
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Take note of presses that are there already."""
+        """Count presses that were taken before."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
@@ -75,18 +84,27 @@ class Guide:
         self._draw()
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading, what is wrong with it, and how far (0 to 1) it is from being taken."""
+        """Show a reading.
+
+        Parameters
+        ----------
+        reading : Reading
+        trouble : str or None
+            What is wrong with it.
+        steady : float
+            From 0 to 1, where it is taken.
+        """
         self._reading, self._trouble, self._steady = reading, trouble, steady
         self._draw()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
-        """Tell that a press was taken."""
+        """Show that a press was taken."""
         self._done += 1
         counts = " ".join(f"{count:.0f}" for count in reading.counts)
         self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
 
     def say(self, text: str) -> None:
-        """Tell something."""
+        """Show a message."""
         text = printable(text)
         self._messages = [*self._messages, text][-_MESSAGES:]
         if self._live is None:
@@ -108,13 +126,20 @@ class Guide:
         if self._live is not None:
             self._live.start()
         if not line:
-            raise SpotsError("nobody answers on standard input: run this in a terminal")
+            raise SpotsError("standard input is closed: run this in a terminal")
         return line.strip()
 
     def ask_number(
         self, question: str, lowest: float = -math.inf, highest: float = math.inf
     ) -> float:
-        """Return a number from `lowest` to `highest`; ask until one is given."""
+        """Return a number; ask until a valid one is given.
+
+        Parameters
+        ----------
+        question : str
+        lowest, highest : float
+            The range, both included.
+        """
         while True:
             answer = self.ask(question)
             try:
@@ -124,42 +149,37 @@ class Guide:
             if math.isfinite(value) and lowest <= value <= highest:
                 return value
             most = f", at most {highest:g}" if highest < math.inf else ""
-            self.say(f"'{answer}' will not do: type a number such as 1.5{most}")
+            self.say(f"'{answer}' is not a number that fits: type one such as 1.5{most}")
 
     def _draw(self) -> None:
         if self._live is not None:
             self._live.update(self._picture(), refresh=True)
 
     def _picture(self) -> Panel:
-        parts = [self._strip(), Text(), self._bars(), Text()]
-        parts += [Text(message, style="dim") for message in self._messages[:-1]]
-        parts += [Text(message, style="bold") for message in self._messages[-1:]]
+        columns = strip_columns()
+        parts = [self._strip(columns), Text(), self._bars(), Text()]
+        shown = self._messages[-_MESSAGES if self._console.height > _LOW else -1 :]
+        parts += [Text(message, style="dim") for message in shown[:-1]]
+        parts += [Text(message, style="bold") for message in shown[-1:]]
         title = f"{self._title}  {self._done} of {self._total}"
         return Panel(
-            Group(*parts), title=Text(printable(title)), width=_COLUMNS + 16, padding=(1, 2)
+            Group(*parts), title=Text(printable(title)), width=columns + 16, padding=(1, 2)
         )
 
-    def _strip(self) -> Text:
-        line = Text("sensor ▐" + "█" * _COLUMNS, style="rgb(140,60,60)")
+    def _strip(self, columns: int) -> Text:
+        line = Text("sensor ▐" + "█" * columns, style="rgb(140,60,60)")
         if self._wanted is not None:
             share = self._wanted.place_um / self._length_um
-            at = len("sensor ▐") + round(min(max(share, 0), 1) * (_COLUMNS - 1))
+            at = len("sensor ▐") + round(min(max(share, 0), 1) * (columns - 1))
             line.stylize("rgb(255,235,180)", at, at + 1)
             line.append("\n" + " " * at + "▲")
         return line
 
     def _bars(self) -> Table:
-        grid = Table.grid(padding=(0, 1))
-        for width in (9, 8, _BAR_COLUMNS):
-            grid.add_column(justify="right" if width < _BAR_COLUMNS else "left", width=width)
         counts = [0.0] * len(self._plan) if self._reading is None else self._reading.counts
-        top = max(*counts, 100.0) if len(counts) else 1.0
-        for name, count in zip(self._plan, counts):
-            grid.add_row(
-                Text(printable(name)), f"{count:.0f} ct", Bar(top, 0, max(count, 0), color="white")
-            )
-        word = Text(self._trouble or "steady", style="yellow" if self._trouble else "green")
+        grid = bars(self._plan, counts, 100)
         if self._reading is not None:
-            grid.add_row("held", "", Bar(1.0, 0, min(self._steady, 1), color="green"))
-            grid.add_row("", "", word)
+            grid.add_row("held", "", Text(bar(self._steady), style="green"))
+            style = "yellow" if self._trouble else "green"
+            grid.add_row("", "", Text(self._trouble or "steady", style=style))
         return grid

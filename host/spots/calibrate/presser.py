@@ -1,4 +1,4 @@
-"""Who presses the strip in a session: a person, or whatever else has these methods."""
+"""What presses the strip in a session: a person, or anything with these methods."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LEAST_MARGIN = 1.05
 
 
 class Presser(Protocol):
-    """What a session asks of whoever presses.
+    """Presses the strip when a session asks for it.
 
     Attributes
     ----------
@@ -59,22 +59,22 @@ class PersonPresser:
     def stretch(self, strain_ppm: int, length_um: float) -> None:
         if strain_ppm:
             length = f"the strip to {length_um / 1000:.1f} mm ({strain_ppm / 10_000:g} %)"
-            self._guide.ask(f"stretch {length}, let it go untouched, then Enter: ")
+            self._guide.ask(f"stretch {length}, do not touch it, then press Enter: ")
 
     def press(self, wanted: Wanted) -> None:
         if wanted.kind != "joint":
             self._guide.say(f"press at {wanted} and hold")
 
     def release(self) -> None:
-        self._guide.say("let go")
+        self._guide.say("release")
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         place = f"{wanted.place_um / 1000:.1f} mm"
         force_N = self._guide.ask_number(
-            f"press at {place} as lightly as still lights every channel; what does the scale say, "
+            f"press at {place} as lightly as still lights every channel; what does the scale show, "
             "in N? ",
             lowest=0.01,
-            # What is dark under a firm press has no positions, and grams are no newtons.
+            # A strip that is dark under a firm press has no positions; and a scale may show grams.
             highest=FIRM_MN / 1000,
         )
         return 1000 * force_N * LEAST_MARGIN

@@ -58,9 +58,9 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         See `spectra.Reading`.
     saturated : bool
     position_um, position_sigma_um : float or None
-        What the calibrated board told, and its scatter from reading to reading; of a joint.
+        What the calibrated board reported, and its scatter from reading to reading; for a joint.
     length_um : float or None
-        Of the strip, as this session has it; what older programs wrote does not tell.
+        Of the strip in this session; None in files of older versions.
     board, plan, gain, exposure_us, led_mA
         See `spots_device.conditions.Conditions`.
     time : str
@@ -86,8 +86,17 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return Conditions(self.board, self.plan, self.gain, self.exposure_us, self.led_mA)
 
 
-def point(wanted: Wanted, reading: Reading, conditions: Conditions, **told) -> Point:
-    """Return the point that a reading of a wanted press makes."""
+def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) -> Point:
+    """Return the point that a reading of a wanted press makes.
+
+    Parameters
+    ----------
+    wanted : Wanted
+    reading : Reading
+    conditions : Conditions
+    **measured
+        Other fields of `Point`.
+    """
     return Point(
         **msgspec.structs.asdict(wanted),
         **vars(conditions),
@@ -95,7 +104,7 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **told) -> P
         variance=tuple(reading.variance.tolist()),
         saturated=reading.saturated,
         time=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        **told,
+        **measured,
     )
 
 
@@ -133,7 +142,7 @@ class Session:
                 ) from None
 
     def add(self, taken: Point) -> None:
-        """Keep a point; it is on disk when this returns.
+        """Store a point; it is on disk when this returns.
 
         Raises
         ------
@@ -156,7 +165,14 @@ class Session:
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
     def has(self, wanted: Wanted, plan: tuple[str, ...]) -> bool:
-        """Return whether a press was taken already, with these channels."""
+        """Return whether a press was taken already.
+
+        Parameters
+        ----------
+        wanted : Wanted
+        plan : tuple of str
+            The channels that it has to have been read with.
+        """
         return any(
             abs(p.place_um - wanted.place_um) < _SAME_UM
             and abs(p.force_mN - wanted.force_mN) < _SAME_SHARE * wanted.force_mN
@@ -166,10 +182,10 @@ class Session:
 
     @property
     def length_um(self) -> float | None:
-        """Length of the strip; None if no point tells it."""
-        told = [p.length_um for p in self.points if p.length_um is not None]
-        if told:
-            return told[-1]
+        """Length of the strip; None if no point has it."""
+        known = [p.length_um for p in self.points if p.length_um is not None]
+        if known:
+            return known[-1]
         # Forces came after all places, the last of which is the strip's end.
         whole = self.of("position") if self.of("force") else []
         return max((p.place_um for p in whole), default=None)
@@ -194,7 +210,7 @@ class Session:
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:
-        """Refuse to go on under other conditions.
+        """Check that the board is as the session was made.
 
         Raises
         ------

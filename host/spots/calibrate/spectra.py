@@ -14,8 +14,8 @@ from ..link.board import Board
 from ..link.frames import Spectrum
 from .presses import own_variance
 
-_TOLD_APART = 3  # channels; of fewer, what is common to all cannot be told
-_PATIENCE_S = 10.0  # more than any dark window takes
+_CHANNELS_MIN = 3  # of fewer, the noise that all share cannot be separated
+_TIMEOUT_S = 10.0  # more than any dark window takes
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,10 @@ class SpectrumReader:
         self._average = 1
         self.set_up()
 
-    def set_up(self) -> None:
-        """Take note of the board's settings and of a dark frame."""
+    def set_up(self, line: str = "") -> None:
+        """`set` something, if given; then read the board's settings and take a dark frame."""
+        if line:
+            self.board.command("set " + line)
         self.info = self.board.command("hello")
         if self.info["average"] != 1:
             self._average = self.info["average"]
@@ -73,7 +75,7 @@ class SpectrumReader:
         self.board.command("stream spectrum")
 
     def give_back(self) -> None:
-        """Let the board average over as many samples as it did."""
+        """Restore the board's average."""
         if self._average != 1:
             self.board.command(f"set average={self._average}")
 
@@ -87,7 +89,7 @@ class SpectrumReader:
         """Return counts whose integration begins from now on, shape (count, 6), and clipping."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         rows, clipped = [], False
-        limit_s = _PATIENCE_S + 3e-6 * count * self.info["exposure_us"] * self.info["average"]
+        limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"] * self.info["average"]
         for frame in self.board.frames(limit_s):
             if not isinstance(frame, Spectrum) or frame.flags & LED_OFF or frame.time_s < begun_s:
                 continue
@@ -96,7 +98,7 @@ class SpectrumReader:
             if len(rows) == count:
                 break
         else:
-            raise SpotsError("the board sends no spectra; 'spots command get' tells why")
+            raise SpotsError("the board sends no spectra; 'spots command get' shows why")
         return np.array(rows, dtype=float) - self._dark, clipped
 
     def read(self, count: int) -> Reading:
@@ -107,6 +109,6 @@ class SpectrumReader:
         halves = np.maximum(samples.sum(axis=1), 1)
         drift = np.log2(halves[count // 2 :].mean() / halves[: count // 2].mean())
         variance = np.zeros_like(mean)
-        if lit.sum() >= _TOLD_APART:
+        if lit.sum() >= _CHANNELS_MIN:
             variance[lit] = own_variance(samples[:, lit])
         return Reading(mean, variance, float(drift), clipped)

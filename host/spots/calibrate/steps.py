@@ -66,12 +66,6 @@ class Setup:
         """Return the channels that are read."""
         return self.reader.conditions.plan
 
-    def set_up(self, line: str = "") -> None:
-        """`set` something, then read with it."""
-        if line:
-            self.reader.board.command("set " + line)
-        self.reader.set_up()
-
 
 def calibrate(
     setup: Setup, kind: str, count: int, strain_percent: float | None, options: argparse.Namespace
@@ -134,7 +128,7 @@ def _settle(setup: Setup, options: argparse.Namespace) -> None:
             )
         return
     if wanted_plan:
-        setup.set_up("plan=" + options.plan)
+        setup.reader.set_up("plan=" + options.plan)
     if not session.points and not options.keep_settings:
         _auto(setup)
     if not wanted_plan:
@@ -147,7 +141,7 @@ def _auto(setup: Setup) -> None:
     setup.guide.want(wanted)
     setup.taker.take(wanted, as_it_is=True)
     found = setup.reader.board.command("auto", timeout_s=60)
-    setup.set_up()
+    setup.reader.set_up()
     setup.taker.release()
     gain, led_mA, exposure_us = (found[name] for name in ("gain", "led_mA", "exposure_us"))
     setup.guide.say(f"gain {gain}, LED {led_mA} mA, exposure {exposure_us} us")
@@ -160,7 +154,7 @@ def _choose(setup: Setup) -> None:
     row = [Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN)]
     row += [Wanted(kind="choose", place_um=x, force_mN=FIRM_MN) for x in places_um]
     for plan in plans:
-        setup.set_up("plan=" + ",".join(plan))
+        setup.reader.set_up("plan=" + ",".join(plan))
         setup.guide.begin("choice of channels", len(row), plan, setup.length_um)
         for wanted in row:
             _take(setup, wanted, as_it_is=True)
@@ -169,7 +163,7 @@ def _choose(setup: Setup) -> None:
     )
     full = full_scale(*registers(setup.reader.conditions.exposure_us))
     choice = choose(plans, measured, full)
-    setup.set_up("plan=" + ",".join(choice.plan))
+    setup.reader.set_up("plan=" + ",".join(choice.plan))
     setup.guide.say(
         f"channels {' '.join(choice.plan)}: {choice.sigma_um:.0f} um a sample, "
         f"{' '.join(plans[0])}: {choice.present_sigma_um:.0f} um"
@@ -197,8 +191,8 @@ def _learn_noise(setup: Setup) -> None:
         return
     read = presses(known)
     found = Noise.of(read)
-    # From few presses of one force the two parts are hard to tell apart; a weak press must not be
-    # judged by a constant that is too small.
+    # Few presses of one force do not separate the two parts; a constant that is too small would
+    # reject weak presses.
     constant = max(found.constant, float(np.median(read.variance)))
     setup.taker.noise = Noise(constant, found.per_count)
 
@@ -206,7 +200,7 @@ def _learn_noise(setup: Setup) -> None:
 def _places(setup: Setup, kind: str, count: int, strain_ppm: int) -> None:
     length_um = setup.length_um * (1 + strain_ppm * 1e-6)
     setup.presser.stretch(strain_ppm, length_um)
-    setup.set_up()
+    setup.reader.set_up()
     title = f"positions at {strain_ppm / 10_000:g} % strain" if strain_ppm else "positions"
     setup.guide.begin(title, count, setup.plan(), length_um)
     for place_um in _along(length_um, count):
@@ -281,7 +275,7 @@ def _finish(setup: Setup) -> None:
         )
     setup.reader.give_back()  # what is sent is saved with the settings
     name = file.send(setup.reader.board, calibration)
-    guide.say(f"{setup.out}: the board uses and keeps calibration {name}")
+    guide.say(f"{setup.out}: the board uses calibration {name}, and has stored it")
 
 
 def _joint(setup: Setup, count: int) -> None:
@@ -293,7 +287,7 @@ def _joint(setup: Setup, count: int) -> None:
     if board.command("hello")["calibration"] != checksum(list(calibration.lines)):
         setup.reader.give_back()
         file.send(board, calibration)
-    setup.set_up()
+    setup.reader.set_up()
     _learn_noise(setup)
     board.command("stream touch spectrum")
     setup.guide.begin("joint", 2 * count, setup.plan(), setup.length_um)
@@ -303,19 +297,20 @@ def _joint(setup: Setup, count: int) -> None:
         setup.guide.skip(min(known, count))
         for share in shares[known:]:
             wanted = setup.presser.turn(direction, share)
-            # With one angle twice, no line can be fitted to the session ever after.
-            if _turned(setup.session, wanted):
+            # With one angle twice, the session can no longer be fitted.
+            taken = [(p.angle_deg, p.direction) for p in setup.session.of("joint")]
+            if (wanted.angle_deg, wanted.direction) in taken:
                 setup.guide.skip()
-                setup.guide.say(f"{wanted} was taken already: turn on")
+                setup.guide.say(f"{wanted} was taken already: turn further")
                 continue
             setup.guide.want(wanted)
             reading = setup.taker.take(wanted)
             position = _positions_um(setup)
-            told = {
+            measured = {
                 "position_um": round(float(position.mean()), 2),
                 "position_sigma_um": round(float(position.std(ddof=1)), 2),
             }
-            setup.session.add(point(wanted, reading, setup.reader.conditions, **told))
+            setup.session.add(point(wanted, reading, setup.reader.conditions, **measured))
             setup.guide.taken(wanted, reading)
     joint = fit_joint(setup.session.of("joint"))
     file.save(msgspec.structs.replace(calibration, joint=joint), setup.out)
@@ -325,16 +320,8 @@ def _joint(setup: Setup, count: int) -> None:
     )
 
 
-def _turned(session: Session, wanted: Wanted) -> bool:
-    """Return whether the joint was at this angle already, from this direction."""
-    return any(
-        (p.angle_deg, p.direction) == (wanted.angle_deg, wanted.direction)
-        for p in session.of("joint")
-    )
-
-
 def _positions_um(setup: Setup) -> np.ndarray:
-    """Return what the board tells under the press that is held now."""
+    """Return the positions that the board reports under the press that is held now."""
     board, wanted = setup.reader.board, setup.taker.window
     begun_s = board.now_s() + 0.5e-6 * setup.reader.info["exposure_us"]
     rows = []
@@ -343,4 +330,4 @@ def _positions_um(setup: Setup) -> np.ndarray:
             rows.append(frame.position_um)
             if len(rows) == wanted:
                 return np.array(rows, dtype=float)
-    raise SpotsError("the board tells no position: the indenter has to press the strip firmly")
+    raise SpotsError("the board reports no position: press the strip firmly with the indenter")

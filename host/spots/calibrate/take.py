@@ -15,12 +15,12 @@ _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
 _TREMBLE_MAX = 6.0  # times the variance that the noise explains
 _SIGMAS = 5.0
-_STRANGER = 0.3  # log2, that the light may differ from what the neighbours suggest
+_OUTLIER = 0.3  # log2, that the light may differ from what the neighbours suggest
 _VARIANCE_MIN = 0.25  # counts**2, of a sample, where the noise is not known yet
 
 
 class BadPressError(Exception):
-    """Why a press is not taken, in words that go on with "press again"."""
+    """A press is not taken; the text gives the reason."""
 
 
 class Taker:
@@ -56,14 +56,14 @@ class Taker:
         ----------
         wanted : Wanted
         judge : callable
-            Raises `BadPressError` if the reading is none of this press.
+            Raises `BadPressError` if the reading does not fit the press.
         as_it_is : bool
             Whether a reading with channels that are saturated or dark will do.
 
         Raises
         ------
         SpotsError
-            If it was bad time and again.
+            If every attempt was bad.
         """
         for _ in range(_TRIES):
             self._presser.press(wanted)
@@ -74,9 +74,9 @@ class Taker:
             except BadPressError as bad:
                 trouble = f"{wanted}: {bad}"
             self._guide.say(f"{trouble}; press again")
-            if wanted.kind != "joint":  # whose indenter is not let go
+            if wanted.kind != "joint":  # whose indenter stays on the strip
                 self.release()
-        raise SpotsError(f"{trouble}; what was taken is kept, the same command goes on from there")
+        raise SpotsError(f"{trouble}; presses taken so far are stored; the same command continues")
 
     def release(self) -> None:
         """Wait until nothing is pressed.
@@ -97,7 +97,7 @@ class Taker:
 
     def _held(self, as_it_is: bool) -> Reading:
         end_s = self.reader.board.now_s() + self._presser.patience_s
-        trouble, steady = "no press is felt", 0
+        trouble, steady = "no press is seen", 0
         while self.reader.board.now_s() < end_s:
             reading = self.reader.read(self.window)
             now = self._unsteady(reading)
@@ -119,7 +119,7 @@ class Taker:
 
     def _unsteady(self, reading: Reading) -> str | None:
         if (reading.counts < 1).all():
-            return "no press is felt"
+            return "no press is seen"
         if self.noise is not None:
             counts = np.maximum(reading.counts, 0)
             expected = self.noise.constant + self.noise.per_count * counts
@@ -172,7 +172,7 @@ def judge_place(known: Presses, place_um: float, counts: np.ndarray, noise: Nois
     if np.abs(places[near] - place_um).min() > 1.5 * np.ptp(places[near]):
         return
     line = np.polyfit(places[near] - place_um, logs[near].mean(axis=1), 1)
-    if abs(log.mean() - line[1]) > _STRANGER:
+    if abs(log.mean() - line[1]) > _OUTLIER:
         raise BadPressError("the light is not what its neighbours suggest: press as hard as there")
 
 

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
 import errno
 import os
 import sys
 from importlib.metadata import entry_points
-from typing import NoReturn
 
 from spots_device import __version__
 
-from ..errors import SpotsError, printable
-from . import applications, boards, calibrations, look, recordings, remote
+from ..errors import SpotsError
+from . import applications, boards, look, recordings, remote
+from .glyphs import never_fail
+from .parser import CommandList, Parser
 
 # In the order in which `spots --help` lists their commands.
-_GROUPS = boards, look, applications, calibrations, recordings, remote
-# Modules with an `add`, of other packages.
+_GROUPS = boards, look, applications, recordings, remote
+# Such modules of other packages, see `CommandList.add`.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
@@ -25,6 +25,7 @@ _NO_ROOM = errno.ENOSPC, errno.EDQUOT
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; a mistake of the user's is one sentence and exit code 2."""
     code = 0
+    never_fail(sys.stdout)
     try:
         try:
             code = _run(arguments)
@@ -49,7 +50,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str] | None) -> int:
-    options = _parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    options = _parser().parse_args(given or ["--help"])
     if getattr(options, "zenoh_config", None):
         os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name for it
     try:
@@ -62,17 +64,10 @@ def _run(arguments: list[str] | None) -> int:
     return 0
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser, also of each command, whose errors quote an argument without its effect."""
-
-    def error(self, message: str) -> NoReturn:
-        super().error(printable(message))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="spots", description="SPOTS tactile sensor, host side")
+def _parser() -> Parser:
+    parser = Parser(prog="spots", description="Host side of SPOTS, the optical tactile sensor.")
     parser.add_argument("--version", action="version", version=__version__)
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    commands = CommandList(parser)
     for group in (*_GROUPS, *(entry.load() for entry in entry_points(group=_MORE))):
-        group.add(commands)
+        commands.add(group)
     return parser

@@ -1,4 +1,4 @@
-"""Commands for what a strip is used as."""
+"""Commands for the applications of a strip."""
 
 from __future__ import annotations
 
@@ -6,55 +6,94 @@ import argparse
 
 from ..errors import printable
 from . import arguments
+from .parser import Parser, calls
+
+PURPOSE = "use a strip"
 
 
-def add(commands) -> None:
-    """Add the commands to a parser's subparsers."""
-    keys = commands.add_parser("keys", help="layouts of keys: looked at, checked, onto a board")
-    keys.add_argument("what", choices=["check", "show", "push"])
-    keys.add_argument("layout", metavar="FILE.toml", help="or a name, such as mini")
-    arguments.add_port(keys)
-    keys.set_defaults(run=_keys)
+def keys(parser: Parser):
+    """Show or check a layout of keys, or push it to a board.
 
-    keyboard = commands.add_parser("keyboard", help="be a keyboard that a strip plays")
-    arguments.add_port(keyboard)
-    keyboard.add_argument("--layout", default="digits", metavar="FILE.toml", help="or a name")
-    keyboard.add_argument("--dry-run", action="store_true", help="print keys, be no keyboard")
-    keyboard.add_argument("--seconds", type=arguments.seconds, help="end after so long")
-    keyboard.set_defaults(run=_keyboard)
+    examples:
+      spots keys show mini
+      spots keys push mylayout.toml
+    """
+    parser.add_argument("what", choices=["check", "show", "push"])
+    parser.add_argument("layout", metavar="LAYOUT", help="a .toml file, or a name such as mini")
+    arguments.add_port(parser)
+    return _keys
 
-    wearable = commands.add_parser("wearable", help="gestures on a worn strip to keys")
-    arguments.add_port(wearable)
-    wearable.add_argument("--gestures", metavar="FILE.toml", help="the default if not given")
-    wearable.add_argument("--dry-run", action="store_true", help="print keys, be no keyboard")
-    wearable.add_argument("--seconds", type=arguments.seconds, help="end after so long")
-    wearable.set_defaults(run=_wearable)
 
-    controller = commands.add_parser("controller", help="be a gamepad that a strip plays")
-    arguments.add_port(controller)
-    controller.add_argument("--settings", metavar="FILE.toml", help="the default if not given")
-    controller.add_argument("--dry-run", action="store_true", help="print states, be no gamepad")
-    controller.add_argument("--calibrate", action="store_true", help="measure rest and ends")
-    controller.add_argument("--seconds", type=arguments.seconds, help="end after so long")
-    controller.set_defaults(run=_controller)
+def keyboard(parser: Parser):
+    """Type on this computer with a strip.
 
-    twin = commands.add_parser("twin", help="follow a five-bar linkage")
-    twin.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
-    twin.add_argument("--seconds", type=arguments.seconds, help="end after so long")
-    twin.add_argument("--json", action="store_true", help="a JSON object a line")
-    arguments.add_ports(twin)
-    twin.add_argument(
+    examples:
+      spots keyboard
+      spots keyboard --layout mini --dry-run
+    """
+    parser.add_argument(
+        "--layout", default="digits", metavar="LAYOUT", help="a .toml file, or a name such as mini"
+    )
+    _add_output(parser, "print the keys, press none")
+    return calls("spots.keyboard.keyboard:keyboard_command")
+
+
+def wearable(parser: Parser):
+    """Press keys of this computer by gestures on a worn strip.
+
+    example:
+      spots wearable --dry-run
+    """
+    parser.add_argument("--gestures", metavar="FILE.toml", help="the default if not given")
+    _add_output(parser, "print the keys, press none")
+    return calls("spots.wearable.wearable:wearable_command")
+
+
+def controller(parser: Parser):
+    """Use a strip as a gamepad of this computer.
+
+    examples:
+      spots controller --calibrate
+      spots controller --dry-run
+    """
+    parser.add_argument("--settings", metavar="FILE.toml", help="the default if not given")
+    parser.add_argument("--calibrate", action="store_true", help="measure rest position and ends")
+    _add_output(parser, "print the states, move nothing")
+    return calls("spots.controller.controller:controller_command")
+
+
+def twin(parser: Parser):
+    """Show the digital twin of a five-bar linkage, real or simulated.
+
+    examples:
+      spots twin --port virtual
+      spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
+    """
+    parser.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
+    arguments.add_seconds(parser)
+    parser.add_argument("--json", action="store_true", help="a line each; simulated: the errors")
+    arguments.add_ports(parser)
+    parser.add_argument(
         "--record", action="append", default=[], metavar="FILE.spots", help="once for each board"
     )
-    group = twin.add_argument_group("what the linkage is")
+    group = parser.add_argument_group("calibrate a linkage")
     group.add_argument("--measure", metavar="POINTS.csv", help="ask where the terminal is")
     group.add_argument("--calibrate", metavar="POINTS.csv", help="find lengths and mounting")
     group.add_argument(
         "--place-sigma-mm", type=arguments.sigma_mm, default=0.1, help="of the points (0.1)"
     )
-    group.add_argument("--out", metavar="FILE.toml", help="the linkage file that was found")
-    arguments.add_simulation(twin, "linkage")
-    twin.set_defaults(run=_twin)
+    group.add_argument("--out", metavar="FILE.toml", help="the linkage file to write")
+    arguments.add_simulation(parser, "linkage")
+    return calls("spots.linkage.twin:twin_command")
+
+
+COMMANDS = keys, keyboard, wearable, controller, twin
+
+
+def _add_output(parser: argparse.ArgumentParser, instead: str) -> None:
+    parser.add_argument("--dry-run", action="store_true", help=instead)
+    arguments.add_port(parser)
+    arguments.add_seconds(parser)
 
 
 def _keys(options: argparse.Namespace) -> None:
@@ -69,27 +108,3 @@ def _keys(options: argparse.Namespace) -> None:
         with arguments.open_board(options) as board:
             note = keys.push(board, layout)
         print(printable(f"{layout.name} is on the board" + (f": {note}" if note else "")))
-
-
-def _keyboard(options: argparse.Namespace) -> None:
-    from ..keyboard.keyboard import keyboard_command
-
-    keyboard_command(options)
-
-
-def _wearable(options: argparse.Namespace) -> None:
-    from ..wearable.wearable import wearable_command
-
-    wearable_command(options)
-
-
-def _controller(options: argparse.Namespace) -> None:
-    from ..controller.controller import controller_command
-
-    controller_command(options)
-
-
-def _twin(options: argparse.Namespace) -> None:
-    from ..linkage.twin import twin_command
-
-    twin_command(options)

@@ -1,4 +1,4 @@
-"""Options that several commands have, and the kinds of their values."""
+"""Options that several commands have, and the types of their values."""
 
 from __future__ import annotations
 
@@ -24,44 +24,61 @@ _SIMULATED = {
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
-    """Which board, for `open_board`."""
+    """Add the options that name a board, for `open_board`."""
     parser.add_argument("--port", help=f"{PORTS}; found if not given")
     add_zenoh_config(parser)
     add_simulation(parser)
 
 
 def add_ports(parser: argparse.ArgumentParser) -> None:
-    """Which boards, where a linkage may have two."""
+    """Add the options that name boards, where a linkage may have two."""
     parser.add_argument(
         "--port",
         action="append",
         default=[],
-        help=f"{PORTS}; of a linkage, one a joint",
+        help=f"{PORTS}; once for each joint of a linkage",
     )
     add_zenoh_config(parser)
 
 
 def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
-    """Zenoh's own configuration; `main` hands it on."""
-    parser.add_argument("--zenoh-config", metavar="FILE", help="of Zenoh; else $ZENOH_CONFIG")
+    """Add the option for Zenoh's own configuration file."""
+    parser.add_argument(
+        "--zenoh-config", metavar="FILE", help="configuration of Zenoh; else $ZENOH_CONFIG"
+    )
 
 
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Options of packages that simulate a ``board`` or a ``linkage``; only their defaults else."""
+    """Add the options of packages that simulate a ``board`` or a ``linkage``, and the defaults."""
     parser.set_defaults(**_SIMULATED[what])
     for entry in entry_points(group=_OPTIONS, name=what):
         entry.load()(parser)
 
 
+def add_seconds(parser: argparse.ArgumentParser, text: str = "stop after this time") -> None:
+    """Add the option that limits how long a command runs."""
+    parser.add_argument("--seconds", type=seconds, metavar="S", help=text)
+
+
 def open_board(options: argparse.Namespace):
-    """Open the board that was named."""
+    """Open the board that the options name."""
     from ..link.connect import open_named
 
     return open_named(options)
 
 
-def _number(what: str, low: float, high: float, kind: type = float):
-    """Return a converter for argparse that takes numbers in a range."""
+def number(what: str, low: float, high: float, kind: type = float):
+    """Return a converter for argparse that takes numbers in a range.
+
+    Parameters
+    ----------
+    what : str
+        What the number is, with its unit.
+    low, high : float
+        The range, both included.
+    kind : type
+        `float`, or `int` for whole numbers.
+    """
 
     def convert(text: str) -> float:
         try:
@@ -69,19 +86,21 @@ def _number(what: str, low: float, high: float, kind: type = float):
         except ValueError:
             value = math.nan
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{what} is a number from {low:g} to {high:g}")
+            raise argparse.ArgumentTypeError(
+                f"{what} is a number from {low:g} to {high:,.12g}, not '{text}'"
+            )
         return value
 
     return convert
 
 
-seconds = _number("a time in seconds", 0.001, 1e9)
-hours = _number("a time in hours", 0.001, 10_000)
-length_mm = _number("the length of a strip in mm", 1, 1000)
-strain_percent = _number("a strain in percent", 0.01, 50)
-megabytes = _number("a size in MB", 0.1, 1e6)
-speed = _number("a speed", 0.001, math.inf)
-seed = _number("a seed", 0, 2**63, int)
-sigma_mm = _number("a standard error in mm", 1e-6, 100)
-http_port = _number("a port for web browsers", 0, 65535, int)
-exposure_us = _number("an exposure in us", 2000, 200_000, int)
+seconds = number("a time in seconds", 0.001, 1e9)
+length_mm = number("the length of a strip in mm", 1, 1000)
+strain_percent = number("a strain in percent", 0.01, 50)
+megabytes = number("a size in MB", 0.1, 1e6)
+speed = number("a speed", 0.001, math.inf)
+seed = number("a seed", 0, 2**63, int)
+places = number("how many places, forces or angles", 0, 1000, int)
+sigma_mm = number("a standard error in mm", 1e-6, 100)
+http_port = number("a port for web browsers", 0, 65535, int)
+exposure_us = number("an exposure in us", 2000, 200_000, int)

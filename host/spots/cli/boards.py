@@ -1,4 +1,4 @@
-"""Commands that find boards, flash them and talk to them."""
+"""Commands that make a board ready: find, flash, check and calibrate it."""
 
 from __future__ import annotations
 
@@ -8,42 +8,112 @@ import json
 from ..errors import printable
 from ..link.ports import known
 from . import arguments
+from .parser import Parser, calls
+
+PURPOSE = "set up a board"
 
 
-def add(commands) -> None:
-    """Add the commands to a parser's subparsers."""
-    ports = commands.add_parser("ports", help="list boards and what answers on each port")
-    ports.add_argument("--json", action="store_true", help="one JSON list")
-    ports.set_defaults(run=_ports)
+def ports(parser: Parser):
+    """List the USB serial ports and what answers there.
 
-    boards = commands.add_parser("boards", help="list the boards that there are files for")
-    boards.add_argument("--json", action="store_true", help="one JSON list")
-    boards.set_defaults(run=_boards)
+    example:
+      spots ports --json
+    """
+    parser.add_argument("--json", action="store_true", help="one JSON list")
+    return _ports
 
-    build = commands.add_parser("build", help="make a board's files, in build/BOARD")
-    build.add_argument("board", metavar="BOARD")
-    build.set_defaults(run=_build)
 
-    flash = commands.add_parser("flash", help="put the firmware on a board and start it")
-    flash.add_argument("board", metavar="BOARD")
-    flash.add_argument("--port", help="serial port or CIRCUITPY drive; found if not given")
-    flash.add_argument("--dry-run", action="store_true", help="only print what would be done")
-    flash.set_defaults(run=_flash)
+def boards(parser: Parser):
+    """List the boards that SPOTS has files for.
 
-    erase = commands.add_parser("erase", help="remove firmware, settings and calibration")
-    erase.add_argument("board", metavar="BOARD")
-    erase.add_argument("--port", help="serial port or CIRCUITPY drive; found if not given")
-    erase.add_argument("--yes", action="store_true", help="do not ask")
-    erase.set_defaults(run=_erase)
+    example:
+      spots boards --json
+    """
+    parser.add_argument("--json", action="store_true", help="one JSON list")
+    return _boards
 
-    doctor = commands.add_parser("doctor", help="what is wrong with a board, and what to do")
-    doctor.add_argument("--port", help=f"{arguments.PORTS}; found if not given")
-    doctor.set_defaults(run=_doctor)
 
-    command = commands.add_parser("command", help="send a command line, print the reply")
-    arguments.add_port(command)
-    command.add_argument("line", nargs="+", help="such as: set exposure_us=10000")
-    command.set_defaults(run=_command)
+def build(parser: Parser):
+    """Write a board's files to build/BOARD.
+
+    example:
+      spots build pico
+    """
+    parser.add_argument("board", metavar="BOARD", help="a name that 'spots boards' lists")
+    return _build
+
+
+def flash(parser: Parser):
+    """Copy the firmware to a board and start it.
+
+    examples:
+      spots flash pico
+      spots flash pico --dry-run
+    """
+    _add_board(parser)
+    parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
+    return calls("spots.deploy.flash:flash", "board", "port", "dry_run")
+
+
+def doctor(parser: Parser):
+    """Check a board from its cable to its light, and print what to do.
+
+    examples:
+      spots doctor
+      spots doctor --port /dev/ttyACM0
+    """
+    parser.add_argument("--port", help=f"{arguments.PORTS}; found if not given")
+    return calls("spots.deploy.doctor:doctor", "port")
+
+
+def calibrate(parser: Parser):
+    """Calibrate a strip: a guided session asks for presses and fits them.
+
+    examples:
+      spots calibrate position
+      spots calibrate force
+      spots calibrate strain --strain-percent 10
+    """
+    parser.add_argument(
+        "kind",
+        choices=["position", "force", "strain", "joint"],
+        help="position and force first; then strain or joint, where you need them",
+    )
+    arguments.add_port(parser)
+    parser.add_argument(
+        "--session",
+        default="calibration.jsonl",
+        metavar="FILE.jsonl",
+        help="where each press is stored; the same file continues a session",
+    )
+    parser.add_argument("--out", metavar="FILE.toml", help="if not beside the session")
+    parser.add_argument("--places", type=arguments.places, help="how many places, forces or angles")
+    parser.add_argument(
+        "--length-mm", type=arguments.length_mm, help="of the strip at rest; 85 if not given"
+    )
+    parser.add_argument("--strain-percent", type=arguments.strain_percent, help="for 'strain'")
+    parser.add_argument("--plan", metavar="F3,F4,...", help="six channels; else the best are found")
+    parser.add_argument("--keep-settings", action="store_true", help="keep gain and LED current")
+    return calls("spots.calibrate.calibrate:calibrate_command")
+
+
+def erase(parser: Parser):
+    """Remove the firmware, its settings and its calibration from a board.
+
+    example:
+      spots erase pico
+    """
+    _add_board(parser)
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    return calls("spots.deploy.erase:erase", "board", "port", "yes")
+
+
+COMMANDS = ports, boards, build, flash, doctor, calibrate, erase
+
+
+def _add_board(parser: Parser) -> None:
+    parser.add_argument("board", metavar="BOARD", help="a name that 'spots boards' lists")
+    parser.add_argument("--port", help="serial port or CIRCUITPY drive; found if not given")
 
 
 def _ports(options: argparse.Namespace) -> None:
@@ -85,26 +155,3 @@ def _build(options: argparse.Namespace) -> None:
     from ..deploy.build import build
 
     print(printable(str(build(options.board))))
-
-
-def _flash(options: argparse.Namespace) -> None:
-    from ..deploy.flash import flash
-
-    flash(options.board, options.port, options.dry_run)
-
-
-def _erase(options: argparse.Namespace) -> None:
-    from ..deploy.erase import erase
-
-    erase(options.board, options.port, options.yes)
-
-
-def _doctor(options: argparse.Namespace) -> None:
-    from ..deploy.doctor import doctor
-
-    doctor(options.port)
-
-
-def _command(options: argparse.Namespace) -> None:
-    with arguments.open_board(options) as board:
-        print(json.dumps(board.command(" ".join(options.line))))

@@ -3,36 +3,77 @@
 from __future__ import annotations
 
 import argparse
+import inspect
+import json
+import sys
+
+from spots_device.command import Commands
 
 from . import arguments
+from .parser import Parser, calls
+
+PURPOSE = "look at a board"
 
 
-def add(commands) -> None:
-    """Add the commands to a parser's subparsers."""
-    monitor = commands.add_parser("monitor", help="show a board's readings")
-    arguments.add_port(monitor)
-    monitor.add_argument("--seconds", type=arguments.seconds, help="end after so long")
-    monitor.set_defaults(run=_monitor)
+def monitor(parser: Parser):
+    """Show the position, force and counts that a board reports.
 
-    serve = commands.add_parser("serve", help="a live page of a board for web browsers")
-    arguments.add_ports(serve)
-    serve.add_argument("--linkage", metavar="FILE.toml", help="of which the board is a joint")
-    arguments.add_simulation(serve)
-    serve.add_argument("--layout", default="digits", metavar="FILE.toml", help="of keys; or a name")
-    serve.add_argument("--address", default="127.0.0.1", help="show it to others, with a token")
-    serve.add_argument("--http-port", type=arguments.http_port, default=8765, help="0 for any")
-    serve.add_argument("--record-to", metavar="FOLDER", help="let who has the token record")
-    serve.set_defaults(run=_serve)
+    examples:
+      spots monitor
+      spots monitor --port virtual --seconds 10
+    """
+    arguments.add_port(parser)
+    arguments.add_seconds(parser)
+    return _monitor
+
+
+def serve(parser: Parser):
+    """Show boards live in a web browser.
+
+    examples:
+      spots serve
+      spots serve --port virtual --http-port 8080
+    """
+    arguments.add_ports(parser)
+    parser.add_argument("--linkage", metavar="FILE.toml", help="the linkage whose joints these are")
+    arguments.add_simulation(parser)
+    parser.add_argument("--layout", default="digits", metavar="LAYOUT", help="keys to show")
+    parser.add_argument(
+        "--address", default="127.0.0.1", help="where to listen; other machines need the token"
+    )
+    parser.add_argument("--http-port", type=arguments.http_port, default=8765, help="0 for any")
+    parser.add_argument("--record-to", metavar="FOLDER", help="browsers with the token may record")
+    return calls("spots.web.serve:serve_command")
+
+
+def command(parser: Parser):
+    """Send one line to a board and print its reply.
+
+    examples:
+      spots command get
+      spots command set exposure_us=10000 gain=9
+    """
+    _, *texts = (inspect.getdoc(Commands) or "").split("\n\n")
+    parser.description += "\n\n".join(["", *texts[:1]])
+    arguments.add_port(parser)
+    parser.add_argument("line", nargs="+", metavar="LINE", help="one of these commands")
+    return _command
+
+
+COMMANDS = monitor, serve, command
 
 
 def _monitor(options: argparse.Namespace) -> None:
+    from ..link.calibrated import next_step
     from ..terminal.monitor import watch
 
     with arguments.open_board(options) as board:
+        step = next_step(board.command("hello"))
         watch(board, options.seconds, quiet=False)
+    if step:
+        print(step, file=sys.stderr)
 
 
-def _serve(options: argparse.Namespace) -> None:
-    from ..web.serve import serve_command
-
-    serve_command(options)
+def _command(options: argparse.Namespace) -> None:
+    with arguments.open_board(options) as board:
+        print(json.dumps(board.command(" ".join(options.line))))

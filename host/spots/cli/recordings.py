@@ -7,46 +7,72 @@ import json
 
 from ..errors import printable
 from . import arguments
+from .parser import Parser
+
+PURPOSE = "record and replay"
 
 
-def add(commands) -> None:
-    """Add the commands to a parser's subparsers."""
-    record = commands.add_parser("record", help="write what a board sends into a file")
-    record.add_argument("file", metavar="FILE.spots", help="a new file")
-    arguments.add_port(record)
-    record.add_argument(
-        "--seconds", type=arguments.seconds, help="end after so long; Ctrl-C ends it, too"
+def record(parser: Parser):
+    """Write what a board sends to a file.
+
+    examples:
+      spots record run.spots
+      spots record run.spots --seconds 60 --calibration calibration.toml
+    """
+    parser.add_argument("file", metavar="FILE.spots", help="a new file")
+    arguments.add_port(parser)
+    arguments.add_seconds(parser, "stop after this time; Ctrl-C stops, too")
+    parser.add_argument(
+        "--rotate-mb", type=arguments.megabytes, help="continue in FILE-001.spots after this size"
     )
-    record.add_argument(
-        "--rotate-mb", type=arguments.megabytes, help="go on in FILE-001.spots after so much"
-    )
-    record.add_argument("--calibration", metavar="FILE.toml", help="the board's, to have it there")
-    record.set_defaults(run=_record)
+    parser.add_argument("--calibration", metavar="FILE.toml", help="the board's, to store with it")
+    return _record
 
-    replay = commands.add_parser("replay", help="show a recording as 'monitor' shows a board")
-    replay.add_argument("file", metavar="FILE.spots")
-    replay.add_argument(
+
+def replay(parser: Parser):
+    """Show a recording as 'monitor' shows a board.
+
+    example:
+      spots replay run.spots --speed 2
+    """
+    parser.add_argument("file", metavar="FILE.spots")
+    parser.add_argument(
         "--speed", type=arguments.speed, default=1.0, help="2 is twice as fast, inf no pace"
     )
-    replay.set_defaults(run=_replay)
+    return _replay
 
-    info = commands.add_parser("info", help="what is in a recording")
-    info.add_argument("file", metavar="FILE.spots")
-    info.add_argument("--json", action="store_true", help="one JSON object")
-    info.set_defaults(run=_info)
 
-    export = commands.add_parser("export", help="a recording as MCAP, CSV or NumPy arrays")
-    export.add_argument("file", metavar="FILE.spots")
-    export.add_argument("--to", required=True, choices=["mcap", "csv", "npz"])
-    export.add_argument("--out", metavar="NAME", help="if not beside the recording")
-    export.set_defaults(run=_export)
+def info(parser: Parser):
+    """Print what is in a recording.
+
+    example:
+      spots info run.spots
+    """
+    parser.add_argument("file", metavar="FILE.spots")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return _info
+
+
+def export(parser: Parser):
+    """Convert a recording to MCAP, CSV or NumPy arrays.
+
+    example:
+      spots export run.spots --to csv
+    """
+    parser.add_argument("file", metavar="FILE.spots")
+    parser.add_argument("--to", required=True, choices=["mcap", "csv", "npz"])
+    parser.add_argument("--out", metavar="NAME", help="if not beside the recording")
+    return _export
+
+
+COMMANDS = record, replay, info, export
 
 
 def _record(options: argparse.Namespace) -> None:
     from ..recording.record import read_calibration, record
 
     rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
-    # Before a board is opened: what is wrong with a file is said at once.
+    # Before a board is opened, so that a bad file is reported at once.
     calibration = None if options.calibration is None else read_calibration(options.calibration)
     with arguments.open_board(options) as board:
         record(board, options.file, options.seconds, rotate_bytes, calibration)

@@ -13,7 +13,6 @@ from ..terminal.view import bar
 
 _COLUMNS = 61  # odd, so that rest is a column
 _KNOB = 7
-_BAR_COLUMNS = 40
 
 
 def picture(
@@ -39,7 +38,7 @@ def picture(
     numbers.add_row("x", f"{state.x:+d}" if state.x else "0", Text(along, style="yellow"))
     if state.y:
         numbers.add_row("y", f"{state.y:+d}")
-    numbers.add_row("z", str(state.z), Text(bar(state.z / AXIS_MAX, _BAR_COLUMNS), style="cyan"))
+    numbers.add_row("z", str(state.z), Text(bar(state.z / AXIS_MAX), style="cyan"))
     parts = [*_stick(state), Text(), numbers, Text(), _buttons(state.buttons, buttons)]
     if facts:
         parts += [Text(), Text("  " + facts, style="dim")]

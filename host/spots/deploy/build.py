@@ -33,7 +33,7 @@ ARCHITECTURES = (
 
 
 class MpyHeader(NamedTuple):
-    """What an .mpy file says of itself.
+    """The header of an .mpy file.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ def mpy_header(data: bytes) -> MpyHeader:
     Raises
     ------
     ValueError
-        If the bytes are no .mpy file.
+        If the bytes are not an .mpy file.
     """
     if len(data) < 4 or data[:1] != b"M":
         raise ValueError("this is no .mpy file")
@@ -64,18 +64,25 @@ def mpy_header(data: bytes) -> MpyHeader:
 
 
 def build(board: str, root: Path = Path("build")) -> Path:
-    """Make a board's files afresh and return their folder, ``root/board``.
+    """Build a board's files and return their folder, ``root/board``.
+
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    root : Path
+        The folder of all builds.
 
     Raises
     ------
     SpotsError
-        If there is no such board, or no mpy-cross, or it refuses a module, or the folder cannot
-        be written, or holds something else than a build. It is then what it was.
+        If the board is unknown, mpy-cross is missing or refuses a module, or the folder cannot be
+        written or holds something else than a build. The folder is then unchanged.
     """
     device = device_of(board)
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
-        raise SpotsError(f"{target} is no build of this program: move it, or build elsewhere")
+        raise SpotsError(f"{target} is not a build of this program: move it, or build elsewhere")
     try:
         _build(device, target)
     except OSError as error:
@@ -89,12 +96,12 @@ def build(board: str, root: Path = Path("build")) -> Path:
 def _build(device: Device, target: Path) -> None:
     root = target.parent
     root.mkdir(parents=True, exist_ok=True)
-    # Beside the target: a rename within one file system is whole or not at all.
+    # Beside the target: a rename within one file system is atomic.
     with atomic.folder(root) as temporary:
         fresh = temporary / "new"
         fresh.mkdir()
         stage(device.name, fresh)
-        # MicroPython's mpy-cross makes no files that CircuitPython takes.
+        # CircuitPython does not load the files of MicroPython's mpy-cross.
         if device.runtime == "micropython":
             _compile(fresh, device)
         (fresh / manifest.MANIFEST).write_bytes(

@@ -1,4 +1,4 @@
-"""What is wrong with a board, from the cable to the light; each finding says what to do."""
+"""Checks a board from its cable to its light; each finding says what to do."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from spots_device import __version__, decode
 
 from ..errors import SpotsError, printable
 from ..link.board import Board
+from ..link.calibrated import next_step
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.ports import scheme_name
@@ -19,8 +20,11 @@ from ..link.udev import with_rule
 from .place import the_board
 
 _SPECTRA = 12
-# A strip that lets no light through unpressed is as dark as one whose LED is broken.
+_LIT = 4  # samples that are compared with the dark frames around them
+# A strip that nobody presses is as dark as one whose LED is broken.
 _PRESS_WITHIN_S = 10.0
+_DIM = 0.01  # of full scale: positions of so little light are noise
+_DARK_TIMEOUT_S = 30.0
 # Each exposure is followed by the transfer of the last one, and now and then by a dark frame.
 _SLOWEST = 0.7
 _BRIGHTEST = 0.95
@@ -47,11 +51,11 @@ def doctor(port: str | None = None) -> None:
         problems += not finding.ok
         print(f"{'ok' if finding.ok else 'problem':8} {finding.check:10} {printable(finding.text)}")
     if problems:
-        raise SpotsError(f"{problems} of the checks found a problem: see what each says to do")
+        raise SpotsError(f"{problems} of the checks found a problem: do what each of them says")
 
 
 def examine(port: str | None = None) -> Iterator[Finding]:
-    """Check a board in the order in which one thing needs the other; end where that ends."""
+    """Check a port and its board step by step; stop where the next step needs the failed one."""
     if not scheme_name(port):
         try:
             port = port or the_board()[-1]
@@ -68,7 +72,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
         except SpotsError as error:
             yield Finding("permission", False, with_rule(str(error), port))
             return
-        yield Finding("permission", True, "the port may be opened")
+        yield Finding("permission", True, "the port can be opened")
     try:
         board = open_board(port)
     except SpotsError as error:
@@ -93,51 +97,74 @@ def examine_board(board: Board) -> Iterator[Finding]:
         return
     yield Finding("sensor", True, "it answers on the bus")
     board.command("stream spectrum")
-    reading_us = state["exposure_us"] * state["average"]
-    spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * reading_us / 1e6), _SPECTRA))
-    yield from _light(board, spectra, state["full_scale"])
+    reading_s = 1e-6 * state["exposure_us"] * state["average"]
+    spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * reading_s), _SPECTRA))
+    if state["led_mA"]:
+        yield from _light(board, state["full_scale"], reading_s)
+    else:
+        yield Finding("light", False, "the LED is off: spots command set led_mA=20")
     board.command("stream off")
-    yield _rate(spectra, reading_us)
+    yield _rate(spectra, reading_s)
+    hello = board.command("hello")
+    step = next_step(hello)
+    text = f"not yet; {step}" if step else f"for {hello['length_um'] / 1000:g} mm"
+    yield Finding("calibrated", True, text)
 
 
 def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
     return (frame for frame in board.frames(seconds) if isinstance(frame, Spectrum))
 
 
-def _brightest(spectrum: Spectrum) -> int:
-    return 0 if spectrum.flags & decode.LED_OFF else max(spectrum.counts)
-
-
-def _light(board: Board, spectra: list[Spectrum], full_scale: int) -> Iterator[Finding]:
-    lit = [spectrum for spectrum in spectra if not spectrum.flags & decode.LED_OFF]
-    if not lit:
-        yield Finding("light", False, "the LED is never on: spots command set led_mA=20")
-        return
-    brightest = max(map(_brightest, lit))
-    if not brightest:
-        text = f"none, which may be for want of a press: press within {_PRESS_WITHIN_S:.0f} s"
+def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]:
+    light, brightest = _lit(board, reading_s)
+    if light < _DIM * full_scale:
+        text = f"none yet: press firmly near the sensor within {_PRESS_WITHIN_S:.0f} s, and hold"
         yield Finding("light", True, text)
-        brightest = next(filter(None, map(_brightest, _spectra(board, _PRESS_WITHIN_S))), 0)
-    level = brightest / full_scale
-    text = f"brightest channel at {100 * level:.1f} % of full scale"
-    if not brightest:
-        yield Finding("light", False, text + ": check the LED's wires, LDR is its cathode")
-    elif level > _BRIGHTEST:
+        end_s = board.now_s() + _PRESS_WITHIN_S
+        while light < _DIM * full_scale and board.now_s() < end_s:
+            light, brightest = _lit(board, reading_s)
+    text = f"{100 * max(light, 0) / full_scale:.1f} % of full scale are the LED's"
+    if light < _DIM * full_scale:
+        text += ": press firmly and run spots command auto, or check the LED's wires, LDR is its "
+        yield Finding("light", False, text + "cathode")
+    elif brightest > _BRIGHTEST * full_scale:
         yield Finding("light", False, text + ": press at the sensor's end, spots command auto")
     else:
         yield Finding("light", True, text)
 
 
-def _rate(spectra: list[Spectrum], reading_us: int) -> Finding:
+def _lit(board: Board, reading_s: float) -> tuple[float, int]:
+    """Return the counts that the LED adds in the best channel, and the largest raw count.
+
+    The room's light changes, and a press guides it, too. So what counts as the LED's is only what
+    every lit sample has more than the dark frames before and after it.
+    """
+    before = board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
+    begun_s = board.now_s() + reading_s / 2
+    lit = (
+        spectrum.counts
+        for spectrum in _spectra(board, 1 + 3 * _LIT * reading_s)
+        if spectrum.time_s >= begun_s and not spectrum.flags & decode.LED_OFF
+    )
+    samples = list(islice(lit, _LIT))
+    after = board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
+    if not samples:
+        return 0, 0
+    dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
+    least = map(min, zip(*samples))
+    return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, samples))
+
+
+def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     if len(spectra) < 2:
-        return Finding("rate", False, "no spectra come: spots command reboot")
+        return Finding("rate", False, "the board sends no spectra: spots command reboot")
     # In a dark window one comes each exposure, however many are averaged else.
     steps = list(pairwise(spectra))
     steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps
     # Numbers of frames count those that were lost on the way too.
     frames = sum((b.sequence - a.sequence) % (1 << 16) for a, b in steps)
     passed_us = sum((b.t_us - a.t_us) % (1 << 32) for a, b in steps)
-    rate_hz, most_hz = frames / passed_us * 1e6, 1e6 / reading_us
+    rate_hz, most_hz = frames / passed_us * 1e6, 1 / reading_s
     text = f"{rate_hz:.1f} frames a second, exposure and average allow {most_hz:.1f}"
     if rate_hz < _SLOWEST * most_hz:
         return Finding("rate", False, text + ": use a longer exposure, or a bus at 400 kHz")

@@ -9,7 +9,8 @@ import re
 import shutil
 import stat
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import SpotsError, missing
@@ -24,7 +25,7 @@ _UID = re.compile(r"UID: ?(\S+)")
 _FAT = ("vfat", "msdos", "fat", "fat12", "fat16", "fat32")
 _BLOCK_DEVICES = Path("/sys/class/block")
 _CHUNK = 1 << 16
-_CLUSTER = 4096  # of such drives none has larger ones
+_CLUSTER = 4096  # larger than on any such drive
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 
@@ -38,7 +39,7 @@ class Drive:
     folder : str
         Where it is mounted.
     console : str, optional
-        The board's serial port with the prompt, over which it is started anew.
+        The board's serial port with the prompt, used to restart it.
 
     Attributes
     ----------
@@ -48,7 +49,7 @@ class Drive:
     Raises
     ------
     SpotsError
-        If the folder is no such drive.
+        If the folder is not a CircuitPython drive.
     """
 
     def __init__(self, folder: str, console: str | None = None):
@@ -57,7 +58,8 @@ class Drive:
         self._tree = None
         try:
             self._tree = Tree(folder)
-            about = self._read(_ABOUT, _ABOUT_BYTES).decode("utf-8", errors="replace")
+            with self._tree.open(_ABOUT) as file:
+                about = file.read(_ABOUT_BYTES).decode("utf-8", errors="replace")
             free = shutil.disk_usage(folder).free
         except OSError:
             about = ""
@@ -68,7 +70,7 @@ class Drive:
         if not version:
             self.close()
             raise SpotsError(
-                f"{folder} is no CircuitPython drive: give the one that holds {_ABOUT}"
+                f"{folder} is not a CircuitPython drive: give the one that holds {_ABOUT}"
             )
         board_id, uid = _BOARD_ID.search(about), _UID.search(about)
         self.facts = {
@@ -87,65 +89,60 @@ class Drive:
         self.close()
 
     def close(self) -> None:
-        """Hold the drive no longer, so that it can be ejected."""
+        """Close the drive, so that it can be ejected."""
         if self._tree is not None:
             self._tree.close()
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return the sizes of those of these files that there are, by path."""
-        return self._do(self._sizes, paths)
+        """Return the sizes of the files that exist among these, by path."""
+        with self._explained():
+            sizes = {path: self._tree.size(path) for path in paths}
+        return {path: size for path, size in sizes.items() if size is not None}
 
     def read(self, path: str, size: int) -> bytes:
         """Return the first bytes of a file, at most `size` of them."""
-        return self._do(self._read, path, size)
+        with self._explained(), self._tree.open(path) as file:
+            return file.read(size)
 
     def sha256(self, path: str) -> str:
         """Return the hash of a file, in hexadecimal."""
-        return self._do(self._sha256, path)
+        digest = hashlib.sha256()
+        with self._explained(), self._tree.open(path) as file:
+            while chunk := file.read(_CHUNK):
+                digest.update(chunk)
+        return digest.hexdigest()
 
     def remove(self, path: str) -> None:
         """Remove a file."""
-        self._do(self._tree.remove, path)
+        with self._explained():
+            self._tree.remove(path)
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder if there is nothing in it."""
+        """Remove a folder if it is empty."""
         try:
             self._tree.remove_folder(path)
         except OSError:
-            pass  # somebody else's files are in it
+            pass  # it holds files of the user
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under another name, and give it its own when it is on the drive."""
-        self._do(self._tree.write, path, data)
+        """Write a file under a temporary name, and rename it once it is on the drive."""
+        with self._explained():
+            self._tree.write(path, data)
 
     def reset(self) -> None:
-        """Start the board anew, or ask for it if its prompt cannot be reached."""
+        """Restart the board, or ask the user to, where its prompt cannot be reached."""
         try:
             if self._console:
                 Prompt(self._console).reset()
                 return
         except SpotsError:
-            pass  # what follows says what to do
+            pass  # the line below says what to do
         print("press the board's reset button")
 
-    def _sizes(self, paths: Iterable[str]) -> dict[str, int]:
-        sizes = {path: self._tree.size(path) for path in paths}
-        return {path: size for path, size in sizes.items() if size is not None}
-
-    def _read(self, path: str, size: int) -> bytes:
-        with self._tree.open(path) as file:
-            return file.read(size)
-
-    def _sha256(self, path: str) -> str:
-        digest = hashlib.sha256()
-        with self._tree.open(path) as file:
-            while chunk := file.read(_CHUNK):
-                digest.update(chunk)
-        return digest.hexdigest()
-
-    def _do(self, function, *arguments):
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
         try:
-            return function(*arguments)
+            yield
         except OSError as error:
             if error.errno == errno.ENOSPC:
                 raise SpotsError(
@@ -153,7 +150,7 @@ class Drive:
                 ) from None
             if error.errno in _READ_ONLY:
                 raise SpotsError(
-                    f"the drive {self.port} may only be read, for the board itself writes to it: "
+                    f"the drive {self.port} is read-only, for the board itself writes to it: "
                     "reset the board, hold its button for two seconds right after that, and flash "
                     "again when the drive is back"
                 ) from None
@@ -205,5 +202,5 @@ def _first_character(path: Path) -> str:
 def _is_file(path: str) -> bool:
     try:
         return stat.S_ISREG(os.lstat(path).st_mode)
-    except OSError:  # of another user's drives it cannot even be asked what is there
+    except OSError:  # another user's drive may not even be listed
         return False

@@ -1,4 +1,4 @@
-"""The firmware, its settings and its calibration off a board."""
+"""Removes the firmware, its settings and its calibration from a board."""
 
 from __future__ import annotations
 
@@ -12,12 +12,21 @@ from .staging import ENTRIES, device_of
 
 
 def erase(board: str, port: str | None = None, yes: bool = False) -> None:
-    """Remove our files from a board, once the user said yes; other files stay.
+    """Remove the firmware's files from a board after a confirmation; other files stay.
+
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    port : str, optional
+        A serial port, or the folder of a CircuitPython drive; found if not given.
+    yes : bool
+        Do not ask for the confirmation.
 
     Raises
     ------
     SpotsError
-        If there is no such board, it runs another runtime, or nobody can be asked.
+        If there is no such board, it runs another runtime, or the user does not confirm.
     """
     device = device_of(board)
     entry = ENTRIES[device.runtime][-1]
@@ -38,8 +47,9 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             }
             changed = sorted(known.listed & set(known.sizes) - ours)
             if changed:
-                ours.discard(MANIFEST)  # without it they would be taken for ours by their names
-            # The entry first: what is left of the rest must not start. What knows them all, last.
+                ours.discard(MANIFEST)  # without it their names alone would mark them as ours
+            # The entry file first: a partial firmware must not start. The manifest, which lists the
+            # rest, last.
             order = {entry: 0, MANIFEST: 2}
             for path in sorted(ours, key=lambda path: (order.get(path, 1), path)):
                 target.remove(path)
@@ -64,7 +74,7 @@ def _ask(port: str) -> None:
     try:
         answer = input(question)
     except EOFError:
-        print()  # the question's line is still open
+        print()  # ends the line of the question
         answer = ""
     if answer.strip().lower() not in ("y", "yes"):
         raise SpotsError("nothing was removed")

@@ -1,4 +1,4 @@
-"""The firmware onto a board, so that at no moment anything half-copied can start."""
+"""Copies the firmware to a board; what is half-copied never starts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NAMES = {"micropython": "MicroPython", "circuitpython": "CircuitPython"}
 _RETURN_S = 20.0
 _POLL_S = 0.2
 _PART = ".part"  # the end of a file's name while it is written
-# What a user made on the board: other files than ours are never touched by `flash`.
+# What a user stored on the board; `flash` never touches files that are not the firmware's.
 USER_FILES = tuple(
     name + end
     for name in ("settings.txt", "calibration.txt", "layout.txt")
@@ -48,10 +48,10 @@ class Plan:
     copy : list of str
         Files to copy, in this order; the entry last.
     need : int
-        Bytes that this takes of what is free.
+        Free bytes that this needs.
     claim : bytes
-        The manifest while files are copied: of those before and of those after. So what an
-        interrupted flash leaves is still known as its own.
+        The manifest during the copy: old and new files. So a later flash recognises what an
+        interrupted one left.
     """
 
     remove: list[str]
@@ -61,13 +61,22 @@ class Plan:
 
 
 def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
-    """Put the firmware on a board, start it, and see that it answers.
+    """Copy the firmware to a board, start it, and check that it answers.
+
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    port : str, optional
+        A serial port, or the folder of a CircuitPython drive; found if not given.
+    dry_run : bool
+        Only print what would be copied and removed.
 
     Raises
     ------
     SpotsError
-        If there is no board, or more than one, it is not the right one, it has no room, or it
-        was disconnected; flashing again completes what was begun.
+        If no board or more than one is found, it is the wrong one, it has no room, or it was
+        disconnected; flashing again completes the copy.
     """
     device = device_of(board)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
@@ -79,13 +88,29 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
                 _show(plan, files, there.name)
                 return
             carry_out(plan, files, target)
-            _tell_of_library(device, target)
+            _report_library(device, target)
             target.reset()
         _greet(there)
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Raise SpotsError if a board with these facts cannot run these files."""
+    """Check that a board can run the files that were built for it.
+
+    Parameters
+    ----------
+    facts : dict
+        Of the board, see `Prompt` and `Drive`.
+    device : staging.Device
+    files : dict of str to bytes
+        By their path on the board.
+    port : str
+        Where the board is, for the sentence.
+
+    Raises
+    ------
+    SpotsError
+        If its runtime, version, chip or board is another one.
+    """
     runs = f"the board on {port} runs {facts['runtime']}"
     if facts["runtime"] != device.runtime:
         raise SpotsError(f"{runs}, but {device.name} needs {device.runtime}: install that on it")
@@ -95,16 +120,15 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         name = _NAMES[device.runtime]
         raise SpotsError(f"{runs} {version}: install {name} {needed} or newer on it")
     if device.runtime == "circuitpython":
-        _refuse_drive(facts, device, port)
+        _check_same(port, device, facts["board_id"], device.board_id)
     else:
         _refuse_chip(facts, device, files, port)
 
 
-def _refuse_drive(facts: dict, device: Device, port: str) -> None:
-    if facts["board_id"] != device.board_id:
+def _check_same(port: str, device: Device, found: str, wanted: str) -> None:
+    if found != wanted:
         raise SpotsError(
-            f"the board on {port} is {facts['board_id']}, and {device.name} is {device.board_id}: "
-            "name the right board"
+            f"the board on {port} is {found}, and {device.name} is {wanted}: name the right board"
         )
 
 
@@ -120,21 +144,28 @@ def _refuse_chip(facts: dict, device: Device, files: dict[str, bytes], port: str
                 f"{runs} that takes .mpy version {version}, and mpy-cross makes {header.version}: "
                 "install the newest MicroPython on it"
             )
-        if header.arch not in (0, arch):
-            raise SpotsError(
-                f"the board on {port} is {_arch(arch)}, and {device.name} is "
-                f"{_arch(header.arch)}: name the right board"
-            )
+        if header.arch:
+            _check_same(port, device, _arch(arch), _arch(header.arch))
     # Bytecode runs anywhere, but the pins would be another board's.
-    if device.march and arch and _arch(arch) != device.march:
-        raise SpotsError(
-            f"the board on {port} is {_arch(arch)}, and {device.name} is {device.march}: "
-            "name the right board"
-        )
+    if device.march and arch:
+        _check_same(port, device, _arch(arch), device.march)
 
 
 def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
-    """Compare what there is with what is wanted."""
+    """Compare the files on a board with those it should have.
+
+    Parameters
+    ----------
+    files : dict of str to bytes
+        Those it should have, by their path on the board.
+    target : Prompt or Drive
+    runtime : str
+        ``micropython`` or ``circuitpython``.
+
+    Returns
+    -------
+    Plan
+    """
     entry = ENTRIES[runtime][-1]
     known = Known(target, runtime, files)
     there = known.sizes
@@ -149,27 +180,27 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     claim = b""
     if MANIFEST in copy:
         claim = manifest.write(known.entries | manifest.read(files[MANIFEST]))
-    # Without an entry nothing starts, until all is there.
+    # Without its entry file the board starts nothing until the copy is complete.
     if entry in there:
         remove.insert(0, entry)
-    # Libraries first: their folder sorts after the rest of what needs them only by its name.
+    # Libraries first: the other modules need them.
     copy = sorted(
         {*copy, entry}, key=lambda path: (path == entry, path == MANIFEST, path[:4] != "lib/", path)
     )
     block = target.facts["block"] or 1
     taken = sum(_on_disk(len(files[path]), block) for path in copy)
     gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
-    # A new file lies beside the old one until its hash was compared.
+    # The old file is kept until the hash of the new one is verified.
     most = max(_on_disk(len(files[path]), block) for path in copy)
     most += _on_disk(len(claim), block)
     return Plan(remove, copy, max(taken - gone + most, most), claim)
 
 
 class Known:
-    """Which files of a board are the firmware's: not a user's, and not of a user's making.
+    """The files of the firmware on a board, separated from the user's by path and hash.
 
-    Ours is what the manifest on the board names, with the hash in it; of what it does not name,
-    the files of this version, and of the one that left no manifest.
+    Ours is each file that the manifest on the board lists with its hash. Of other files, ours are
+    those of this version, and of version 0.1.0, which wrote no manifest.
 
     Parameters
     ----------
@@ -181,13 +212,13 @@ class Known:
     Attributes
     ----------
     sizes : dict
-        Bytes of the files that there are of all these, by path.
+        Bytes of those that exist, by path.
     entries : set of (str, str)
-        Path and hash, as the manifest on the board has them.
+        Path and hash, from the manifest on the board.
     listed : set of str
-        The paths of these.
+        The paths in the manifest.
     claimed : bool
-        Whether this board holds our firmware, or a part of it.
+        Whether the board has our firmware, or a part of it.
     """
 
     def __init__(self, target: Prompt | Drive, runtime: str, more: Iterable[str] = ()):
@@ -199,8 +230,8 @@ class Known:
         self._names = {MANIFEST, *FILES[runtime], *names(runtime)}
         every = self._names | self.listed | set(more)
         self.sizes = target.files(sorted(every | {path + _PART for path in every}))
-        # Others have a main.py or a lib, too. Without a manifest these names are ours only beside
-        # a file of our packages.
+        # Other programs have a main.py or a lib, too. Without a manifest such a file counts as ours
+        # only if files of our packages are there.
         in_packages = ("/" in path and not path.startswith("lib/") for path in self.sizes)
         self.claimed = bool(self.entries) or any(in_packages)
 
@@ -215,7 +246,20 @@ class Known:
 
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
-    """Do what a plan says; SpotsError if there is no room for it."""
+    """Carry out a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    files : dict of str to bytes
+        By their path on the board.
+    target : Prompt or Drive
+
+    Raises
+    ------
+    SpotsError
+        If the board has no room for it; the board is then unchanged.
+    """
     free = target.facts["free"]
     if free is not None and plan.need > free:
         raise SpotsError(
@@ -250,9 +294,9 @@ def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
     )
 
 
-def _tell_of_library(device: Device, target: Prompt | Drive) -> None:
+def _report_library(device: Device, target: Prompt | Drive) -> None:
     built_in = device.runtime == "circuitpython"
-    if device.config["USB_HID"] and not built_in and not target.has("usb.device.hid"):
+    if device.device["USB_HID"] and not built_in and not target.has("usb.device.hid"):
         print(
             "to be a USB keyboard or gamepad, this board also needs: "
             f"mpremote connect {printable(target.port)} mip install usb-device-hid"
@@ -274,7 +318,10 @@ def _greet(there: Place) -> None:
                     return
             except SpotsError as error:
                 reason = str(error)
-    raise SpotsError(f"the files are on the board, but it does not come back: replug it ({reason})")
+    raise SpotsError(
+        "the files are on the board, but it does not answer after its restart: replug it "
+        f"({reason})"
+    )
 
 
 def _on_disk(size: int, block: int) -> int:

@@ -1,6 +1,6 @@
 """The manifest: path and SHA-256 of every file that a flash wrote, as ``sha256sum -c`` reads it.
 
-It lies on the board beside them, so that another version removes these files and no others.
+It is stored on the board, so that another version removes these files and no others.
 """
 
 from __future__ import annotations
@@ -24,6 +24,6 @@ def write(entries: set[tuple[str, str]]) -> bytes:
 
 
 def read(data: bytes) -> set[tuple[str, str]]:
-    """Return the entries of a manifest; a line that is none, or no path of ours, is left out."""
+    """Return the entries of a manifest; invalid lines and paths are left out."""
     found = map(_LINE.fullmatch, data.splitlines())
     return {(line[2].decode(), line[1].decode()) for line in found if line}

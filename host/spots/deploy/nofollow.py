@@ -58,7 +58,7 @@ class Tree:
             self._root = None
 
     def size(self, path: str) -> int | None:
-        """Return the size of a file, or None where there is none."""
+        """Return the size of a file, or None if it does not exist."""
         try:
             with self._parent(path) as (parent, name):
                 return self._status(path, parent, name).st_size
@@ -76,7 +76,7 @@ class Tree:
             yield file
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under another name, and give it its own when it is on the disk."""
+        """Write a file under a temporary name, and rename it once it is on the disk."""
         with self._parent(path, make=True) as (parent, name):
             part = name + ".part"
             with contextlib.suppress(FileNotFoundError):
@@ -108,7 +108,7 @@ class Tree:
 
     @contextlib.contextmanager
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Give what `dir_fd` takes for the folder of a path, and the name to use with it."""
+        """Yield what `dir_fd` takes for the folder of a path, and the name to use with it."""
         *folders, name = path.split("/")
         walk = self._by_handle if _BY_HANDLE else self._by_path
         with walk(folders, make) as (parent, prefix):
@@ -165,12 +165,12 @@ class Tree:
 
     def _refuse(self, path: str) -> None:
         raise SpotsError(
-            f"{path} on {self.folder} is a link, or no plain file or folder of this drive: remove "
-            "it there, or give another drive"
+            f"{path} on {self.folder} is a link, or not a plain file or folder of this drive: "
+            "remove it there, or give another drive"
         )
 
 
 def settle(folder: int | None) -> None:
-    """Have names on the disk in the order in which they were given, and before a reset."""
+    """Flush a folder, so that renames reach the disk in order and before a reset."""
     if folder is not None:  # on Windows a removable drive keeps nothing back
         os.fsync(folder)

@@ -1,4 +1,4 @@
-"""Where a board's files go, and where the board is heard when it has started anew."""
+"""Where a board's files go, and the port on which it answers after its restart."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .staging import Device
 
 @dataclass(frozen=True)
 class Place:
-    """A way to a board.
+    """A connection to a board.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Place:
     open : callable
         Opens its file system: a `deploy.prompt.Prompt` or a `deploy.drive.Drive`.
     ports : callable
-        Returns the serial ports on which the board may answer now.
+        Returns the serial ports on which the board may answer.
     """
 
     name: str
@@ -35,19 +35,19 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find the one way to a board; a port scheme may start one that lives as long.
+    """Find the one board; a port scheme may start one for the duration of the block.
 
     Parameters
     ----------
     device : staging.Device
         What is to go there.
     port : str, optional
-        A serial port, or the folder of a CircuitPython drive; the one that there is, if not given.
+        A serial port, or the folder of a CircuitPython drive; found if not given.
 
     Raises
     ------
     SpotsError
-        If there is none, or more than one.
+        If none or more than one is found.
     """
     started = offered(port or device.port, "flash_place")
     if started is not None:
@@ -60,12 +60,12 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
 
 
 def the_board() -> list[str]:
-    """Return the ports of the one USB board that there is.
+    """Return the ports of the only USB board.
 
     Raises
     ------
     SpotsError
-        If there is none, or more than one.
+        If none or more than one is found.
     """
     boards = {ports[0]: ports for ports in usb_boards()}
     return boards[_the_one(list(boards), "board")]

@@ -16,14 +16,14 @@ from ..link.serial_link import SerialLink
 from ..link.udev import with_rule
 
 _TIMEOUT_S = 10.0
-# Timeouts of the tries to enter the prompt: a board that is just starting does not hear the first.
+# Timeouts of the attempts to enter the prompt: a board that is starting misses the first.
 _ENTER_S = (2.0, 4.0, 8.0)
-_GARBLED = (SyntaxError, ValueError, TypeError)  # of what is not the facts
+_GARBLED = (SyntaxError, ValueError, TypeError)  # from parsing a reply that is not the facts
 _CHUNK = 512
-_PATHS = 50  # asked for at once; a longer list takes memory that a board may not have
+_PATHS = 50  # in one program; a longer list takes memory that a board may not have
 _DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
 
-# Runs on the board; a chunk at a time, for a file may be larger than the free memory.
+# Runs on the board, in chunks: a file may be larger than its free memory.
 _TOOLS = """
 import os, sys, hashlib, binascii
 def _hash(path):
@@ -87,7 +87,7 @@ machine.reset()
 
 
 class Prompt:
-    """The raw prompt of a board; whatever ran there is interrupted.
+    """The raw prompt of a board; a running program is interrupted.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Prompt:
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or there is no prompt on it.
+        If mpremote is missing, the port cannot be opened, or no prompt answers.
     """
 
     def __init__(self, port: str):
@@ -114,7 +114,7 @@ class Prompt:
             raise missing("flashing needs", "mpremote", "flash") from None
         self.port = port
         self._refused = TransportExecError
-        # What comes out of mpremote when the cable is pulled depends on where it was.
+        # What mpremote raises when the cable is pulled depends on where it was.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
         try:
             SerialLink(port).close()  # says in a sentence why a port cannot be opened
@@ -139,7 +139,7 @@ class Prompt:
 
     def __exit__(self, *exception) -> None:
         if self._transport is not None:
-            self.reset()  # what ran there before was interrupted
+            self.reset()  # entering interrupted the application
 
     def run(self, program: str) -> str:
         """Run a program and return what it printed.
@@ -147,7 +147,7 @@ class Prompt:
         Raises
         ------
         SpotsError
-            If it raises, if the file system is full, or if the board is gone.
+            If it raises, if the file system is full, or if the board was disconnected.
         """
         try:
             return self._transport.exec(program).decode()
@@ -173,7 +173,7 @@ class Prompt:
         )
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return the sizes of those of these files that there are, by path."""
+        """Return the sizes of the files that exist among these, by path."""
         asked, found = list(paths), {}
         for i in range(0, len(asked), _PATHS):
             found |= self._tool(f"print(_sizes({asked[i : i + _PATHS]!r}))")
@@ -193,11 +193,11 @@ class Prompt:
         self.run(f"import os\nos.remove({path!r})")
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder if there is nothing in it."""
+        """Remove a folder if it is empty."""
         self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under another name, compare its hash, and only then give it its name."""
+        """Write a file under a temporary name, and rename it once its hash is verified."""
         folder = path.rpartition("/")[0]
         parts = folder.split("/") if folder else []
         for i in range(len(parts)):
@@ -211,33 +211,33 @@ class Prompt:
         self._tool(f"_replace({path!r})\nprint(None)")
 
     def reset(self) -> None:
-        """Start the board anew, as its reset button does, and let the port go."""
+        """Restart the board, as its reset button does, and close the port."""
         try:
             self._transport.exec_raw_no_follow(_RESET)
         except self._failures:
-            pass  # some ports are gone before they have taken it all
+            pass  # some ports disappear before the last byte is written
         self.close()
 
     def close(self) -> None:
-        """Let the port go."""
+        """Close the port."""
         if self._transport is not None:
             try:
                 self._transport.close()
             except self._failures:
-                pass  # it is gone already
+                pass  # it was disconnected
             self._transport = None
 
     def _enter(self) -> dict:
         """Enter the raw prompt and return the facts that the board prints there."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
-        with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints what it did not like
+        with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its complaints
             for within_s in _ENTER_S:
                 try:
                     serial_port.timeout = 1.0
                     self._transport.enter_raw_repl(soft_reset=False, timeout_overall=within_s)
                     serial_port.timeout = _TIMEOUT_S
-                    # What was entered may be an earlier try's late answer: only facts are proof.
+                    # This may be the late answer to an earlier attempt: only the facts prove it.
                     return _facts(self._transport.exec(_FACTS))
                 except (*self._failures, *_GARBLED):
                     if within_s == _ENTER_S[-1]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -15,7 +14,7 @@ import spots_device
 
 from .. import toml
 from ..bounded import read_text
-from ..errors import SpotsError, missing
+from ..errors import SpotsError, did_you_mean, missing
 
 # An installed package carries both folders inside itself; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
@@ -23,40 +22,28 @@ _CHECKOUT = Path(spots_device.__file__).resolve().parents[2]
 _ROOT = _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
 BOARDS = _ROOT / "boards"
 
-# What a runtime starts with; the last one is what makes a board run the application.
+# The files that a runtime starts with; the last one runs the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
 CONFIG = "board_config.py"
 # Apart: on this Python's path, a code.py would hide the standard library's.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
-# What a runtime needs besides, taken from this Python's own packages into `lib`.
+# Libraries that a runtime needs in `lib`, copied from this Python's packages.
 LIBRARIES = {
     "micropython": (),
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The two forms of the firmware's kernel: every board knows the one it has by the first one's name.
+# The two forms of the firmware's kernel; a board has one of them, under the first name.
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 
 
-class _BoardFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    title: str
-    runtime: Literal["micropython", "circuitpython"]
-    port: str | None = None
-    march: str | None = None
-    viper: bool = False
-    board_id: str | None = None
-    device: dict
-    wiring: dict = {}
-
-
-@dataclass(frozen=True)
-class Device:
-    """What board.toml says of a board.
+class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A board file, board.toml.
 
     Attributes
     ----------
-    name, title : str
-        As the command line and as people call it.
+    title : str
+        As people call it.
     runtime : str
         ``micropython`` or ``circuitpython``.
     port : str or None
@@ -67,58 +54,53 @@ class Device:
         Whether its sample path is machine code, by MicroPython's viper, which needs `march`.
     board_id : str or None
         As CircuitPython names the board.
-    config : dict
-        What becomes board_config.py.
+    device : dict
+        What becomes board_config.py, with the board's ``NAME``.
     wiring : dict
         Pins by the names that are printed on the board, for people.
     """
 
-    name: str
     title: str
-    runtime: str
-    port: str | None
-    march: str | None
-    viper: bool
-    board_id: str | None
-    config: dict
-    wiring: dict
+    runtime: Literal["micropython", "circuitpython"]
+    port: str | None = None
+    march: str | None = None
+    viper: bool = False
+    board_id: str | None = None
+    device: dict
+    wiring: dict = {}
+
+    @property
+    def name(self) -> str:
+        """As the command line calls it."""
+        return self.device["NAME"]
 
 
 def board_names() -> list[str]:
-    """Return the boards that there are files for."""
+    """Return the names of the boards that SPOTS has files for."""
     return sorted(path.parent.name for path in BOARDS.glob("*/board.toml"))
 
 
 def device_of(board: str) -> Device:
-    """Return what is known of a board.
+    """Return the board file of a board.
 
     Raises
     ------
     SpotsError
-        If there is no such board, its file is damaged, or it asks for viper where that cannot be
+        If the board is unknown, its file is damaged, or it asks for viper where that cannot be
         compiled.
     """
-    if board not in board_names():
-        raise SpotsError(f"no board is called {board}; there are {', '.join(board_names())}")
+    known = board_names()
+    if board not in known:
+        raise SpotsError(f"no board is called {board}: {did_you_mean(board, known)}")
     path = BOARDS / board / "board.toml"
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(f"{path} cannot be read: install the package again") from None
-    said = toml.checked(text, _BoardFile, str(path))
-    if said.viper and (said.runtime != "micropython" or said.march is None):
+    found = toml.checked(text, Device, str(path))
+    if found.viper and (found.runtime != "micropython" or found.march is None):
         raise SpotsError(f"boards/{board}/board.toml: viper needs MicroPython and a march")
-    return Device(
-        name=board,
-        title=said.title,
-        runtime=said.runtime,
-        port=said.port,
-        march=said.march,
-        viper=said.viper,
-        board_id=said.board_id,
-        config={"NAME": board} | said.device,
-        wiring=said.wiring,
-    )
+    return msgspec.structs.replace(found, device={"NAME": board} | found.device)
 
 
 def names(runtime: str) -> set[str]:
@@ -135,10 +117,17 @@ def names(runtime: str) -> set[str]:
 def stage(board: str, folder: Path) -> None:
     """Lay out a board's files in a folder: firmware, libraries, board_config.py, in sources.
 
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    folder : Path
+        Exists, and is empty.
+
     Raises
     ------
     SpotsError
-        If there is no such board, or a library is missing here.
+        If the board is unknown, or a library is not installed here.
     """
     device = device_of(board)
     for library in LIBRARIES[device.runtime]:
@@ -155,7 +144,7 @@ def stage(board: str, folder: Path) -> None:
         shutil.copy(firmware / KERNEL_VIPER, folder / "spots_device" / KERNEL)
     for entry in ENTRIES[device.runtime]:
         shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
-    config = "".join(f"{name} = {value!r}\n" for name, value in device.config.items())
+    config = "".join(f"{name} = {value!r}\n" for name, value in device.device.items())
     (folder / CONFIG).write_text(config, encoding="utf-8")
 
 

@@ -129,7 +129,7 @@ def load(name: str | Path) -> KeyLayout:
     """
     path, text = toml.find(name, FOLDER, "layout")
     try:
-        file = msgspec.convert(toml.loads(text), _File)
+        file = toml.convert(toml.loads(text), _File)
     except msgspec.ValidationError as error:
         raise SpotsError(f"layout {path}{_line_of_path(text, str(error))}: {error}") from None
     return _Compiler(path, text, file).layout()

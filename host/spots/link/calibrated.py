@@ -32,6 +32,11 @@ def hello_calibrated(board: Board) -> dict:
     return info
 
 
+def next_step(info: dict) -> str | None:
+    """Return what to do with a board that is not calibrated, from its ``hello``; None if it is."""
+    return None if info.get("length_um") else "next: spots calibrate position"
+
+
 def hello_often(
     board: Board, within_s: float, remedy: str = "set a shorter exposure_us or a smaller average"
 ) -> dict:

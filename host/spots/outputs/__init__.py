@@ -1,1 +1,1 @@
-"""Keyboards and gamepads of this computer that an application plays."""
+"""Keyboards and gamepads of this computer that an application controls."""

@@ -1,16 +1,17 @@
-"""What a computer is played through: a keyboard, a gamepad; here those that only print.
+"""Output devices of this computer: keyboard and gamepad; here those that only print.
 
-Whoever opens one lets go of everything when it ends or stops, however it does, see `signals`::
+An open output releases everything on every exit path and when the process stops, see `signals`::
 
     with released_by_signals(), open_keyboard(dry_run=False) as keyboard:
         keyboard.key(*usage_of("PLAY_PAUSE"), modifiers=0, pressed=True)
 
 A process that is killed outright (SIGKILL, a power cut) runs no such line. On Linux the kernel
-then destroys the virtual device with its last file handle and lets go of what it held.
+then destroys the virtual device with its last file handle and releases what it held.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
@@ -45,7 +46,7 @@ REST = State(0, 0, 0, 0)
 
 
 class Output:
-    """A device that lets go of everything when it is closed, also by an exception.
+    """A device that releases everything when it is closed, also by an exception.
 
     Attributes
     ----------
@@ -64,16 +65,16 @@ class Output:
         self.close()
 
     def release(self) -> None:
-        """Let go of all."""
+        """Release everything."""
         raise NotImplementedError
 
     def mute(self) -> None:
-        """Let go of all, and press nothing until `signals.resumed` unmutes it."""
+        """Release everything, and press nothing until `signals.resumed` unmutes it."""
         self.muted = True
         self.release()
 
     def close(self) -> None:
-        """Let go of all, then of the device; closing twice is closing once."""
+        """Release everything and close the device; idempotent."""
         with SECTION:
             if self._closed:
                 return
@@ -118,7 +119,7 @@ class Keyboard(Output):
         Raises
         ------
         SpotsError
-            If there is no such key here, or the device takes no events any more.
+            If the key is unknown here, or the device no longer takes events.
         """
         key = (page, usage)
         with SECTION:
@@ -133,7 +134,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Let go of all keys; what fails on the way does not keep the others down."""
+        """Release all keys; one that fails does not keep the others down."""
         with SECTION:
             self._held.clear()
             self._apply()
@@ -182,7 +183,12 @@ class Gamepad(Output):
         self._last: State | None = REST
 
     def update(self, x: int, y: int, z: int, buttons: int) -> None:
-        """Take all axes and buttons, in the ranges of `State`.
+        """Take all axes and buttons.
+
+        Parameters
+        ----------
+        x, y, z, buttons : int
+            In the ranges of `State`.
 
         Raises
         ------
@@ -197,11 +203,14 @@ class Gamepad(Output):
                 self._last = state
 
     def release(self) -> None:
-        """Centre all axes and let go of all buttons."""
+        """Centre all axes and release all buttons."""
         self.update(*REST)
 
     def _send(self, state: State) -> None:
         raise NotImplementedError
+
+
+_print = functools.partial(print, flush=True)
 
 
 class PrintedKeyboard(Keyboard):
@@ -213,7 +222,7 @@ class PrintedKeyboard(Keyboard):
         Takes the line.
     """
 
-    def __init__(self, write: Callable[[str], None] = print):
+    def __init__(self, write: Callable[[str], None] = _print):
         super().__init__()
         self._write = write
 
@@ -230,7 +239,7 @@ class PrintedGamepad(Gamepad):
         Takes the line.
     """
 
-    def __init__(self, write: Callable[[str], None] = print):
+    def __init__(self, write: Callable[[str], None] = _print):
         super().__init__()
         self._write = write
 

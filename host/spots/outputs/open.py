@@ -19,7 +19,7 @@ def open_keyboard(dry_run: bool) -> Keyboard:
         If a package or a permission is missing; the text says what to do.
     """
     if dry_run:
-        return PrintedKeyboard(_print)
+        return PrintedKeyboard()
     if sys.platform.startswith("linux"):
         return UInputKeyboard()
     return DesktopKeyboard()
@@ -31,17 +31,13 @@ def open_gamepad(dry_run: bool) -> Gamepad:
     Raises
     ------
     SpotsError
-        If there is none, or a package or a permission is missing; the text says what to do.
+        If this system has none, or a package or a permission is missing; the text says what to do.
     """
     if dry_run:
-        return PrintedGamepad(_print)
+        return PrintedGamepad()
     if not sys.platform.startswith("linux"):
         raise SpotsError(
             "a program can be a gamepad on Linux only: let the board be one ('gamepad on'), "
             "or use --dry-run"
         )
     return UInputGamepad()
-
-
-def _print(text: str) -> None:
-    print(text, flush=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Callable
 
 from ..errors import SpotsError
 from .devices import AXIS_MAX, BUTTONS, Gamepad, Keyboard, State
@@ -32,10 +33,10 @@ class UInputKeyboard(Keyboard):
 
     def _set(self, one: Usage, pressed: bool) -> None:
         ecodes = self._evdev.ecodes
-        _write(self._device, ecodes.EV_KEY, ecodes.ecodes[one.linux], int(pressed))
+        _do(self._device.write, ecodes.EV_KEY, ecodes.ecodes[one.linux], int(pressed))
 
     def _flush(self) -> None:
-        _flush(self._device)
+        _do(self._device.syn)
 
     def _close(self) -> None:
         self._device.close()
@@ -63,12 +64,11 @@ class UInputGamepad(Gamepad):
 
     def _send(self, state: State) -> None:
         ecodes = self._evdev.ecodes
-        for code, value in ((ecodes.ABS_X, state.x), (ecodes.ABS_Y, state.y)):
-            _write(self._device, ecodes.EV_ABS, code, value)
-        _write(self._device, ecodes.EV_ABS, ecodes.ABS_Z, state.z)
+        for code, value in zip((ecodes.ABS_X, ecodes.ABS_Y, ecodes.ABS_Z), state):
+            _do(self._device.write, ecodes.EV_ABS, code, value)
         for i, code in enumerate(self._buttons):
-            _write(self._device, ecodes.EV_KEY, code, state.buttons >> i & 1)
-        _flush(self._device)
+            _do(self._device.write, ecodes.EV_KEY, code, state.buttons >> i & 1)
+        _do(self._device.syn)
 
     def _close(self) -> None:
         self._device.close()
@@ -103,16 +103,9 @@ def _why_not(error: Exception) -> str:
     return f"{_NODE} makes no device: {text}"
 
 
-def _write(device, kind: int, code: int, value: int) -> None:
+def _do(function: Callable[..., None], *arguments: int) -> None:
     try:
-        device.write(kind, code, value)
-    except OSError as error:
-        raise SpotsError(f"{_NODE} takes no events any more: {error}") from None
-
-
-def _flush(device) -> None:
-    try:
-        device.syn()
+        function(*arguments)
     except OSError as error:
         raise SpotsError(f"{_NODE} takes no events any more: {error}") from None
 

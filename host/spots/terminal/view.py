@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
+from shutil import get_terminal_size
 from typing import Protocol
 
 from rich.console import Console, Group
@@ -19,7 +21,7 @@ from ..link.frames import Frame, LinkStats, Spectrum, Touch
 
 _FULL_FORCE_MN = 10_000
 _DEFAULT_LENGTH_UM = 85_000
-_BAR_COLUMNS = 40
+_BAR_LEFT = 24  # columns that bars are shorter than a strip
 _TRACE_COLUMNS = 64
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _LEVELS = " ▁▂▃▄▅▆▇█"
@@ -90,13 +92,13 @@ class StripView:
             parts.append(Text(f"link {self.state}", style="yellow"))
         title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
         return Panel(
-            Group(*parts), title=Text(printable(title)), width=_TRACE_COLUMNS + 16, padding=(1, 2)
+            Group(*parts), title=Text(printable(title)), width=strip_columns() + 16, padding=(1, 2)
         )
 
     def _strip(self) -> Text:
         # The dyed guide reddens away from the sensor; a press is where it is bright.
         touch = self._touch
-        columns = _TRACE_COLUMNS
+        columns = strip_columns()
         at = size = -1.0
         if touch is not None and touch.touching:
             at = touch.position_um / self._length_um * (columns - 1)
@@ -111,7 +113,7 @@ class StripView:
         return line
 
     def _scale(self) -> Text:
-        half = _TRACE_COLUMNS // 2
+        half = strip_columns() // 2
         middle, end = (f"{self._length_um / 1000 * share:g} mm" for share in (0.5, 1))
         ticks = "0".ljust(half) + middle.ljust(half - len(end)) + end
         return Text(" " * len("sensor ▐") + ticks, style="dim")
@@ -128,12 +130,12 @@ class StripView:
         words = " ".join(flag_words(touch)) if touch is not None else ""
         grid.add_row("position", place, Text(words, style="yellow"))
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
-        grid.add_row("force", force, Text(bar(share, _BAR_COLUMNS), style="cyan"))
+        grid.add_row("force", force, Text(bar(share), style="cyan"))
         return grid
 
     def _history(self) -> Table:
         # Oldest left; the height of each column is the mean position of its readings.
-        readings = list(self._trace)
+        readings = list(self._trace)[-4 * strip_columns() :]
         line = Text()
         for i in range(0, len(readings), 4):
             held = [t.position_um for t in readings[i : i + 4] if t.touching]
@@ -147,21 +149,40 @@ class StripView:
         return grid
 
     def _bars(self) -> Table:
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(justify="right", width=9)
-        grid.add_column(justify="right", width=10)
-        grid.add_column()
-        counts = self._spectrum.counts if self._spectrum else [0] * len(self._info["plan"])
-        top = max([*counts, 1000])
-        for name, count in zip(self._info["plan"], counts):
-            filled = Text(bar(count / top, _BAR_COLUMNS), style=_CHANNEL_COLOURS.get(name, "white"))
-            grid.add_row(Text(printable(name)), f"{count} ct", filled)
-        return grid
+        plan = self._info["plan"]
+        return bars(plan, self._spectrum.counts if self._spectrum else [0] * len(plan), 1000)
 
 
-def bar(share: float, columns: int) -> str:
-    """Return a bar that is filled to a share of its columns."""
-    eighths = round(max(0.0, min(share, 1.0)) * columns * 8)
+def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
+    """Return a table with a bar for each channel.
+
+    Parameters
+    ----------
+    plan : sequence of str
+        Names of the channels.
+    counts : sequence of float
+    least : float
+        The count of the longest bar, if no channel has more.
+    """
+    grid = Table.grid(padding=(0, 1))
+    grid.add_column(justify="right", width=9)
+    grid.add_column(justify="right", width=10)
+    grid.add_column()
+    top = max([*counts, least])
+    for name, count in zip(plan, counts):
+        colour = _CHANNEL_COLOURS.get(name, "white")
+        grid.add_row(Text(printable(name)), f"{count:.0f} ct", Text(bar(count / top), style=colour))
+    return grid
+
+
+def strip_columns() -> int:
+    """Return how many columns a strip is drawn with: fewer on a narrow terminal."""
+    return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
+
+
+def bar(share: float) -> str:
+    """Return a bar, its length a share of the longest."""
+    eighths = round(max(0.0, min(share, 1.0)) * (strip_columns() - _BAR_LEFT) * 8)
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
 

@@ -1,0 +1,80 @@
+"""`spots doctor` on the light: an LED that is not wired never passes, in whatever room."""
+
+import pytest
+from boards import virtual_board
+from sensors import replaced
+
+from spots.cli import main
+from spots.deploy.doctor import examine_board
+from spots.deploy.staging import stage
+from spots_sim.files import SensorFile, load
+from spots_sim.stage import NEAR_UM, Stage
+
+UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}
+
+
+def light_of(stage):
+    """Examine a board in simulated time; return its findings on the light."""
+    return [finding for finding in examine_board(stage.board) if finding.check == "light"]
+
+
+@pytest.mark.parametrize("room", ["default", "daylight"])
+@pytest.mark.parametrize("pressed", [False, True])
+def test_an_led_that_is_not_wired_never_passes(room, pressed):
+    with Stage(replaced(load(SensorFile, room), led=UNWIRED)) as stage:
+        if pressed:
+            stage.press(NEAR_UM, 8_000)
+        *asked, verdict = light_of(stage)
+    assert [finding.ok for finding in asked] == [True]
+    assert "press firmly" in asked[0].text
+    assert not verdict.ok
+    assert "check the LED's wires" in verdict.text
+
+
+@pytest.mark.parametrize("room", ["default", "daylight"])
+def test_a_strip_that_nobody_presses_does_not_pass_either(room):
+    with Stage(load(SensorFile, room)) as stage:
+        asked, verdict = light_of(stage)
+    assert asked.ok
+    assert "press firmly" in asked.text
+    assert not verdict.ok
+
+
+@pytest.mark.parametrize("room", ["default", "daylight"])
+def test_a_press_passes_at_once(room):
+    with Stage(load(SensorFile, room)) as stage:
+        stage.press(NEAR_UM, 8_000)
+        (verdict,) = light_of(stage)
+    assert verdict.ok
+    assert "% of full scale" in verdict.text
+
+
+def test_a_press_that_comes_when_it_is_asked_for_passes():
+    with Stage(load(SensorFile, "default")) as stage:
+        found = []
+        for finding in examine_board(stage.board):
+            found.append(finding)
+            if "press firmly" in finding.text:
+                stage.press(NEAR_UM, 8_000)
+    assert all(finding.ok for finding in found)
+    assert [finding.check for finding in found].count("light") == 2
+
+
+def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
+    with Stage(load(SensorFile, "default"), settings="gain=2 led_mA=4") as stage:
+        stage.press(NEAR_UM, 8_000)
+        verdict = light_of(stage)[-1]
+    assert not verdict.ok
+    assert "spots command auto" in verdict.text
+
+
+def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):
+    stage("virtual", tmp_path)
+    with virtual_board(tmp_path) as port:
+        assert main(["monitor", "--port", port, "--seconds", "0.5"]) == 0
+    assert capsys.readouterr().err == "next: spots calibrate position\n"
+
+
+def test_monitor_has_no_next_step_for_a_calibrated_board(capsys):
+    assert main(["monitor", "--port", "virtual", "--seconds", "0.5"]) == 0
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,66 @@
+"""A slip in any TOML file: the sentence names the key that was meant, or those that exist."""
+
+import msgspec
+import pytest
+
+from spots import SpotsError, toml
+from spots.calibrate import calibration_file
+from spots.controller import controller_settings
+from spots.deploy import staging
+from spots.keyboard import layout
+from spots.linkage import mounted
+from spots.wearable import wearable
+from spots_sim import files
+
+LAYER = 'name = "x"\n[[layer]]\nname = "a"\nkeys = '
+SLIPS = [
+    ("layout", LAYER + '[{ tap = "A", hodl = "B" }]', "did you mean hold?"),
+    ("layout", LAYER + '["A"]\n[tuning]\nflavour = "tap-prefered"', "did you mean tap-preferred?"),
+    ("board", "titel = 'x'", "did you mean title?"),
+    ("board", "title = 'x'\nruntime = 'micropithon'\n[device]", "did you mean micropython?"),
+    ("calibration", "bord = 'x'", "did you mean board?"),
+    ("controller", "[x]\nfrom = 'force'\nsmooth = { bta = 1 }", "did you mean beta?"),
+    ("controller", "[x]\nfrom = 'force'\nbogus = 1", "there are from, deadband, expo, .*max_mN"),
+    ("controller", "[[button]]\nwhen = 'tapped'\nnumber = 1\nlongst_ms = 3", "mean longest_ms?"),
+    ("wearable", "least_confidense = 1", "did you mean least_confidence?"),
+    ("linkage", "bars_mm = 3", "did you mean bar_mm or base_mm?"),
+    ("simulated linkage", "base_eror_percent = 3", "did you mean base_error_percent?"),
+    ("sensor", "lenght_mm = 3", "did you mean length_mm?"),
+    ("sensor", "[led]\ncolour = 3", "there are blue_nm, "),
+    ("path", "speed_mms = 3", "did you mean speed_mm_s?"),
+    ("scenario", "[faults.i2c]\nnacks = 1", "there are nack_percent, nack_bursts, "),
+    ("scenario", "[faults.power]\nbrown_out = { per_min = 1 }", "did you mean brown_outs?"),
+]
+KINDS = {
+    "board": staging.Device,
+    "calibration": calibration_file.CalibrationFile,
+    "controller": controller_settings.Settings,
+    "linkage": mounted.Mounted,
+    "simulated linkage": files.LinkageFile,
+    "sensor": files.SensorFile,
+    "path": files.PathFile,
+    "scenario": files.ScenarioFile,
+}
+
+
+def read(kind, path):
+    """Read a file as the program does, where that needs no other file."""
+    if kind == "layout":
+        return layout.load(path)
+    if kind == "wearable":
+        return wearable.Mapping(path)
+    return toml.checked(path.read_text(), KINDS[kind], str(path))
+
+
+@pytest.mark.parametrize(("kind", "text", "says"), SLIPS)
+def test_a_slip_is_answered_with_what_was_meant(tmp_path, kind, text, says):
+    path = tmp_path / "my.toml"
+    path.write_text(text)
+    with pytest.raises(SpotsError, match=says) as refused:
+        read(kind, path)
+    assert str(path) in str(refused.value)
+
+
+def test_what_is_no_slip_in_a_name_is_as_msgspec_says_it():
+    with pytest.raises(msgspec.ValidationError, match=r"^Expected `str`, got `int` - at `..name`$"):
+        toml.convert({"name": 3, "layer": []}, layout._File)
