@@ -7,6 +7,7 @@ import pty
 import random
 import struct
 import tty
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,6 +17,8 @@ from spots.link import board as module
 from spots.link.board import Board
 from spots.link.calibrated import ticks
 from spots.link.serial_link import SerialLink
+from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
+from spots.recording import replay
 from spots.recording.info import summary
 from spots.recording.replay import open_recording
 from spots_device import PROTOCOL
@@ -230,9 +233,9 @@ def test_a_board_that_comes_back_with_longer_exposures_is_given_their_time():
     reading(board, 20)
     link.streams = None  # silent
     list(board.frames(2.5))
-    assert board.state == module.CONNECTED
+    assert board.state == CONNECTED
     list(board.frames(1.0))
-    assert board.state == module.STALLED
+    assert board.state == STALLED
 
 
 def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
@@ -339,6 +342,48 @@ def test_the_state_of_a_link():
     link.board_id = None
     until(board, "connected")
     assert told == ["stalled", "connected", "lost", "refused", "connected"]
+
+
+def test_silence_and_state_are_by_the_clock_of_the_link():
+    link, board = streaming()
+    link.deaf, link.streams = {"sync"}, []
+    last_s = link.now_s()
+    seen = []
+    while link.now_s() < last_s + 4.0:
+        list(board.frames(0.01))
+        seen.append((round(link.now_s() - last_s, 2), board.state, board.silent(SEARCH_S)))
+    stalled_s = next(at_s for at_s, state, _ in seen if state == STALLED)
+    silent_s = next(at_s for at_s, _, silent in seen if silent)
+    assert (stalled_s, silent_s) == (pytest.approx(0.5, abs=0.2), pytest.approx(2.0, abs=0.2))
+    link.deaf = set()
+    reading(board, 5)
+    assert (board.state, board.silent(SEARCH_S)) == (CONNECTED, False)
+    link.gone = 1_000_000
+    list(board.frames(3.0))
+    assert (board.state, board.silent(SEARCH_S)) == (LOST, True)
+
+
+def test_nothing_is_silent_that_streams_nothing():
+    link = StandIn(0)
+    board = Board(link)
+    link.sleep(100.0)
+    assert (board.state, board.silent(SEARCH_S)) == (CONNECTED, False)
+
+
+def test_a_pause_of_a_recording_is_a_stall_as_it_was_then(tmp_path, monkeypatch):
+    link, board = streaming()
+    monkeypatch.setattr(replay, "time", SimpleNamespace(monotonic=link.now_s, sleep=link.sleep))
+    with board.record(tmp_path / "run.spots"):
+        reading(board, 10)
+        link.deaf, link.streams = {"sync"}, []
+        list(board.frames(1.0))
+        link.deaf = set()
+        reading(board, 10)
+    with open_recording(tmp_path / "run.spots") as again:
+        states = []
+        again.when_state_changes(states.append)
+        list(again.touches())
+    assert states == [STALLED, CONNECTED]
 
 
 def test_another_board_is_refused_behind_a_tap_too():

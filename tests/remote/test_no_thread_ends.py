@@ -22,7 +22,7 @@ import spots
 from net import publishing, session, stand_in, wait_until
 from spots import Board
 from spots.keyboard.layout import load
-from spots.link.board import CONNECTED
+from spots.link.timeouts import CONNECTED
 from spots.recording import disk
 from spots.remote import mailbox, subscribe
 from spots.remote import zenoh_session as session_module

@@ -18,7 +18,7 @@ from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
 from .replies import made_sure
 from .serial_link import Link, Tap
-from .timeouts import ANSWER_S, PATIENCE_S, WHO_S, WHO_TRIES, Away, Silence
+from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss
 
 # Commands whose reply comes when the work is done; the others answer at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
@@ -31,10 +31,6 @@ _SYNC_TRIES = 4
 _STREAM_TRIES = 3
 # A consumer that falls behind by more than this many frames loses the oldest.
 _QUEUE_FRAMES = 1 << 16
-
-# States of a link. Whoever has no board yet is searching for one.
-SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
-LOST, REFUSED = "lost", "refused"
 
 
 class Board:
@@ -83,8 +79,7 @@ class Board:
         self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
         self._replies: deque[Text] = deque(maxlen=64)
         self._streams: list[str] = []  # what the board was told to stream
-        self._silence = Silence(link.now_s())
-        self._away: Away | None = None
+        self._loss = LinkLoss(link.now_s())
         self._resuming = False
         self._missing = False  # frames before the next one were dropped here
         self._on_close: Callable[[], None] | None = None
@@ -117,11 +112,17 @@ class Board:
         ``stalled``: the port is there and the board, or its sensor, is silent; ``lost``: the port
         is away and looked for; ``refused``: another board is in its place.
         """
-        if self._away is not None:
-            return REFUSED if self._away.refused else LOST
-        if self._streams and self._silence.stalled(self.now_s()):
-            return STALLED
-        return CONNECTED
+        return self._loss.state(self.now_s())
+
+    def silent(self, least_s: float) -> bool:
+        """Return whether readings are streamed and none has come for so long.
+
+        Parameters
+        ----------
+        least_s : float
+            By the clock of the link; on a slow board the time of three readings, if that is more.
+        """
+        return self._loss.silent(self.now_s(), least_s)
 
     @property
     def drift_ppm(self) -> float:
@@ -164,7 +165,7 @@ class Board:
         content = self._made_sure(reply)
         if content["re"] == "stream":
             self._streams = [kind for kind in content["stream"] if kind != "off"]
-            self._silence.read(self.now_s())
+            self._loss.expect(*[self.now_s()] * bool(self._streams))
         if "exposure_us" in content:
             self._take_settings(content)
         return content
@@ -316,7 +317,7 @@ class Board:
             ) from None
 
     def _take_settings(self, told: dict) -> None:
-        self._silence.every_s = told["exposure_us"] * told["average"] * 1e-6
+        self._loss.every_s = told["exposure_us"] * told["average"] * 1e-6
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
@@ -339,21 +340,21 @@ class Board:
                 return
 
     def _pump_or_resume(self, timeout_s: float) -> None:
-        if self._away is not None:
+        if self._loss.unplugged:
             self._reconnect(timeout_s)
             return
         try:
             if not self._streams:
                 self._pump(timeout_s)
                 return
-            due_s = min(self._silence.ask_s, self._clocks.due_s)
+            due_s = min(self._loss.ask_s, self._clocks.due_s)
             self._pump(max(0.0, min(timeout_s, due_s - self.now_s())))
             self._resume()
             self._ask_time()
         except PortLostError:
             if not self._streams:
                 raise
-            self._away = Away(self.now_s())
+            self._loss.unplug(self.now_s())
 
     def _tell_state(self) -> None:
         state = self.state
@@ -367,35 +368,30 @@ class Board:
             self._link.write(question)
 
     def _reconnect(self, timeout_s: float) -> None:
-        # A try, no more: who holds keys down has to be back in time to let go of them.
-        away = self._away
-        due_in_s = away.due_in_s(self.now_s())
-        if due_in_s > 0:
-            self._link.sleep(min(timeout_s, due_in_s))
+        # A try, no more: who holds keys down has to be back in time to release them.
+        loss = self._loss
+        wait_s = loss.reopen_s - self.now_s()
+        if wait_s > 0:
+            self._link.sleep(min(timeout_s, wait_s))
             return
         try:
-            if not away.is_open:
+            if not loss.is_open:
                 self._link.reopen()
-                away.is_open, away.asked = True, 0
+                loss.reopened()
                 self._decoder.feed(b"\0")  # the frame that was cut off ends here
             reply = self._exchange("hello", WHO_S)
-            away.asked += 1
-            if reply is None and away.asked < WHO_TRIES:
+            loss.asked += 1
+            if reply is None and loss.asked < WHO_TRIES:
                 return  # its firmware may be starting
             self.info = self._recognised(self._checked(reply))
             self._take_settings(self.info)
         except SpotsError as error:
-            if away.for_s(self.now_s()) >= self.patience_s:
+            if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
                 raise
-            refused = isinstance(error, RefusedError)
-            if refused and not away.refused:  # once, not a flood
+            if loss.look_later(self.now_s(), isinstance(error, RefusedError)):  # once, not a flood
                 self.log.append({"log": "error", "text": str(error)})
-            away.refused = refused
-            away.look_later(self.now_s())
             return
-        self._away = None
-        self._silence.ask_s = self.now_s()  # whether it has begun anew
-        self._silence.read(self.now_s())
+        loss.plug(self.now_s())
 
     def _recognised(self, info: dict) -> dict:
         if info.get("id") != self.info.get("id"):
@@ -408,33 +404,33 @@ class Board:
 
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
-        silence = self._silence
-        if self.now_s() < silence.ask_s:
+        loss = self._loss
+        if self.now_s() < loss.ask_s:
             return
-        silence.asking(self.now_s())
+        loss.asking(self.now_s())
         reply = self._exchange("sync", ANSWER_S)
         if reply is None:
-            silence.unanswered(self.now_s())
+            loss.unanswered(self.now_s())
             return  # nobody there, or damaged
         told = self._made_sure(reply)
         if told["stream"] != []:
             return  # it has no news, or its firmware does not tell
         if not self._resuming:
             # Which question it answers nobody knows, but none before the first one.
-            self._begin_anew(silence.first_asked_s, told["t_us"])
+            self._begin_anew(loss.first_asked_s, told["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
                 self.command("stream " + " ".join(self._streams), ANSWER_S)
                 return
             except SpotsError:
-                silence.ask_s = self.now_s()  # damaged, either way
+                loss.ask_s = self.now_s()  # damaged, either way
 
     def _begin_anew(self, sent_s: float, t_us: int) -> None:
         self._resuming = bool(self._streams)
         self.stats.restarts += 1
         self._decoder.restarted(self.stats.restarts)
         self._clocks.begin_anew(sent_s, t_us, self.now_s())
-        self._silence.ask_s = self.now_s()
+        self._loss.ask_s = self.now_s()
 
     def _idle(self, seconds: float) -> None:
         end_s = self.now_s() + seconds
@@ -461,7 +457,7 @@ class Board:
         frames = self._decoder.feed(self._link.read(timeout_s))
         arrived_s = self.now_s()
         if frames:
-            self._silence.heard(arrived_s)
+            self._loss.heard(arrived_s)
         for frame in frames:
             if not isinstance(frame, Note):
                 self._take(self._clocks.clock.timed(frame, arrived_s))
@@ -478,10 +474,10 @@ class Board:
             self._replies.append(frame)
 
     def _take_reading(self, frame: Frame) -> None:
-        if self._away is not None:
+        if self._loss.unplugged:
             return  # nobody knows yet whose it is
         self._resuming = False
-        self._silence.read(self.now_s())
+        self._loss.expect(self.now_s())
         if len(self._frames) == self._frames.maxlen:
             self.stats.overrun += 1
             self._missing = True

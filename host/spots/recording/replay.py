@@ -86,6 +86,7 @@ class Replay(Board):
         if name == ["hello"]:
             return self.info
         if name == ["stream"]:
+            self._loss.expect(self.now_s())
             return {"re": "stream"}
         raise SpotsError(f"{self.port} is a recording: '{line}' is for a board")
 

@@ -14,8 +14,8 @@ from rich.text import Text
 from spots_device import decode
 
 from ..errors import printable
-from ..link.board import CONNECTED
 from ..link.frames import Frame, LinkStats, Spectrum, Touch
+from ..link.timeouts import CONNECTED
 
 _FULL_FORCE_MN = 10_000
 _DEFAULT_LENGTH_UM = 85_000

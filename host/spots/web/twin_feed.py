@@ -11,8 +11,9 @@ from pathlib import Path
 
 from ..errors import SpotsError
 from ..keyboard.layout import KeyLayout
-from ..link.board import CONNECTED, Board
+from ..link.board import Board
 from ..link.frames import Touch
+from ..link.timeouts import CONNECTED
 from ..linkage import mounted
 from ..linkage.digital_twin import Terminal, Twin
 from ..linkage.twin_source import Machine, check, give
