@@ -47,8 +47,12 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
 
 
 class PortLostError(SpotsError):
-    """The port went away, as that of a board with USB of its own does when it restarts."""
+    """The port was unplugged, or its board restarted and drives USB by itself."""
+
+
+class ClosedError(SpotsError):
+    """The board was closed by this program."""
 
 
 class RefusedError(SpotsError):
-    """Another board is where one's own was."""
+    """Another board is in the place of the one that is waited for."""

@@ -14,6 +14,7 @@ import pytest
 from fault_streams import encoded
 from spots.errors import PortLostError, SpotsError
 from spots.link import board as module
+from spots.link import readers
 from spots.link.board import Board
 from spots.link.calibrated import ticks
 from spots.link.serial_link import SerialLink
@@ -43,6 +44,8 @@ class StandIn:
         self.closed = False
         self.board_id = None
         self.exposure_us = 10_000
+        self.lines = []
+        self.replies = {}  # more of what is answered, by command
 
     def now_s(self):
         return self.time_s
@@ -91,6 +94,7 @@ class StandIn:
 
     def _take(self, name, *words):
         self.asked.append(name)
+        self.lines.append(" ".join((name, *words)))
         reply = {"re": name}
         if name == "hello":
             reply |= {"protocol": PROTOCOL, "id": self.board_id}
@@ -100,6 +104,7 @@ class StandIn:
         elif name == "stream":
             self.streams = [] if words == ("off",) else sorted(words)
             reply["stream"] = sorted(words)
+        reply |= self.replies.get(name, {})
         frame = self._frame(3, json.dumps(reply).encode())
         if name not in self.deaf:
             self._due += frame
@@ -404,7 +409,7 @@ def until(board, state):
 
 
 def test_readings_that_a_program_does_not_take_are_counted_and_flagged(monkeypatch):
-    monkeypatch.setattr(module, "_QUEUE_FRAMES", 100)
+    monkeypatch.setattr(readers, "FRAMES_MAX", 100)
     link, board = streaming()
     link.deaf = {"auto"}
     with pytest.raises(SpotsError, match="no reply to 'auto'"):

@@ -281,7 +281,12 @@ time.sleep(10)
         # Another thread or callback needs a case above, and its line here.
         (
             r"\bThread\(",
-            {"spots/web/board_feed.py", "spots/recording/disk.py", "spots_sim/realtime.py"},
+            {
+                "spots/link/readers.py",
+                "spots/web/board_feed.py",
+                "spots/recording/disk.py",
+                "spots_sim/realtime.py",
+            },
         ),
         (r"handlers\.Callback\(", {"spots/remote/zenoh_session.py"}),
         (
@@ -293,13 +298,15 @@ time.sleep(10)
             },
         ),
         (r"declare_queryable\(", {"spots/remote/answers.py"}),
-        (r"create_task\(|call_soon", {"spots/web/app.py"}),
+        (r"create_task\(|call_soon", {"spots/link/readers.py", "spots/web/app.py"}),
         (r"\.on_change = ", {"spots/web/app.py", "spots/web/state.py"}),
         (r"add_signal_handler\(", {"spots/web/serve.py"}),
         # In the main thread, where an exception ends the program as any other does.
         (r"signal\.signal\(", {"spots/signals.py"}),
         (r"atexit|Timer\(|Executor\(|run_in_executor|excepthook|weakref\.finalize", set()),
-        (r"to_thread\(|ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
+        # Awaited at once, where its exception is raised.
+        (r"to_thread\(", {"spots/link/board.py"}),
+        (r"ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
     ],
 )
 def test_there_are_no_others(made_by, modules):

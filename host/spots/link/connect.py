@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from os import PathLike, fspath
+
 from spots_device.calibration import Calibration, CalibrationError
 from spots_device.settings import checksum
 
@@ -12,13 +14,17 @@ from .serial_link import SerialLink, usb_boards, usb_ports
 
 
 def open(
-    port: str | None = None, *, sensor: str = "default", scenario: str = "demo", seed: int = 0
+    port: str | PathLike[str] | None = None,
+    *,
+    sensor: str = "default",
+    scenario: str = "demo",
+    seed: int = 0,
 ) -> Board:
     """Open a board.
 
     Parameters
     ----------
-    port : str, optional
+    port : str or Path, optional
         A serial port, or one of a scheme, see `ports`: ``"virtual"`` starts a simulated board in
         real time, ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` is a board that `spots
         publish` publishes on another machine, ``"zenoh:"`` the only one. If not given, every USB
@@ -33,6 +39,7 @@ def open(
     SpotsError
         If no board, or more than one, is there, or an argument is wrong; the text says what to do.
     """
+    port = fspath(port) if port is not None else None
     module, rest = scheme(port)
     if module is not None:
         return module.open_port(rest, sensor=sensor, scenario=scenario, seed=seed)
@@ -92,9 +99,8 @@ def survey() -> list[dict]:
 def prepare(board: Board, calibration) -> None:
     """Set a board as a calibration was made, and give it the calibration."""
     made = _checked(calibration)
-    board.command(
-        f"set gain={made.gain} exposure_us={made.exposure_us} led_mA={made.led_mA} "
-        f"plan={','.join(made.plan)}"
+    board.set(
+        gain=made.gain, exposure_us=made.exposure_us, led_mA=made.led_mA, plan=list(made.plan)
     )
     upload(board, calibration)
 
@@ -122,8 +128,10 @@ def upload(board: Board, calibration) -> None:
     board.command("cal begin")
     for line in calibration:
         board.command("cal " + line)
-    board.command("cal end " + checksum(calibration))
+    name = checksum(calibration)
+    board.command("cal end " + name)
     board.calibration = list(calibration)
+    board.info |= {"calibration": name, "length_um": made.length_um}
 
 
 def _checked(calibration) -> Calibration:

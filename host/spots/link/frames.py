@@ -5,6 +5,7 @@ One decoder serves live links, recordings and the simulator.
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from dataclasses import dataclass
@@ -39,6 +40,15 @@ _DOUBTFUL = (
 )
 
 
+# Of these a board sends 0 as position and force.
+_BLIND = decode.NOT_CALIBRATED | decode.LED_OFF
+
+
+def _log2(value_q20: int, flags: int) -> float:
+    unknown = not value_q20 and flags & (_BLIND | decode.TOO_DARK)
+    return math.nan if unknown else value_q20 / (1 << 20)
+
+
 class Touch(NamedTuple):
     """One reading of a strip.
 
@@ -54,10 +64,11 @@ class Touch(NamedTuple):
         Bits of `spots_device.decode`.
     contrast_q20, brightness_q20 : int
         log2 units times 2**20; see the properties.
-    position_um : int
-        Distance of the press from the sensor's end of the strip.
-    force_mN : int
-        Force of the press.
+    position_um : float
+        Distance of the press from the sensor's end of the strip; NaN without a touch, and where
+        the LED was off.
+    force_mN : float
+        Force of the press; NaN without a calibration, and where the LED was off.
     time_s : float or None
         The same moment on the host's monotonic clock, where the link knows it. The clocks are
         compared when the board is opened, and now and then while it streams.
@@ -69,8 +80,8 @@ class Touch(NamedTuple):
     flags: int
     contrast_q20: int
     brightness_q20: int
-    position_um: int
-    force_mN: int
+    position_um: float
+    force_mN: float
     time_s: float | None = None
 
     @property
@@ -85,13 +96,13 @@ class Touch(NamedTuple):
 
     @property
     def contrast(self) -> float:
-        """Position contrast, in units of log2."""
-        return self.contrast_q20 / (1 << 20)
+        """Position contrast, in units of log2; NaN where the light does not give one."""
+        return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Brightness, in units of log2 counts."""
-        return self.brightness_q20 / (1 << 20)
+        """Brightness, in units of log2 counts; NaN where the light does not give one."""
+        return _log2(self.brightness_q20, self.flags)
 
 
 class Spectrum(NamedTuple):
@@ -161,7 +172,8 @@ class Note(NamedTuple):
     content: dict
 
 
-Frame = Union[Touch, Spectrum, Key, Text, Note]
+Reading = Union[Touch, Spectrum, Key]  # what a board streams
+Frame = Union[Reading, Text, Note]
 
 
 @dataclass
@@ -297,8 +309,13 @@ def checked(piece: bytes) -> bytes | None:
     return body if _CRC.pack(zlib.crc32(body)) == crc else None
 
 
-def _touch(sensor, sequence, t_us, body):
-    return Touch(sensor, sequence, t_us, *_TOUCH.unpack(body))
+def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:
+    flags, contrast, brightness, position_um, force_mN = _TOUCH.unpack(body)
+    if flags & _BLIND or not flags & decode.TOUCHING:
+        position_um = math.nan
+    if flags & _BLIND:
+        force_mN = math.nan
+    return Touch(sensor, sequence, t_us, flags, contrast, brightness, position_um, force_mN)
 
 
 def _spectrum(sensor, sequence, t_us, body):

@@ -13,7 +13,7 @@ from spots_device import PROTOCOL
 
 from ..errors import SpotsError
 from ..link.frames import Decoder, Note
-from ..link.replies import made_sure
+from ..link.replies import validated
 from .note import note
 
 VERSION = 1
@@ -122,7 +122,7 @@ def _parsed(path: Path, pieces: dict) -> Header:
         text = "".join(pieces[i] for i in range(len(pieces)))
         version = json.loads(text)["recording"]
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
-        info = made_sure("hello", header.info) if header else {}
+        info = validated("hello", header.info) if header else {}
     except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
         raise SpotsError(f"{path}: the header is none of ours: {error}") from None
     if header is None:
