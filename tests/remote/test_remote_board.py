@@ -177,6 +177,7 @@ class spots_open_while:  # noqa: N801
 
 def test_without_streaming_the_loss_is_told_at_once(net):
     with spots_open_while(net) as (board, publisher_ends):
+        board.command("stream off")
         publisher_ends()
         with pytest.raises(PortLostError, match="published no more"):
             list(board.frames(30))

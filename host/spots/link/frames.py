@@ -35,7 +35,7 @@ def whole(data: bytes) -> int:
     return len(data) if not size and len(data) > ENCODED_MAX else size
 
 
-_DOUBTFUL = (
+DOUBTFUL = (
     decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
 )
 
@@ -92,7 +92,7 @@ class Touch(NamedTuple):
     @property
     def trusted(self) -> bool:
         """Whether position and force hold: touching, and nothing in the flags against it."""
-        return self.touching and not self.flags & _DOUBTFUL
+        return self.touching and not self.flags & DOUBTFUL
 
     @property
     def contrast(self) -> float:

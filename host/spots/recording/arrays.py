@@ -264,6 +264,12 @@ class RecordingBlocks(Recording):
     Memory is bounded: a block is of 128 KiB of the file. What is not in the arrays
     is in the attributes of `Recording`.
 
+    Attributes
+    ----------
+    order : ndarray of int
+        Of the frames of the latest block, in the order of the file: which of the four fields of
+        `Arrays` has the next one.
+
     >>> from spots import RecordingBlocks
     >>> blocks = RecordingBlocks("run.spots")             # doctest: +SKIP
     >>> max(block.touches["force_mN"].max(initial=0) for block in blocks)  # doctest: +SKIP
@@ -295,6 +301,11 @@ class RecordingBlocks(Recording):
                 self._note(path, header, one)
         self.notes += len(found.notes_at) - sum(isinstance(one, Note) for _, one in found.odd)
         self.end_s = float(arrivals_s[-1])
+        kinds = np.full(count, -1)
+        for i, (where, _) in enumerate(found.tables.values()):
+            kinds[where] = i
+        kinds[[at for at, one in found.odd if isinstance(one, Text)]] = len(found.tables)
+        self.order = kinds[kinds >= 0]
         tables = [
             _TABLES[kind].array(columns, time_s[where], arrived_s[where])
             for kind, (where, columns) in found.tables.items()

@@ -17,8 +17,8 @@ from numpy.lib import format as npy
 
 from ..atomic import replacing, sync
 from ..errors import SpotsError, missing
+from .arrays import RecordingBlocks
 from .header import Header
-from .recording import Recording
 from .table import Table, rows
 
 # Rows of a table in memory: few, so that an export takes the same for any length.
@@ -54,7 +54,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     -----
     It takes the same memory whatever the recording's length. NPZ takes room on the medium twice.
     """
-    recording = Recording(path)
+    recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
     with ExitStack() as stack:
         files = _Files(stack)
