@@ -42,6 +42,7 @@ browser: .venv/test
 lint: .venv/test
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
+	@$(BIN)/pyright
 
 bench: .venv/test
 	@$(BIN)/python tests/bench $(ARGS)

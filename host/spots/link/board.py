@@ -17,7 +17,7 @@ from spots_device.command import LINE_MAX, NAME_MAX
 
 from ..errors import ClosedError, PortLostError, RefusedError, SpotsError
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
-from .frames import Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
+from .frames import Decoder, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
 from .readers import FrameIterator, FrameLog, Handle, Subscription
 from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
 from .serial_link import Link, Tap
@@ -95,7 +95,7 @@ class Board:
     _poll_s = _POLL_S
 
     def __init__(self, link: Link):
-        self._link = link
+        self._link: Link = link
         self._decoder = Decoder()
         self._clocks = ClockSync()
         self._frames = FrameLog()
@@ -498,9 +498,10 @@ class Board:
         (entry,) = entry_points(group="spots.recorders", name="file")
         with self._turn:
             begun = self._decoder.pending
-            self._link = recorder = entry.load()(
+            recorder: Any = entry.load()(
                 self._link, path, describe, begun=begun, rotate_bytes=rotate_bytes
             )
+            self._link = recorder
         return recorder
 
     def tap(self, look: Callable[[bytes, float], None]) -> None:
@@ -713,7 +714,7 @@ class Board:
         if frames:
             self._turn.wake()
 
-    def _take(self, frame: Frame) -> None:
+    def _take(self, frame: Reading | Text) -> None:
         if not isinstance(frame, Text):
             self._take_reading(frame)
         elif "log" in frame.content:

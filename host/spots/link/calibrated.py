@@ -10,12 +10,13 @@ from ..errors import SpotsError
 from ..signals import resumed
 from .board import Board
 from .frames import Touch
+from .replies import Hello
 from .timeouts import ANSWER_S
 
 _FOLLOW = "set baseline=1"
 
 
-def hello_calibrated(board: Board) -> dict:
+def hello_calibrated(board: Board) -> Hello:
     """Return a board's ``hello``.
 
     Raises
@@ -34,7 +35,7 @@ def hello_calibrated(board: Board) -> dict:
 
 def hello_often(
     board: Board, within_s: float, remedy: str = "set a shorter exposure_us or a smaller average"
-) -> dict:
+) -> Hello:
     """Return a board's ``hello``, as `hello_calibrated` does, if it reads often enough.
 
     Parameters
@@ -62,7 +63,7 @@ def hello_often(
 
 def length_of(board: Board) -> int:
     """Return the length of a board's strip in um; raises as `hello_calibrated` does."""
-    return hello_calibrated(board)["length_um"]
+    return hello_calibrated(board)["length_um"] or 0
 
 
 def tell_board(board: Board, line: str) -> None:
@@ -118,5 +119,5 @@ def ticks(
         yield (
             frame
             for frame in frames
-            if isinstance(frame, Touch) and frame.sensor == 0 and frame.time_s >= since_s
+            if isinstance(frame, Touch) and frame.sensor == 0 and (frame.time_s or 0.0) >= since_s
         )

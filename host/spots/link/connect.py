@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Sequence
 from os import PathLike, fspath
+from typing import Any
 
 from spots_device.calibration import Calibration, CalibrationError
-from spots_device.settings import checksum
+from spots_device.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import SpotsError
 from .board import Board
@@ -57,7 +60,7 @@ def open(
     return found[0]
 
 
-def open_named(options) -> Board:
+def open_named(options: Namespace) -> Board:
     """Open the board that a command's options name by port, sensor, scenario and seed."""
     return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
 
@@ -72,7 +75,8 @@ def find() -> tuple[list[Board], list[str]]:
     reasons : list of str
         Why the others are none.
     """
-    boards, reasons = [], []
+    boards: list[Board] = []
+    reasons: list[str] = []
     for ports in usb_boards():
         for port in reversed(ports):
             try:
@@ -83,9 +87,9 @@ def find() -> tuple[list[Board], list[str]]:
     return boards, reasons
 
 
-def survey() -> list[dict]:
+def survey() -> list[dict[str, str]]:
     """Ask every USB serial port who it is; return port, USB device and answer of each."""
-    rows = []
+    rows: list[dict[str, str]] = []
     for port in usb_ports():
         try:
             with Board(SerialLink(port.device)) as board:
@@ -96,7 +100,7 @@ def survey() -> list[dict]:
     return rows
 
 
-def prepare(board: Board, calibration) -> None:
+def prepare(board: Board, calibration: Sequence[str]) -> None:
     """Set a board as a calibration was made, and give it the calibration."""
     made = _checked(calibration)
     board.set(
@@ -105,7 +109,7 @@ def prepare(board: Board, calibration) -> None:
     upload(board, calibration)
 
 
-def upload(board: Board, calibration) -> None:
+def upload(board: Board, calibration: Sequence[str]) -> None:
     """Give a board a calibration, which it uses from then on and forgets unless told to save.
 
     Parameters
@@ -128,13 +132,13 @@ def upload(board: Board, calibration) -> None:
     board.command("cal begin")
     for line in calibration:
         board.command("cal " + line)
-    name = checksum(calibration)
+    name: str = checksum(calibration)
     board.command("cal end " + name)
     board.calibration = list(calibration)
-    board.info |= {"calibration": name, "length_um": made.length_um}
+    board.info["calibration"], board.info["length_um"] = name, made.length_um
 
 
-def _checked(calibration) -> Calibration:
+def _checked(calibration: Sequence[str]) -> Any:
     try:
         return Calibration(calibration)
     except CalibrationError as error:

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Union
+from typing import Any, NamedTuple, Union
 
 import msgspec
-from cobs import cobs
+from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 
 from spots_device import decode, frame
 from spots_device.kernel import CRC_SIZE
@@ -154,7 +155,7 @@ class Text(NamedTuple):
     sensor: int
     sequence: int
     t_us: int
-    content: dict
+    content: dict[str, Any]
 
 
 class Note(NamedTuple):
@@ -169,7 +170,7 @@ class Note(NamedTuple):
     """
 
     since_us: int
-    content: dict
+    content: dict[str, Any]
 
 
 Reading = Union[Touch, Spectrum, Key]  # what a board streams
@@ -222,7 +223,7 @@ class Decoder:
         self.restarts = 0
         self._rest = b""
         self._overlong = False
-        self._expected = None
+        self._expected: int | None = None
         self._lost_at_reading = 0
 
     @property
@@ -238,7 +239,7 @@ class Decoder:
         """Take bytes in pieces of any size and return the frames that they complete."""
         self.stats.bytes += len(data)
         *pieces, rest = (self._rest + data).split(b"\0")
-        frames = []
+        frames: list[Frame] = []
         for piece in pieces:
             if self._overlong:
                 self._overlong = False
@@ -276,14 +277,15 @@ class Decoder:
         if parse is not None:
             try:
                 body = payload[frame.HEADER_SIZE :]
-                frames.append(parse(kind >> 4, sequence, low | high << 16, body))
+                found = parse(kind >> 4, sequence, low | high << 16, body)
             except (struct.error, ValueError):
                 self.stats.bad_crc += 1
             else:
-                if kind & 0x0F == NOTE:
-                    self._noted(frames[-1].content)
+                frames.append(found)
+                if isinstance(found, Note):
+                    self._noted(found.content)
 
-    def _noted(self, content: dict) -> None:
+    def _noted(self, content: dict[str, Any]) -> None:
         restarts = content.get("restarts")
         if isinstance(restarts, int):
             self.restarted(restarts)
@@ -300,7 +302,7 @@ class Decoder:
 def checked(piece: bytes) -> bytes | None:
     """Return what a piece between two delimiters carries, None if it is damaged."""
     try:
-        payload = cobs.decode(piece)
+        payload = cobs.decode(piece)  # pyright: ignore[reportUnknownMemberType]
     except cobs.DecodeError:
         return None
     if len(payload) < frame.HEADER_SIZE + CRC_SIZE:
@@ -318,30 +320,30 @@ def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:
     return Touch(sensor, sequence, t_us, flags, contrast, brightness, position_um, force_mN)
 
 
-def _spectrum(sensor, sequence, t_us, body):
+def _spectrum(sensor: int, sequence: int, t_us: int, body: bytes) -> Spectrum:
     flags, gain, *counts = _SPECTRUM.unpack(body)
     return Spectrum(sensor, sequence, t_us, flags, gain, tuple(counts))
 
 
-def _key(sensor, sequence, t_us, body):
+def _key(sensor: int, sequence: int, t_us: int, body: bytes) -> Key:
     page, usage, modifiers, pressed = _KEY.unpack(body)
     return Key(sensor, sequence, t_us, page, usage, modifiers, bool(pressed))
 
 
-def _text(sensor, sequence, t_us, body):
+def _text(sensor: int, sequence: int, t_us: int, body: bytes) -> Text:
     return Text(sensor, sequence, t_us, _object(body))
 
 
-def _note(sensor, sequence, t_us, body):
+def _note(sensor: int, sequence: int, t_us: int, body: bytes) -> Note:
     return Note(sequence << 32 | t_us, _object(body) if body else {})
 
 
-def _object(body):
-    return msgspec.json.decode(body, type=dict)
+def _object(body: bytes) -> dict[str, Any]:
+    return msgspec.json.decode(body, type=dict[str, Any])
 
 
 # By kind: sensor, sequence, time and body to a frame; struct.error or ValueError if it is none.
-PARSERS = {
+PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TOUCH: _touch,
     frame.SPECTRUM: _spectrum,
     frame.KEY: _key,

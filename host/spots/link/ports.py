@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 from types import ModuleType
+from typing import Any
 
 GROUP = "spots.ports"
 
@@ -52,9 +53,9 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
     if not name:
         return None, port or ""
     (entry,) = entry_points(group=GROUP, name=name)
-    return entry.load(), port[len(name) + 1 :]
+    return entry.load(), (port or "")[len(name) + 1 :]
 
 
-def offered(port: str | None, what: str):
+def offered(port: str | None, what: str) -> Any:
     """Return a function that a port's scheme may have, or None."""
     return getattr(scheme(port)[0], what, None)

@@ -88,10 +88,12 @@ _SETTINGS: dict[str, object] = {
     "average": 1,
     **dict.fromkeys(("gain", "led_mA", "strain_ppm", "keys", "gamepad"), 0),
 }
-_HELLO = {**dict.fromkeys(("board", "runtime", "firmware"), "?")}
-_HELLO |= dict.fromkeys(("id", "length_um", "calibration", "layout"))
+_HELLO: dict[str, object] = {
+    **dict.fromkeys(("board", "runtime", "firmware"), "?"),
+    **dict.fromkeys(("id", "length_um", "calibration", "layout")),
+}
 # The full scale is not known before the sensor is there.
-_GET = {"full_scale": 0, "dark": [0] * CHANNELS, "missed": 0, "fault": None}
+_GET: dict[str, object] = {"full_scale": 0, "dark": [0] * CHANNELS, "missed": 0, "fault": None}
 # By the name of the command: the type of its reply, and what a board may leave out. Replies to
 # other commands have nothing that a program relies on.
 _KINDS: dict[str, tuple[Any, dict[str, object]]] = {

@@ -72,12 +72,12 @@ class LinkLoss:
         self.is_open = self._refused = False
         self.asked = 0
         self._expected_s = _NEVER  # when the last reading came, or readings began
-        self._unplugged_s: float | None = None
+        self._unplugged_s = self.reopen_s = _NEVER
 
     @property
     def unplugged(self) -> bool:
         """Whether the port is not there, or the board behind it not known yet."""
-        return self._unplugged_s is not None
+        return self._unplugged_s < _NEVER
 
     def state(self, now_s: float) -> str:
         """Return `CONNECTED`, `STALLED`, `LOST` or `REFUSED`."""
@@ -139,5 +139,5 @@ class LinkLoss:
 
     def plug(self, now_s: float) -> None:
         """Record that the board is back: whether it has restarted is asked at once."""
-        self._unplugged_s = None
+        self._unplugged_s = _NEVER
         self.ask_s = self._expected_s = now_s
