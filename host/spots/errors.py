@@ -1,4 +1,4 @@
-"""What a user can put right."""
+"""Errors that a user can mend."""
 
 # As `pip` knows the project: `spots` alone is somebody else's.
 DISTRIBUTION = "spots-tactile"
@@ -24,6 +24,11 @@ class SpotsError(Exception):
 
     The command line prints it as one line and ends with exit code 2. What it quotes of a file or
     a board is made printable, and short.
+
+    Examples
+    --------
+    >>> print(SpotsError("no file run.spots: 'spots record' makes one"))
+    no file run.spots: 'spots record' makes one
     """
 
     def __init__(self, text: str):

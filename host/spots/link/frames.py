@@ -73,6 +73,12 @@ class Touch(NamedTuple):
     time_s : float or None
         The same moment on the host's monotonic clock, where the link knows it. The clocks are
         compared when the board is opened, and now and then while it streams.
+
+    Examples
+    --------
+    >>> touch = Touch(0, 1, 5000, 9, 0, 0, 42_000, 1500, 1.25)
+    >>> touch.trusted, touch.position_um / 1000
+    (True, 42.0)
     """
 
     sensor: int
@@ -92,7 +98,7 @@ class Touch(NamedTuple):
 
     @property
     def trusted(self) -> bool:
-        """Whether position and force hold: touching, and nothing in the flags against it."""
+        """Whether position and force are valid: touching, and no flag against it."""
         return self.touching and not self.flags & DOUBTFUL
 
     @property
@@ -115,6 +121,11 @@ class Spectrum(NamedTuple):
         Register code 0 to 10 for 0.5x to 512x.
     counts : tuple of int
         ADC 0 to 5, in the order of the board's channel plan.
+
+    Examples
+    --------
+    >>> max(Spectrum(0, 1, 5000, 9, 9, (3, 5, 8, 13, 21, 34)).counts)
+    34
     """
 
     sensor: int
@@ -137,6 +148,11 @@ class Key(NamedTuple):
         As in a USB HID report of that page.
     pressed : bool
         Whether it goes down.
+
+    Examples
+    --------
+    >>> Key(0, 1, 5000, page=7, usage=4, modifiers=0, pressed=True).usage
+    4
     """
 
     sensor: int
@@ -150,7 +166,13 @@ class Key(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A reply to a command, or a log line."""
+    """A reply to a command, or a log line.
+
+    Examples
+    --------
+    >>> Text(0, 1, 5000, {"log": "error", "text": "no sensor"}).content["text"]
+    'no sensor'
+    """
 
     sensor: int
     sequence: int
@@ -166,7 +188,12 @@ class Note(NamedTuple):
     since_us : int
         Host time since the recording began; 48 bits.
     content : dict
-        What the recorder tells; empty where it only tells the time.
+        What the recorder notes; empty where it only notes the time.
+
+    Examples
+    --------
+    >>> Note(1_500_000, {"end": True}).since_us / 1e6
+    1.5
     """
 
     since_us: int
@@ -188,13 +215,19 @@ class LinkStats:
     lost : int
         Frames that are missing, by their sequence numbers.
     bad_crc : int
-        Pieces between two delimiters that were no good frame.
+        Pieces between two delimiters that were damaged.
     bytes : int
         All bytes received.
     restarts : int
         How often `Board` found that the board had begun anew.
     overrun : int
         Frames that `Board` dropped, since the program did not take them in time.
+
+    Examples
+    --------
+    >>> stats = LinkStats(frames=99, lost=1)
+    >>> stats.lost / (stats.frames + stats.lost)
+    0.01
     """
 
     frames: int = 0
@@ -206,16 +239,24 @@ class LinkStats:
 
 
 class Decoder:
-    """Frames out of a byte stream, whatever happens to it.
+    """Decodes a byte stream into frames, however damaged it is.
 
-    A piece that fails its CRC is counted and dropped; the next delimiter starts anew. Memory is
+    A piece that fails its CRC is counted and dropped; the next delimiter resynchronises. Memory is
     bounded by the longest frame.
 
     Attributes
     ----------
     stats : LinkStats
     restarts : int
-        How often the board has restarted, as far as it was told by `restarted` or by notes.
+        How often the board has restarted, as reported by `restarted` or by notes.
+
+    Examples
+    --------
+    >>> decoder = Decoder()
+    >>> decoder.feed(b"noise, then a delimiter" + bytes(1))
+    []
+    >>> decoder.stats.bad_crc
+    1
     """
 
     def __init__(self):
@@ -253,10 +294,10 @@ class Decoder:
         return frames
 
     def restarted(self, restarts: int) -> None:
-        """Take note of how often the board has restarted by now.
+        """Record how often the board has restarted by now.
 
-        If that is more often than before, it counts its frames from 0 again, and what seemed to be
-        lost since its last reading is none: until it is told to stream again there are no others.
+        If that is more often than before, it counts its frames from 0 again. Then nothing was lost
+        since its last reading: it sends no readings until its streams are started again.
         """
         if restarts > self.restarts:
             self.restarts = restarts

@@ -73,6 +73,13 @@ class Encoder:
     SpotsError
         If there is no joint in the calibration, or the gain is 0.
 
+    Examples
+    --------
+    >>> encoder = spots.Encoder("joint.toml")  # doctest: +SKIP
+    >>> with spots.open() as board:  # doctest: +SKIP
+    ...     for touch in board.touches():
+    ...         print(encoder.take(touch))
+
     Notes
     -----
     With play between joint and indenter, the indenter lags by half of it in either direction. As

@@ -228,7 +228,7 @@ def _one_by_one(data: np.ndarray, starts: np.ndarray, size: int) -> tuple[np.nda
 class Arrays:
     """Frames of a recording, or of a block of it, as structured arrays.
 
-    Integers are those of the frames, also where a reading is not to be trusted: see ``flags``,
+    Integers are those of the wire: position and force are 0 where `Touch` has NaN. See ``flags``,
     bits of `spots_device.decode`. Rows are in the order in which the frames arrived. All three
     begin with the same columns:
 
@@ -255,6 +255,12 @@ class Arrays:
         Replies and log lines, with ``arrived_s``.
     stats : LinkStats
         What the recorded link lost, from the beginning of the recording to the end of the block.
+
+    Examples
+    --------
+    >>> from spots import read_arrays
+    >>> read_arrays("run.spots").touches["force_mN"].max()  # doctest: +SKIP
+    3120
     """
 
     touches: np.ndarray
@@ -276,6 +282,8 @@ class RecordingBlocks(Recording):
         Of the frames of the latest block, in the order of the file: which of the four fields of
         `Arrays` has the next one.
 
+    Examples
+    --------
     >>> from spots import RecordingBlocks
     >>> blocks = RecordingBlocks("run.spots")             # doctest: +SKIP
     >>> max(block.touches["force_mN"].max(initial=0) for block in blocks)  # doctest: +SKIP
@@ -345,7 +353,8 @@ class _Growing:
 def read_arrays(path: str | Path) -> Arrays:
     """Read a recording, or a set of them, as structured arrays.
 
-    They have what iterating over a `Recording` gives, to the last bit; a damaged recording, too.
+    They have what iterating over a `Recording` gives, to the last bit, but 0 for a position or a
+    force that is not known; a damaged recording, too.
     A day at 100 Hz is 8.6 million readings, and 350 MB as ``touches``: where that is too much, see
     `RecordingBlocks`.
 

@@ -59,6 +59,12 @@ class Recording:
     ------
     SpotsError
         If it is no recording, or a file of the set is missing.
+
+    Examples
+    --------
+    >>> from spots import Recording
+    >>> for arrived_s, frame in Recording("run.spots"):  # doctest: +SKIP
+    ...     print(arrived_s, frame)
     """
 
     def __init__(self, path: str | Path):
