@@ -27,7 +27,10 @@ from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Any
 
+from ..errors import missing
+
 GROUP = "spots.ports"
+_SIMULATED = "virtual"
 
 
 def scheme_name(port: str | None) -> str:
@@ -48,12 +51,22 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
     module : module or None
         None for a serial port, and for None.
     rest : str
+
+    Raises
+    ------
+    SpotsError
+        If what the scheme needs is not installed.
     """
-    name = scheme_name(port)
-    if not name:
-        return None, port or ""
-    (entry,) = entry_points(group=GROUP, name=name)
-    return entry.load(), (port or "")[len(name) + 1 :]
+    name, _, rest = (port or "").partition(":")
+    try:
+        for entry in entry_points(group=GROUP, name=name):
+            return entry.load(), rest
+    except ImportError:
+        if name != _SIMULATED:
+            raise
+    if name == _SIMULATED:
+        raise missing(f"port '{name}' needs", "the simulator spots_sim", "virtual")
+    return None, port or ""
 
 
 def offered(port: str | None, what: str) -> Any:
