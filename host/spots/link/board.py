@@ -260,10 +260,11 @@ class Board:
             if content["re"] == "stream":
                 self._streams = [kind for kind in content["stream"] if kind != "off"]
                 self._loss.expect(*[self.now_s()] * bool(self._streams))
-            if content["re"] == "hello":
-                self.info = cast("Hello", content)
             if "exposure_us" in content:
-                self._take_settings(reply.content)
+                self._take_settings(content)
+            if content["re"] in ("set", "auto"):
+                known = {name: reply.content[name] for name in self.info if name in reply.content}
+                self.info = cast("Hello", {**self.info, **known, "re": "hello"})
         return content
 
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
@@ -561,9 +562,7 @@ class Board:
             ) from None
 
     def _take_settings(self, settings: Mapping[str, Any]) -> None:
-        known = {name: settings[name] for name in self.info if name in settings}
-        self.info = cast("Hello", {**self.info, **known, "re": "hello"})
-        self._loss.every_s = self.info["exposure_us"] * self.info["average"] * 1e-6
+        self._loss.every_s = settings["exposure_us"] * settings["average"] * 1e-6
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):

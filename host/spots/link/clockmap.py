@@ -13,7 +13,7 @@ _WRAP = 1 << 32
 _TURN_S = _WRAP * 1e-6
 _SURE_S = 60.0  # far more than the clocks can be off
 _TRIPS = 64
-# Trips that lie closer together tell nothing of a drift; no pair of crystals drifts more.
+# Trips that lie closer together show no drift; no pair of crystals drifts more.
 _DRIFT_US = 30_000_000
 _DRIFT_MOST = 300e-6
 _HALVINGS = 60
@@ -118,7 +118,7 @@ class ClockMap:
         return host_s
 
     def began_anew(self, sent_s: float, t_us: int, received_s: float) -> bool:
-        """Return whether a time told between two moments cannot be that of the same start."""
+        """Return whether a time between two moments shows that the board restarted."""
         if self._high_s == float("inf"):
             return False
         told_s = t_us * 1e-6

@@ -73,7 +73,7 @@ def find() -> tuple[list[Board], list[str]]:
     boards : list of Board
         Those that answered, open.
     reasons : list of str
-        Why the others are none.
+        Why the others are not SPOTS boards.
     """
     boards: list[Board] = []
     reasons: list[str] = []
@@ -110,7 +110,7 @@ def prepare(board: Board, calibration: Sequence[str]) -> None:
 
 
 def upload(board: Board, calibration: Sequence[str]) -> None:
-    """Give a board a calibration, which it uses from then on and forgets unless told to save.
+    """Give a board a calibration, which it uses at once and forgets without ``save``.
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ def upload(board: Board, calibration: Sequence[str]) -> None:
     Raises
     ------
     SpotsError
-        If it is none, was made on another board or at other settings; the board keeps what it
-        has.
+        If it is invalid, was made on another board or at other settings; the board keeps its
+        own.
     """
     made = _checked(calibration)
     i = board.command("hello")

@@ -211,7 +211,7 @@ class LinkStats:
     Attributes
     ----------
     frames : int
-        Good frames, those of unknown kinds included; notes are none.
+        Good frames, those of unknown kinds included; notes do not count.
     lost : int
         Frames that are missing, by their sequence numbers.
     bad_crc : int
@@ -304,7 +304,7 @@ class Decoder:
             self.stats.lost = min(self.stats.lost, self._lost_at_reading)
 
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
-        # However it was cut into pieces, what is longer than any frame is none.
+        # However it was cut into pieces, what is longer than any frame is invalid.
         payload = checked(piece) if len(piece) <= ENCODED_MAX else None
         if payload is None:
             self.stats.bad_crc += 1
@@ -383,7 +383,7 @@ def _object(body: bytes) -> dict[str, Any]:
     return msgspec.json.decode(body, type=dict[str, Any])
 
 
-# By kind: sensor, sequence, time and body to a frame; struct.error or ValueError if it is none.
+# By kind: sensor, sequence, time and body to a frame; struct.error or ValueError if invalid.
 PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TOUCH: _touch,
     frame.SPECTRUM: _spectrum,

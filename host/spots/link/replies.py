@@ -143,7 +143,7 @@ def validated(name: str, reply: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     msgspec.ValidationError
-        If a value is none that a board sends.
+        If a value is invalid.
     """
     if name not in _KINDS:
         return reply

@@ -128,7 +128,7 @@ def _noted(path: Path, content: object) -> ClockMap:
     try:
         return _resumed(msgspec.convert(content, Clock))
     except msgspec.ValidationError as error:
-        raise SpotsError(f"{path}: a note is none of ours: {error}") from None
+        raise SpotsError(f"{path}: a note is invalid: {error}") from None
 
 
 def _header(path: Path) -> Header:

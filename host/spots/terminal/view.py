@@ -203,7 +203,7 @@ def live(console: Console) -> Live:
 
 
 class Pace:
-    """Tells when to redraw, so that drawing never costs readings."""
+    """Limits how often to redraw, so that drawing never costs readings."""
 
     def __init__(self, per_s: float = _REDRAWS_PER_S):
         self._every_s = 1 / per_s
