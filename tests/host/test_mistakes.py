@@ -186,6 +186,5 @@ def test_a_virtual_board_without_the_simulator_names_the_package(entries, monkey
     monkeypatch.setattr(ports, "entry_points", lambda **which: found)
     assert main(["monitor", "--port", "virtual"]) == 2
     assert capsys.readouterr().err == (
-        "spots: port 'virtual' needs the simulator spots_sim: "
-        "pip install 'spots-tactile[virtual]'\n"
+        "spots: port 'virtual' needs the simulator: pip install 'spots-tactile[virtual]'\n"
     )

@@ -65,7 +65,7 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
         if name != _SIMULATED:
             raise
     if name == _SIMULATED:
-        raise missing(f"port '{name}' needs", "the simulator spots_sim", "virtual")
+        raise missing(f"port '{name}' needs", "the simulator", "virtual")
     return None, port or ""
 
 
