@@ -47,6 +47,7 @@ lint: .venv/test
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/python -m pytest -p no:xdist tests/test_docstrings.py tests/test_links.py
+	@$(BIN)/pyright
 
 bench: .venv/test
 	@$(BIN)/python tests/bench $(ARGS)

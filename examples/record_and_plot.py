@@ -19,9 +19,10 @@ force.set(ylabel="force / N", ylim=(0, 10), xlabel="time / s")
 (place_dots,), (force_dots,) = place.plot([], [], "."), force.plot([], [], ".")
 
 with spots.open(port) as board, board.record(path):
-    recent, start_s, drawn_s = deque(maxlen=1000), board.now_s(), 0.0
+    start_s, drawn_s = board.now_s(), 0.0
+    recent: deque[tuple[float, float, float]] = deque(maxlen=1000)
     for touch in board.touches():
-        if touch.trusted:
+        if touch.trusted and touch.time_s is not None:
             recent.append((touch.time_s - start_s, touch.position_um / 1e3, touch.force_mN / 1e3))
         if board.now_s() - drawn_s >= DRAW_EVERY_S:
             drawn_s, now_s = board.now_s(), board.now_s() - start_s

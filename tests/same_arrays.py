@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from unittest import mock
@@ -14,6 +15,7 @@ from spots.link.frames import Key, Spectrum, Text, Touch
 from spots.recording import arrays
 from spots.recording.header import Clock, Header, encoded
 from spots.recording.recording import Recording
+from spots_device import decode
 
 _TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys"}
 _COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete")
@@ -87,7 +89,16 @@ def _rows(table, kind):
         columns["counts"] = list(map(tuple, columns["counts"]))
     if "time_s" in columns:
         columns["time_s"] = [None if time != time else time for time in columns["time_s"]]
-    return list(zip(columns["arrived_s"], map(kind, *(columns[name] for name in kind._fields))))
+    rows = map(kind, *(columns[name] for name in kind._fields))
+    return list(zip(columns["arrived_s"], map(_known, rows) if kind is Touch else rows))
+
+
+def _known(touch):
+    """Return a row of the wire as a reading: 0 is there where a place or a force is not known."""
+    blind = touch.flags & (decode.NOT_CALIBRATED | decode.LED_OFF)
+    if blind or not touch.flags & decode.TOUCHING:
+        touch = touch._replace(position_um=math.nan)
+    return touch._replace(force_mN=math.nan) if blind else touch
 
 
 def _bits(rows):

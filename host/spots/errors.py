@@ -49,6 +49,11 @@ class SpotsError(Exception):
 
     The command line prints it as one line and ends with exit code 2. What it quotes of a file or
     a board is made printable, and short.
+
+    Examples
+    --------
+    >>> print(SpotsError("no file run.spots: 'spots record' makes one"))
+    no file run.spots: 'spots record' makes one
     """
 
     def __init__(self, text: str):
@@ -77,8 +82,12 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
 
 
 class PortLostError(SpotsError):
-    """The port went away, as that of a board with USB of its own does when it restarts."""
+    """The port was unplugged, or its board restarted and drives USB by itself."""
+
+
+class ClosedError(SpotsError):
+    """The board was closed by this program."""
 
 
 class RefusedError(SpotsError):
-    """Another board is where one's own was."""
+    """Another board is in the place of the one that is waited for."""

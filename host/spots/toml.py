@@ -46,8 +46,8 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     Raises
     ------
     SpotsError
-        If there is none, and the text says which names there are; or it is no regular file, or
-        too large.
+        If there is no such file, and the text says which names exist; or it is not a regular file,
+        or too large.
     """
     path = Path(name)
     if not path.suffix:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.console import Group
 from rich.panel import Panel
 from rich.text import Text
@@ -24,7 +26,7 @@ def picture(
 ) -> Panel:
     """Return the picture as it is now."""
     keys = layout.layers[engine.layer]
-    held = touch is not None and touch.touching
+    held = touch is not None and touch.touching and not math.isnan(touch.position_um)
     share = touch.position_um / engine.length_um if held else -1.0
     lit = next((i for i, key in enumerate(keys) if key.low <= share < key.high), None)
     finger = Text()

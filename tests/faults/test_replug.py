@@ -15,8 +15,8 @@ from spots.errors import RefusedError
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load
 from spots.link import timeouts as absence
-from spots.link.board import CONNECTED, LOST, REFUSED
 from spots.link.serial_link import SerialLink
+from spots.link.timeouts import CONNECTED, LOST, REFUSED
 from spots.terminal.monitor import watch
 from spots.web.board_feed import BoardReader, finder
 from spots.web.state import PageState

@@ -7,15 +7,19 @@ import pty
 import random
 import struct
 import tty
+from types import SimpleNamespace
 
 import pytest
 
 from fault_streams import encoded
 from spots.errors import PortLostError, SpotsError
 from spots.link import board as module
+from spots.link import readers
 from spots.link.board import Board
 from spots.link.calibrated import ticks
 from spots.link.serial_link import SerialLink
+from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
+from spots.recording import replay
 from spots.recording.info import summary
 from spots.recording.replay import open_recording
 from spots_device import PROTOCOL
@@ -40,6 +44,8 @@ class StandIn:
         self.closed = False
         self.board_id = None
         self.exposure_us = 10_000
+        self.lines = []
+        self.replies = {}  # more of what is answered, by command
 
     def now_s(self):
         return self.time_s
@@ -88,6 +94,7 @@ class StandIn:
 
     def _take(self, name, *words):
         self.asked.append(name)
+        self.lines.append(" ".join((name, *words)))
         reply = {"re": name}
         if name == "hello":
             reply |= {"protocol": PROTOCOL, "id": self.board_id}
@@ -97,6 +104,7 @@ class StandIn:
         elif name == "stream":
             self.streams = [] if words == ("off",) else sorted(words)
             reply["stream"] = sorted(words)
+        reply |= self.replies.get(name, {})
         frame = self._frame(3, json.dumps(reply).encode())
         if name not in self.deaf:
             self._due += frame
@@ -230,9 +238,9 @@ def test_a_board_that_comes_back_with_longer_exposures_is_given_their_time():
     reading(board, 20)
     link.streams = None  # silent
     list(board.frames(2.5))
-    assert board.state == module.CONNECTED
+    assert board.state == CONNECTED
     list(board.frames(1.0))
-    assert board.state == module.STALLED
+    assert board.state == STALLED
 
 
 def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
@@ -341,6 +349,48 @@ def test_the_state_of_a_link():
     assert told == ["stalled", "connected", "lost", "refused", "connected"]
 
 
+def test_silence_and_state_are_by_the_clock_of_the_link():
+    link, board = streaming()
+    link.deaf, link.streams = {"sync"}, []
+    last_s = link.now_s()
+    seen = []
+    while link.now_s() < last_s + 4.0:
+        list(board.frames(0.01))
+        seen.append((round(link.now_s() - last_s, 2), board.state, board.silent(SEARCH_S)))
+    stalled_s = next(at_s for at_s, state, _ in seen if state == STALLED)
+    silent_s = next(at_s for at_s, _, silent in seen if silent)
+    assert (stalled_s, silent_s) == (pytest.approx(0.5, abs=0.2), pytest.approx(2.0, abs=0.2))
+    link.deaf = set()
+    reading(board, 5)
+    assert (board.state, board.silent(SEARCH_S)) == (CONNECTED, False)
+    link.gone = 1_000_000
+    list(board.frames(3.0))
+    assert (board.state, board.silent(SEARCH_S)) == (LOST, True)
+
+
+def test_nothing_is_silent_that_streams_nothing():
+    link = StandIn(0)
+    board = Board(link)
+    link.sleep(100.0)
+    assert (board.state, board.silent(SEARCH_S)) == (CONNECTED, False)
+
+
+def test_a_pause_of_a_recording_is_a_stall_as_it_was_then(tmp_path, monkeypatch):
+    link, board = streaming()
+    monkeypatch.setattr(replay, "time", SimpleNamespace(monotonic=link.now_s, sleep=link.sleep))
+    with board.record(tmp_path / "run.spots"):
+        reading(board, 10)
+        link.deaf, link.streams = {"sync"}, []
+        list(board.frames(1.0))
+        link.deaf = set()
+        reading(board, 10)
+    with open_recording(tmp_path / "run.spots") as again:
+        states = []
+        again.when_state_changes(states.append)
+        list(again.touches())
+    assert states == [STALLED, CONNECTED]
+
+
 def test_another_board_is_refused_behind_a_tap_too():
     seen = []
     link, board = streaming()
@@ -359,7 +409,7 @@ def until(board, state):
 
 
 def test_readings_that_a_program_does_not_take_are_counted_and_flagged(monkeypatch):
-    monkeypatch.setattr(module, "_QUEUE_FRAMES", 100)
+    monkeypatch.setattr(readers, "FRAMES_MAX", 100)
     link, board = streaming()
     link.deaf = {"auto"}
     with pytest.raises(SpotsError, match="no reply to 'auto'"):

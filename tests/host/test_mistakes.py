@@ -7,13 +7,14 @@ import subprocess
 import sys
 import threading
 import tty
+from importlib.metadata import EntryPoint
 
 import pytest
 
 from spots import SpotsError
 from spots import open as open_board
 from spots.cli import main
-from spots.link import connect
+from spots.link import connect, ports
 from spots.link import serial_link as link
 from spots_sim import vm
 from test_frames import encoded
@@ -182,3 +183,14 @@ def test_toml_that_no_reader_takes_is_one_sentence(capsys, tmp_path, text, says)
     path = tmp_path / "my.toml"
     path.write_text(text)
     assert says in refused(capsys, "demo", "--fast", "--sensor", str(path))
+
+
+@pytest.mark.parametrize("entries", ["none", "broken"])
+def test_a_virtual_board_without_the_simulator_names_the_package(entries, monkeypatch, capsys):
+    broken = EntryPoint("virtual", "spots_sim.not_there", "spots.ports")
+    found = {"none": [], "broken": [broken]}[entries]
+    monkeypatch.setattr(ports, "entry_points", lambda **which: found)
+    assert main(["monitor", "--port", "virtual"]) == 2
+    assert capsys.readouterr().err == (
+        "spots: port 'virtual' needs the simulator: pip install 'spots-tactile[virtual]'\n"
+    )

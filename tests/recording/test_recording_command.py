@@ -199,12 +199,12 @@ def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
 
 def test_a_header_that_is_none_of_ours(tmp_path, capsys):
     header = headed(host_s="x")
-    assert "the header is none of ours" in refused(capsys, "info", bad(tmp_path, encoded(header)))
+    assert "the header is invalid" in refused(capsys, "info", bad(tmp_path, encoded(header)))
     for content in ({"header": 5, "i": 0, "of": 1}, {"header": "[]", "i": 0, "of": 1}):
         path = bad(tmp_path, note(0, content))
-        assert "the header is none of ours" in refused(capsys, "info", path)
+        assert "the header is invalid" in refused(capsys, "info", path)
     deep = [note(0, {"header": "[" * 500, "i": i, "of": 200}) for i in range(200)]
-    assert "the header is none of ours" in refused(capsys, "info", bad(tmp_path, b"".join(deep)))
+    assert "the header is invalid" in refused(capsys, "info", bad(tmp_path, b"".join(deep)))
     path = bad(tmp_path, note(0, {"header": "", "i": []}))
     assert "is no recording" in refused(capsys, "info", path)
 

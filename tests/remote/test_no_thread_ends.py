@@ -22,7 +22,7 @@ import spots
 from net import publishing, session, stand_in, wait_until
 from spots import Board
 from spots.keyboard.layout import load
-from spots.link.board import CONNECTED
+from spots.link.timeouts import CONNECTED
 from spots.recording import disk
 from spots.remote import mailbox, subscribe
 from spots.remote import zenoh_session as session_module
@@ -295,6 +295,7 @@ time.sleep(10)
         (
             r"\bThread\(",
             {
+                "spots/link/readers.py",
                 "spots/web/board_feed.py",
                 "spots/recording/disk.py",
                 "spots_sim/realtime.py",
@@ -311,13 +312,15 @@ time.sleep(10)
             },
         ),
         (r"declare_queryable\(", {"spots/remote/answers.py"}),
-        (r"create_task\(|call_soon", {"spots/web/app.py"}),
+        (r"create_task\(|call_soon", {"spots/link/readers.py", "spots/web/app.py"}),
         (r"\.on_change = ", {"spots/web/app.py", "spots/web/state.py"}),
         (r"add_signal_handler\(", {"spots/web/serve.py"}),
         # In the main thread, where an exception ends the program as any other does.
         (r"signal\.signal\(", {"spots/signals.py"}),
         (r"atexit|Timer\(|Executor\(|run_in_executor|excepthook|weakref\.finalize", set()),
-        (r"to_thread\(|ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
+        # Awaited at once, where its exception is raised.
+        (r"to_thread\(", {"spots/link/board.py"}),
+        (r"ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
     ],
 )
 def test_there_are_no_others(made_by, modules):

@@ -10,8 +10,9 @@ from playwright.sync_api import expect
 
 from serving import Bench, eventually, until
 from spots.keyboard.layout import load as load_layout
-from spots.link.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
+from spots.link.board import Board
 from spots.link.frames import Touch
+from spots.link.timeouts import CONNECTED, LOST, REFUSED, SEARCHING, STALLED
 from spots.recording.replay import open_recording
 from spots.web import board_feed as reader
 from spots.web.board_feed import BoardReader
@@ -315,7 +316,7 @@ def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
             time.sleep(0.01)
     finally:
         one.stop()
-    assert said[:4] == [CONNECTED, LOST, CONNECTED, LOST]
+    assert said[:4] == [CONNECTED, STALLED, CONNECTED, LOST]
     assert shown[-1] == pytest.approx(last[0].time_s, abs=0.1)
 
 

@@ -1,24 +1,31 @@
-"""A board that one can talk to."""
+"""A connected board."""
 
 from __future__ import annotations
 
+import asyncio
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from contextlib import aclosing
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, overload
 
 import msgspec
 
 from spots_device import PROTOCOL
 from spots_device.command import LINE_MAX, NAME_MAX
-from spots_device.decode import DROPPED
 
-from ..errors import PortLostError, RefusedError, SpotsError
+from ..errors import ClosedError, PortLostError, RefusedError, SpotsError
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
-from .frames import Decoder, Frame, Key, LinkStats, Note, Text, Touch
-from .replies import made_sure
+from .frames import Decoder, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
+from .readers import FrameIterator, FrameLog, Handle, Subscription
+from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
 from .serial_link import Link, Tap
-from .timeouts import ANSWER_S, PATIENCE_S, WHO_S, WHO_TRIES, Away, Silence
+from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
+from .turn import Turn
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
 
 # Commands whose reply comes when the work is done; the others answer at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
@@ -29,47 +36,58 @@ _POLL_S = 0.1
 _SYNC_TIMEOUT_S = 0.5
 _SYNC_TRIES = 4
 _STREAM_TRIES = 3
-# A consumer that falls behind by more than this many frames loses the oldest.
-_QUEUE_FRAMES = 1 << 16
-
-# States of a link. Whoever has no board yet is searching for one.
-SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
-LOST, REFUSED = "lost", "refused"
+_LATEST_S = 2.0
+_RATE_READINGS = 64
+# What a board streams on demand; its keys come where `keys on` was sent.
+_STREAMS: dict[type, str] = {Touch: "touch", Spectrum: "spectrum"}
+_ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
 class Board:
     """A connected board. Close it, or use it in a ``with`` block.
 
-    A board that restarts (a brown-out, a crash) has forgotten that it was streaming, and its port
-    may go away for a while and come back under another name. `frames` and what builds on it open
-    it again, notice the silence, ask, and tell it again; see `state` and `stats.restarts`. Another
-    board in its place is refused.
+    A board that restarts (a brown-out, a crash) forgets that it streams, and its port may vanish
+    for a while and return under another name. Whatever waits for frames opens the port again and
+    resumes the streams; see `state` and `stats.restarts`. Another board in its place is refused.
+
+    Several threads may use a board at once: each iterator gets all frames of its kinds, and a
+    command of one thread does not keep frames from the others.
 
     Parameters
     ----------
     link : serial_link.Link
-        Taken over; closed with the board.
+        Closed with the board.
 
     Attributes
     ----------
-    info : dict
-        The board's answer to ``hello``.
+    info : replies.Hello
+        The board's reply to ``hello``, with what was set since.
     log : collections.deque of dict
         Its last log lines.
     patience_s : float
-        How long its port may be away while it streams, before `frames` raises PortLostError.
+        How long its port may be unplugged while it streams, before PortLostError is raised.
     calibration : list of str or None
-        The lines of its calibration, where it got them from this object: a board tells only
+        The lines of its calibration, where this object uploaded them: a board sends only
         their checksum.
     read_only : bool
         Whether `command` can change nothing: of recordings, and of boards on other machines.
     ended : bool
-        Whether nothing will come any more, ever: of recordings.
+        Whether no frame will follow: of recordings.
 
     Raises
     ------
     SpotsError
         If nothing answers, or the answer is not that of a board of this protocol version.
+
+    Examples
+    --------
+    >>> import spots
+    >>> with spots.open("virtual") as board:
+    ...     touches = list(board.touches(seconds=0.5))
+    ...     board.info["board"], board.state
+    ('virtual', 'connected')
+    >>> len(touches) > 10
+    True
     """
 
     read_only = False
@@ -77,21 +95,23 @@ class Board:
     _poll_s = _POLL_S
 
     def __init__(self, link: Link):
-        self._link = link
+        self._link: Link = link
         self._decoder = Decoder()
         self._clocks = ClockSync()
-        self._frames: deque[Frame] = deque(maxlen=_QUEUE_FRAMES)
+        self._frames = FrameLog()
+        self._turn = Turn()
         self._replies: deque[Text] = deque(maxlen=64)
-        self._streams: list[str] = []  # what the board was told to stream
-        self._silence = Silence(link.now_s())
-        self._away: Away | None = None
+        self._streams: list[str] = []  # what the board streams
+        self._chosen = False  # by `command`, not by an iterator
+        self._loss = LinkLoss(link.now_s())
         self._resuming = False
-        self._missing = False  # frames before the next one were dropped here
-        self._on_close: Callable[[], None] | None = None
-        self._on_state: Callable[[str], None] | None = None
-        self._told_state = CONNECTED
+        self._closed = False
+        self._times_us: deque[int] = deque(maxlen=_RATE_READINGS)
+        self._on_close: list[Callable[..., None]] = []
+        self._on_state: list[Callable[..., None]] = []
+        self._reported_state = CONNECTED
         self.calibration: list[str] | None = None
-        self.log: deque[dict] = deque(maxlen=100)
+        self.log: deque[dict[str, Any]] = deque(maxlen=100)
         self.patience_s = PATIENCE_S
         try:
             self._connect()
@@ -102,8 +122,13 @@ class Board:
     def __enter__(self) -> Board:
         return self
 
-    def __exit__(self, *exception) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        rate = f"{self.rate_hz:.1f} Hz" if self._times_us else "no readings yet"
+        name = self.info["board"]
+        return f"<{type(self).__name__} {name} on {self.port}: {self.state}, {rate}>"
 
     @property
     def stats(self) -> LinkStats:
@@ -112,16 +137,21 @@ class Board:
 
     @property
     def state(self) -> str:
-        """``connected``, or why nothing comes.
+        """``connected``, or why no readings come.
 
         ``stalled``: the port is there and the board, or its sensor, is silent; ``lost``: the port
-        is away and looked for; ``refused``: another board is in its place.
+        is unplugged and searched for; ``refused``: another board is in its place; ``closed``: by
+        `close`.
         """
-        if self._away is not None:
-            return REFUSED if self._away.refused else LOST
-        if self._streams and self._silence.stalled(self.now_s()):
-            return STALLED
-        return CONNECTED
+        return "closed" if self._closed else self._loss.state(self.now_s())
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings a second by the board's clock, over the last 64; NaN before the second one."""
+        times_us = self._times_us
+        if len(times_us) < 2:
+            return float("nan")
+        return (len(times_us) - 1) * 1e6 / max(1, (times_us[-1] - times_us[0]) % (1 << 32))
 
     @property
     def drift_ppm(self) -> float:
@@ -133,11 +163,33 @@ class Board:
         """Name of the port."""
         return self._link.name
 
+    def silent(self, least_s: float) -> bool:
+        """Return whether readings are streamed and none has come for so long.
+
+        Parameters
+        ----------
+        least_s : float
+            By the clock of the link; on a slow board the time of three readings, if that is more.
+        """
+        return self._loss.silent(self.now_s(), least_s)
+
     def now_s(self) -> float:
         """Return the host's time by the clock of `Touch.time_s`."""
         return self._link.now_s()
 
-    def command(self, line: str, timeout_s: float | None = None) -> dict:
+    @overload
+    def command(self, line: Literal["hello"], timeout_s: float | None = None) -> Hello: ...
+    @overload
+    def command(self, line: Literal["get"], timeout_s: float | None = None) -> Get: ...
+    @overload
+    def command(self, line: Literal["auto"], timeout_s: float | None = None) -> Changed: ...
+    @overload
+    def command(self, line: Literal["dark"], timeout_s: float | None = None) -> DarkFrame: ...
+    @overload
+    def command(self, line: Literal["sync"], timeout_s: float | None = None) -> Sync: ...
+    @overload
+    def command(self, line: str, timeout_s: float | None = None) -> Mapping[str, Any]: ...
+    def command(self, line: str, timeout_s: float | None = None) -> Any:
         """Send a command and return the reply.
 
         Parameters
@@ -147,98 +199,287 @@ class Board:
         timeout_s : float, optional
             How long to wait; as long as the command may take, if not given.
 
+        Returns
+        -------
+        dict
+            Typed as in `replies` for ``hello``, ``get``, ``auto``, ``dark`` and ``sync``.
+
         Raises
         ------
         SpotsError
-            If the line is none, the board refuses, or no reply comes in time.
+            If the line is invalid, the board refuses, or no reply comes in time.
         """
+        content = self._command(line, timeout_s)
+        self._chosen |= content["re"] == "stream"
+        return content
+
+    def set(self, **settings: int | Sequence[str]) -> Changed:
+        """Change settings of the board, atomically.
+
+        Parameters
+        ----------
+        **settings : int or sequence of str
+            Names and values as in docs/protocol.md; ``plan`` takes names of channels.
+
+        Returns
+        -------
+        replies.Changed
+            All settings, and the rate to expect.
+
+        Raises
+        ------
+        SpotsError
+            If the board refuses; then nothing is changed.
+
+        Examples
+        --------
+        >>> with spots.open("virtual") as board:
+        ...     board.set(average=2)["average"]
+        2
+        """
+        words = [
+            f"{name}={value if isinstance(value, int) else ','.join(value)}"
+            for name, value in settings.items()
+        ]
+        return cast("Changed", self._command("set " + " ".join(words)))
+
+    def _command(self, line: str, timeout_s: float | None = None) -> dict[str, Any]:
         if not line.strip() or len(line) > LINE_MAX or not (line.isascii() and line.isprintable()):
             raise SpotsError(f"a command is 1 to {LINE_MAX} printable ASCII characters")
         if timeout_s is None:
             timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
-        reply = self._exchange(line, timeout_s)
-        if reply is None:
-            raise SpotsError(f"no reply to '{line}' within {timeout_s:g} s; is the board alive?")
-        if "error" in reply.content:
-            raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
-        content = self._made_sure(reply)
-        if content["re"] == "stream":
-            self._streams = [kind for kind in content["stream"] if kind != "off"]
-            self._silence.read(self.now_s())
-        if "exposure_us" in content:
-            self._take_settings(content)
+        with self._turn:
+            reply = self._exchange(line, timeout_s)
+            if reply is None:
+                raise SpotsError(
+                    f"no reply to '{line}' within {timeout_s:g} s; is the board alive?"
+                )
+            if "error" in reply.content:
+                raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
+            content = self._validated(reply)
+            if content["re"] == "stream":
+                self._streams = [kind for kind in content["stream"] if kind != "off"]
+                self._loss.expect(*[self.now_s()] * bool(self._streams))
+            if "exposure_us" in content:
+                self._take_settings(content)
+            if content["re"] in ("set", "auto"):
+                known = {name: reply.content[name] for name in self.info if name in reply.content}
+                self.info = cast("Hello", {**self.info, **known, "re": "hello"})
         return content
 
-    def frames(self, seconds: float | None = None) -> Iterator[Frame]:
-        """Yield readings and spectra as they come, those that waited first.
+    def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
+        """Yield readings of the strip as they come, those that waited first.
+
+        Starts the stream of readings. It goes on until the board is closed, as other streams do.
 
         Parameters
         ----------
         seconds : float, optional
             End after this much time of the link's clock; never, if not given.
-        """
-        end_s = None if seconds is None else self.now_s() + seconds
-        while True:
-            while self._frames:
-                yield self._next_frame()
-            if end_s is not None and self.now_s() >= end_s:
-                return
-            left_s = self._poll_s if end_s is None else min(self._poll_s, end_s - self.now_s())
-            self._pump_or_resume(max(left_s, 0))
-            self._tell_state()
 
-    def touches(self, seconds: float | None = None) -> Iterator[Touch]:
-        """Tell the board to stream readings, and nothing else, and yield them."""
-        self.command("stream touch")
-        return (frame for frame in self.frames(seconds) if isinstance(frame, Touch))
-
-    def read_latest(self, timeout_s: float = 2.0) -> Touch:
-        """Return the newest reading and forget those before it, so that a view never lags.
+        Returns
+        -------
+        iterator of frames.Touch
 
         Raises
         ------
         SpotsError
-            If none comes in time. The board has to be streaming, see `touches`.
+            While iterating, too: if the board is lost or closed.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> with spots.open("virtual") as board:
+        ...     table = pd.DataFrame(board.touches(seconds=0.5))
+        >>> bool(table.position_um.isna().any()), len(table.columns)
+        (True, 9)
         """
-        end_s = self.now_s() + timeout_s
-        latest = None
-        self._pump_or_resume(0)
-        while True:
-            while self._frames:
-                frame = self._frames.popleft()
-                latest = frame if isinstance(frame, Touch) else latest
-            if latest is not None:
+        return self._start(seconds, Touch)
+
+    def spectra(self, seconds: float | None = None) -> FrameIterator[Spectrum]:
+        """Yield the six counts behind each reading; see `touches`."""
+        return self._start(seconds, Spectrum)
+
+    def keys(self, seconds: float | None = None) -> FrameIterator[Key]:
+        """Yield the keys that the board's own layout makes of touches; see `touches`.
+
+        Raises
+        ------
+        SpotsError
+            If its keys are off; ``command("keys on")`` makes it type on its computer, too.
+        """
+        if not self.read_only and not self.command("hello")["keys"]:
+            raise SpotsError(f"the keys of the board on {self.port} are off: send it 'keys on'")
+        self._want(Touch)  # of a board that streams nothing a restart would not be noticed
+        return self._start(seconds, Key)
+
+    def frames(self, seconds: float | None = None) -> FrameIterator[Reading]:
+        """Yield frames of all kinds; see `touches`.
+
+        Starts the streams of readings and spectra, unless ``command("stream ...")`` chose some.
+        """
+        kinds = () if self._chosen else (Touch, Spectrum)
+        self._want(*kinds)
+        return self._start(seconds, Touch, Spectrum, Key, wanted=False)
+
+    async def atouches(self, seconds: float | None = None) -> AsyncGenerator[Touch, None]:
+        """Yield readings in asyncio, without blocking its loop; see `touches`.
+
+        A thread waits for them. It ends when the iteration does, is cancelled or broken off.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            End after this much time of the link's clock; never, if not given.
+
+        Examples
+        --------
+        >>> import asyncio
+        >>> async def count(board):
+        ...     return len([touch async for touch in board.atouches(seconds=0.5)])
+        >>> with spots.open("virtual") as board:
+        ...     asyncio.run(count(board)) > 10
+        True
+        """
+        touches = await asyncio.to_thread(self.touches, seconds)
+        async with aclosing(touches.arriving()) as arriving:
+            async for touch in arriving:
+                yield touch
+
+    @overload
+    def subscribe(self, callback: Callable[[Touch], object]) -> Subscription[Touch]: ...
+    @overload
+    def subscribe(
+        self, callback: Callable[[_ReadingT], object], *kinds: type[_ReadingT]
+    ) -> Subscription[_ReadingT]: ...
+    def subscribe(self, callback: Callable[[Any], object], *kinds: Any) -> Subscription[Any]:
+        """Call a function with each frame from now on, in a thread of its own.
+
+        Parameters
+        ----------
+        callback : callable
+            ``callback(frame)``. There can be any number of subscribers.
+        *kinds : type
+            `Touch`, `Spectrum`, `Key`; readings of the strip, if not given.
+
+        Returns
+        -------
+        readers.Subscription
+            Its ``cancel()`` ends it. The board's end does, too.
+
+        Examples
+        --------
+        >>> import time
+        >>> got = []
+        >>> with spots.open("virtual") as board:
+        ...     subscription = board.subscribe(got.append)
+        ...     while len(got) < 10:
+        ...         time.sleep(0.01)
+        ...     subscription.cancel()
+        """
+        return Subscription(self._start(None, *(kinds or (Touch,))), callback)
+
+    def read_latest(self, timeout_s: float | None = None) -> Touch:
+        """Return the newest reading, for a view that must not lag; older ones are dropped.
+
+        Starts the stream of readings.
+
+        Parameters
+        ----------
+        timeout_s : float, optional
+            How long to wait for one; 2 s, or three readings of a slow board, if not given.
+
+        Raises
+        ------
+        SpotsError
+            If none comes in time.
+        """
+        if timeout_s is None:
+            timeout_s = silent_s(_LATEST_S, self._loss.every_s)
+        touches = self.touches(timeout_s)
+        with self._turn:
+            self._advance(0.0)
+        for latest in touches:  # waits for the first one only
+            if not touches.unread:
                 return latest
-            if self.now_s() >= end_s:
-                raise SpotsError(f"no reading within {timeout_s:g} s; is the board streaming?")
-            self._pump_or_resume(_POLL_S)
+        raise SpotsError(f"no reading within {timeout_s:g} s; is its sensor connected?")
 
     def close(self) -> None:
-        """Tell the board to be silent and let the port go."""
-        try:
-            self._link.write(b"stream off\n")
-        except SpotsError:
-            pass  # it is gone already
-        self._link.close()
-        if self._on_close:
-            self._on_close()
+        """Stop the streams and close the port. Twice is once; iterators raise ClosedError."""
+        if self._closed:
+            return
+        self._closed = True  # ends what other threads do with the link
+        with self._turn:
+            try:
+                self._link.write(b"stream off\n")
+            except SpotsError:
+                pass  # unplugged already
+            self._link.close()
+        for action in list(self._on_close):
+            action()
 
-    def record(self, path: str | Path, *, rotate_bytes: int | None = None):
-        """Write all that comes from now on into a file, before anyone sees it.
+    def _want(self, *kinds: type) -> None:
+        with self._turn:
+            before = set(self._streams)
+            streams = before.union(_STREAMS[kind] for kind in kinds if kind in _STREAMS)
+            if streams == before:
+                return
+            try:
+                self._command("stream " + " ".join(sorted(streams)))
+            except PortLostError:
+                if not before:
+                    raise
+                self._streams = sorted(streams)  # started when the board is back
 
-        Frames that came earlier and wait to be read are not in it.
+    def _start(
+        self, seconds: float | None, *kinds: type[_ReadingT], wanted: bool = True
+    ) -> FrameIterator[_ReadingT]:
+        self._check_open()
+        if wanted:
+            self._want(*kinds)
+        end_s = float("inf") if seconds is None else self.now_s() + seconds
+
+        def advance(reader: FrameIterator[_ReadingT]) -> bool:
+            left_s = end_s - self.now_s()
+            if self.ended or left_s <= 0:
+                return False
+            # While another thread has the link, it gets the frames of this one, too.
+            if self._turn.take(_POLL_S, lambda: reader.unread):
+                try:
+                    if not reader.unread:
+                        self._advance(min(self._poll_s, left_s))
+                finally:
+                    self._turn.give()
+            return True
+
+        return FrameIterator(self._frames, kinds, advance)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ClosedError(f"the board on {self.port} is closed: open it again")
+
+    def _advance(self, timeout_s: float) -> None:
+        self._pump_or_resume(timeout_s)
+        self._report_state()
+
+    def record(
+        self, path: str | Path, *, rotate_bytes: int | None = None
+    ) -> AbstractContextManager[Any]:
+        """Record all bytes from now on in a file, before anyone sees them.
+
+        Frames that wait to be read are not in it.
 
         Parameters
         ----------
         path : str or Path
-            A file that is not there yet.
+            A new file.
         rotate_bytes : int, optional
             Begin another file where one would become longer.
 
         Returns
         -------
         recording.recorder.Recorder
-            Ends the recording when stopped, at the end of its ``with`` block, or with the board.
+            Its ``stop()``, the end of its ``with`` block or of the board ends the recording.
 
         Raises
         ------
@@ -247,7 +488,7 @@ class Board:
         """
         info = self.command("hello")
 
-        def describe() -> dict:
+        def describe() -> dict[str, Any]:
             return {
                 "info": info,
                 "clock": self._clocks.clock.state(),
@@ -256,23 +497,26 @@ class Board:
             }
 
         (entry,) = entry_points(group="spots.recorders", name="file")
-        recorder = entry.load()(
-            self._link, path, describe, begun=self._decoder.pending, rotate_bytes=rotate_bytes
-        )
-        self._link = recorder
+        with self._turn:
+            begun = self._decoder.pending
+            recorder: Any = entry.load()(
+                self._link, path, describe, begun=begun, rotate_bytes=rotate_bytes
+            )
+            self._link = recorder
         return recorder
 
     def tap(self, look: Callable[[bytes, float], None]) -> None:
-        """Show ``look(data, now_s)`` all that is read from now on."""
-        self._link = Tap(self._link, look)
+        """Call ``look(data, now_s)`` with all that is read from now on."""
+        with self._turn:
+            self._link = Tap(self._link, look)
 
-    def when_closed(self, action: Callable[[], None]) -> None:
-        """Do something after the port was let go."""
-        self._on_close = action
+    def when_closed(self, action: Callable[[], None]) -> Handle:
+        """Call a function after the port was closed."""
+        return Handle(self._on_close, action)
 
-    def when_state_changes(self, action: Callable[[str], None]) -> None:
-        """Tell ``action(state)`` from now on, while frames are waited for; see `state`."""
-        self._on_state = action
+    def when_state_changes(self, action: Callable[[str], None]) -> Handle:
+        """Call ``action(state)`` from now on, while frames are waited for; see `state`."""
+        return Handle(self._on_state, action)
 
     def _connect(self) -> None:
         self.info = self._hello()
@@ -281,8 +525,9 @@ class Board:
         # Of a stream that an earlier program did not end: their times were not known yet.
         self._frames.clear()
 
-    def _hello(self) -> dict:
+    def _hello(self) -> Hello:
         self._link.write(b"\n")  # ends whatever half a line an earlier program left
+        reply = None
         for _ in range(_HELLO_TRIES):
             reply = self._exchange("hello", _HELLO_TIMEOUT_S)
             if reply is not None:
@@ -292,11 +537,11 @@ class Board:
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         return info
 
-    def _checked(self, reply: Text | None) -> dict:
+    def _checked(self, reply: Text | None) -> Hello:
         if reply is None:
             raise SpotsError(
-                f"what is on {self.port} does not answer 'hello': it is not one of our boards, "
-                "or its firmware is not running"
+                f"what is on {self.port} does not answer 'hello': it is not a SPOTS board, or its "
+                "firmware is not running"
             )
         version = reply.content.get("protocol")
         if version != PROTOCOL:
@@ -304,19 +549,20 @@ class Board:
                 f"the board on {self.port} speaks protocol {version}, this program {PROTOCOL}: "
                 "update whichever is older"
             )
-        return self._made_sure(reply)
+        return cast("Hello", self._validated(reply))
 
-    def _made_sure(self, reply: Text) -> dict:
+    def _validated(self, reply: Text) -> dict[str, Any]:
         name = reply.content["re"]
         try:
-            return made_sure(name, reply.content)
+            return validated(name, reply.content)
         except msgspec.ValidationError as error:
             raise SpotsError(
-                f"the board on {self.port} is none of ours: its reply to '{name}' tells: {error}"
+                f"the board on {self.port} is not a SPOTS board: its reply to '{name}' is "
+                f"invalid: {error}"
             ) from None
 
-    def _take_settings(self, told: dict) -> None:
-        self._silence.every_s = told["exposure_us"] * told["average"] * 1e-6
+    def _take_settings(self, settings: Mapping[str, Any]) -> None:
+        self._loss.every_s = settings["exposure_us"] * settings["average"] * 1e-6
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
@@ -328,7 +574,7 @@ class Board:
         for tries_left in reversed(range(_SYNC_TRIES)):
             sent_s = self.now_s()
             try:
-                reply = self.command("sync", _SYNC_TIMEOUT_S)
+                reply = self._command("sync", _SYNC_TIMEOUT_S)
             except SpotsError:
                 if not tries_left:
                     raise
@@ -339,65 +585,60 @@ class Board:
                 return
 
     def _pump_or_resume(self, timeout_s: float) -> None:
-        if self._away is not None:
+        if self._loss.unplugged:
             self._reconnect(timeout_s)
             return
         try:
             if not self._streams:
                 self._pump(timeout_s)
                 return
-            due_s = min(self._silence.ask_s, self._clocks.due_s)
+            due_s = min(self._loss.ask_s, self._clocks.due_s)
             self._pump(max(0.0, min(timeout_s, due_s - self.now_s())))
             self._resume()
             self._ask_time()
         except PortLostError:
             if not self._streams:
                 raise
-            self._away = Away(self.now_s())
+            self._loss.unplug(self.now_s())
 
-    def _tell_state(self) -> None:
+    def _report_state(self) -> None:
         state = self.state
-        if state != self._told_state:
-            self._told_state = state
-            if self._on_state:
-                self._on_state(state)
+        if state != self._reported_state:
+            self._reported_state = state
+            for action in list(self._on_state):
+                action(state)
 
     def _ask_time(self) -> None:
         if question := self._clocks.ask(self.now_s()):
             self._link.write(question)
 
     def _reconnect(self, timeout_s: float) -> None:
-        # A try, no more: who holds keys down has to be back in time to let go of them.
-        away = self._away
-        due_in_s = away.due_in_s(self.now_s())
-        if due_in_s > 0:
-            self._link.sleep(min(timeout_s, due_in_s))
+        # A try, no more: who holds keys down has to be back in time to release them.
+        loss = self._loss
+        wait_s = loss.reopen_s - self.now_s()
+        if wait_s > 0:
+            self._link.sleep(min(timeout_s, wait_s))
             return
         try:
-            if not away.is_open:
+            if not loss.is_open:
                 self._link.reopen()
-                away.is_open, away.asked = True, 0
+                loss.reopened()
                 self._decoder.feed(b"\0")  # the frame that was cut off ends here
             reply = self._exchange("hello", WHO_S)
-            away.asked += 1
-            if reply is None and away.asked < WHO_TRIES:
+            loss.asked += 1
+            if reply is None and loss.asked < WHO_TRIES:
                 return  # its firmware may be starting
             self.info = self._recognised(self._checked(reply))
             self._take_settings(self.info)
         except SpotsError as error:
-            if away.for_s(self.now_s()) >= self.patience_s:
+            if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
                 raise
-            refused = isinstance(error, RefusedError)
-            if refused and not away.refused:  # once, not a flood
+            if loss.look_later(self.now_s(), isinstance(error, RefusedError)):  # once, not a flood
                 self.log.append({"log": "error", "text": str(error)})
-            away.refused = refused
-            away.look_later(self.now_s())
             return
-        self._away = None
-        self._silence.ask_s = self.now_s()  # whether it has begun anew
-        self._silence.read(self.now_s())
+        loss.plug(self.now_s())
 
-    def _recognised(self, info: dict) -> dict:
+    def _recognised(self, info: Hello) -> Hello:
         if info.get("id") != self.info.get("id"):
             self._link.let_go()
             raise RefusedError(
@@ -408,33 +649,34 @@ class Board:
 
     def _resume(self) -> None:
         # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
-        silence = self._silence
-        if self.now_s() < silence.ask_s:
+        loss = self._loss
+        if self.now_s() < loss.ask_s:
             return
-        silence.asking(self.now_s())
+        loss.asking(self.now_s())
         reply = self._exchange("sync", ANSWER_S)
         if reply is None:
-            silence.unanswered(self.now_s())
+            loss.unanswered(self.now_s())
             return  # nobody there, or damaged
-        told = self._made_sure(reply)
-        if told["stream"] != []:
-            return  # it has no news, or its firmware does not tell
+        known = self._validated(reply)
+        if known["stream"] != []:
+            return  # it still streams, or its firmware does not report what
         if not self._resuming:
             # Which question it answers nobody knows, but none before the first one.
-            self._begin_anew(silence.first_asked_s, told["t_us"])
+            self._begin_anew(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
-                self.command("stream " + " ".join(self._streams), ANSWER_S)
+                self._command("stream " + " ".join(self._streams), ANSWER_S)
                 return
             except SpotsError:
-                silence.ask_s = self.now_s()  # damaged, either way
+                loss.ask_s = self.now_s()  # damaged, either way
 
     def _begin_anew(self, sent_s: float, t_us: int) -> None:
         self._resuming = bool(self._streams)
         self.stats.restarts += 1
+        self._times_us.clear()
         self._decoder.restarted(self.stats.restarts)
         self._clocks.begin_anew(sent_s, t_us, self.now_s())
-        self._silence.ask_s = self.now_s()
+        self._loss.ask_s = self.now_s()
 
     def _idle(self, seconds: float) -> None:
         end_s = self.now_s() + seconds
@@ -442,6 +684,7 @@ class Board:
             self._pump(end_s - self.now_s())
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
+        self._check_open()
         name = line.split()[0][:NAME_MAX]
         self._replies.clear()
         self._link.write(line.encode() + b"\n")
@@ -458,16 +701,19 @@ class Board:
         return None
 
     def _pump(self, timeout_s: float) -> None:
+        self._check_open()
         frames = self._decoder.feed(self._link.read(timeout_s))
         arrived_s = self.now_s()
         if frames:
-            self._silence.heard(arrived_s)
+            self._loss.heard(arrived_s)
         for frame in frames:
             if not isinstance(frame, Note):
                 self._take(self._clocks.clock.timed(frame, arrived_s))
         self._clocks.learn()
+        if frames:
+            self._turn.wake()
 
-    def _take(self, frame: Frame) -> None:
+    def _take(self, frame: Reading | Text) -> None:
         if not isinstance(frame, Text):
             self._take_reading(frame)
         elif "log" in frame.content:
@@ -477,19 +723,11 @@ class Board:
                 self._clocks.answered(frame.t_us, self.now_s())
             self._replies.append(frame)
 
-    def _take_reading(self, frame: Frame) -> None:
-        if self._away is not None:
+    def _take_reading(self, frame: Reading) -> None:
+        if self._loss.unplugged:
             return  # nobody knows yet whose it is
         self._resuming = False
-        self._silence.read(self.now_s())
-        if len(self._frames) == self._frames.maxlen:
-            self.stats.overrun += 1
-            self._missing = True
-        self._frames.append(frame)
-
-    def _next_frame(self) -> Frame:
-        frame = self._frames.popleft()
-        if self._missing and not isinstance(frame, Key):
-            self._missing = False
-            return frame._replace(flags=frame.flags | DROPPED)
-        return frame
+        self._loss.expect(self.now_s())
+        if isinstance(frame, Touch):
+            self._times_us.append(frame.t_us)
+        self._frames.append(frame, self.stats)

@@ -10,12 +10,13 @@ from ..errors import SpotsError
 from ..signals import resumed
 from .board import Board
 from .frames import Touch
+from .replies import Hello
 from .timeouts import ANSWER_S
 
 _FOLLOW = "set baseline=1"
 
 
-def hello_calibrated(board: Board) -> dict:
+def hello_calibrated(board: Board) -> Hello:
     """Return a board's ``hello``.
 
     Raises
@@ -39,7 +40,7 @@ def next_step(info: dict) -> str | None:
 
 def hello_often(
     board: Board, within_s: float, remedy: str = "set a shorter exposure_us or a smaller average"
-) -> dict:
+) -> Hello:
     """Return a board's ``hello``, as `hello_calibrated` does, if it reads often enough.
 
     Parameters
@@ -67,17 +68,17 @@ def hello_often(
 
 def length_of(board: Board) -> int:
     """Return the length of a board's strip in um; raises as `hello_calibrated` does."""
-    return hello_calibrated(board)["length_um"]
+    return hello_calibrated(board)["length_um"] or 0
 
 
 def tell_board(board: Board, line: str) -> None:
-    """Send a command to a board that takes some; others feel with what they were set to."""
+    """Send a command, unless the board is read-only."""
     if not board.read_only:
         board.command(line)
 
 
 def tell_rest(board: Board) -> None:
-    """Tell a board that what lies on the strip is no finger; if it does not hear it, no harm."""
+    """Let a board take what lies on the strip as its baseline; no error if it does not answer."""
     with contextlib.suppress(SpotsError):
         tell_board(board, "rest")
 
@@ -85,10 +86,10 @@ def tell_rest(board: Board) -> None:
 def ticks(
     board: Board, seconds: float | None, tick_s: float, forget: Callable[[], None]
 ) -> Iterator[Iterator[Touch]]:
-    """Let a board follow the light of its untouched strip, and yield what it feels tick by tick.
+    """Let a board follow its baseline, and yield its readings tick by tick.
 
-    A board that has restarted is told again. After a stop of the process (Ctrl-Z) readings that
-    were taken before it or meanwhile are dropped.
+    After a restart the board gets the setting again. After a stop of the process (Ctrl-Z)
+    readings that were taken before it or meanwhile are dropped.
 
     Parameters
     ----------
@@ -112,10 +113,10 @@ def ticks(
     since_s = -math.inf
     while not board.ended and (end_s is None or board.now_s() < end_s):
         if board.stats.restarts != restarts and not board.read_only:
-            told = board.stats.restarts
+            before = board.stats.restarts
             with contextlib.suppress(SpotsError):  # damaged, either way: at the next tick
                 board.command(_FOLLOW, ANSWER_S)
-                restarts = told
+                restarts = before
         if resumed():
             forget()
             since_s = board.now_s()
@@ -123,5 +124,5 @@ def ticks(
         yield (
             frame
             for frame in frames
-            if isinstance(frame, Touch) and frame.sensor == 0 and frame.time_s >= since_s
+            if isinstance(frame, Touch) and frame.sensor == 0 and (frame.time_s or 0.0) >= since_s
         )

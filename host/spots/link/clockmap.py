@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 
-from .frames import Frame, Text
+from .frames import Reading, Text
 
 _WRAP = 1 << 32
 _TURN_S = _WRAP * 1e-6
 _SURE_S = 60.0  # far more than the clocks can be off
 _TRIPS = 64
-# Trips that lie closer together tell nothing of a drift; no pair of crystals drifts more.
+# Trips that lie closer together show no drift; no pair of crystals drifts more.
 _DRIFT_US = 30_000_000
 _DRIFT_MOST = 300e-6
 _HALVINGS = 60
@@ -54,7 +55,7 @@ class ClockMap:
         self._last_us += step
         return self._last_us
 
-    def state(self) -> dict:
+    def state(self) -> dict[str, float]:
         """Return all that it knows, so that `resume` maps later times to the same floats."""
         return {
             "last_us": self._last_us,
@@ -74,7 +75,7 @@ class ClockMap:
         clock._at_us, clock._slope = at_us, slope
         return clock
 
-    def timed(self, frame: Frame, arrived_s: float) -> Frame:
+    def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:
         """Return a board's frame with its host time; a text has none."""
         if isinstance(frame, Text):
             return frame
@@ -117,7 +118,7 @@ class ClockMap:
         return host_s
 
     def began_anew(self, sent_s: float, t_us: int, received_s: float) -> bool:
-        """Return whether a time told between two moments cannot be that of the same start."""
+        """Return whether a time between two moments shows that the board restarted."""
         if self._high_s == float("inf"):
             return False
         told_s = t_us * 1e-6
@@ -136,7 +137,7 @@ class ClockMap:
             self._last_us += max(0, int((age_s + _SURE_S) // _TURN_S)) * _WRAP
         return self._last_us
 
-    def _offset_s(self, board_us: int) -> float:
+    def _offset_s(self, board_us: Any) -> Any:
         middle_s = (self._low_s + self._high_s) / 2
         return middle_s + self._slope * ((board_us - self._at_us) * 1e-6)
 

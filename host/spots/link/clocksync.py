@@ -1,4 +1,4 @@
-"""When to ask a board for its time beside all else, and what its answers told."""
+"""Schedule of clock questions to a board, and their answers."""
 
 from __future__ import annotations
 

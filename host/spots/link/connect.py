@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Sequence
+from os import PathLike, fspath
+from typing import Any
+
 from spots_device.calibration import Calibration, CalibrationError
 from spots_device.conditions import Conditions
-from spots_device.settings import checksum
+from spots_device.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import SpotsError
 from .board import Board
@@ -13,13 +18,17 @@ from .serial_link import SerialLink, usb_boards, usb_ports
 
 
 def open(
-    port: str | None = None, *, sensor: str = "default", scenario: str = "demo", seed: int = 0
+    port: str | PathLike[str] | None = None,
+    *,
+    sensor: str = "default",
+    scenario: str = "demo",
+    seed: int = 0,
 ) -> Board:
     """Open a board.
 
     Parameters
     ----------
-    port : str, optional
+    port : str or Path, optional
         A serial port, or one of a scheme, see `ports`: ``"virtual"`` starts a simulated board in
         real time, ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` is a board that `spots
         publish` publishes on another machine, ``"zenoh:"`` the only one. If not given, every USB
@@ -39,6 +48,7 @@ def open(
     SpotsError
         If no board, or more than one, is there, or an argument is wrong; the text says what to do.
     """
+    port = fspath(port) if port is not None else None
     module, rest = scheme(port)
     if module is not None:
         return module.open_port(rest, sensor=sensor, scenario=scenario, seed=seed)
@@ -56,7 +66,7 @@ def open(
     return found[0]
 
 
-def open_named(options) -> Board:
+def open_named(options: Namespace) -> Board:
     """Open the board that a command's options name by port, sensor, scenario and seed."""
     return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
 
@@ -69,9 +79,10 @@ def find() -> tuple[list[Board], list[str]]:
     boards : list of Board
         Those that answered, open.
     reasons : list of str
-        Why the others are none.
+        Why the others are not SPOTS boards.
     """
-    boards, reasons = [], []
+    boards: list[Board] = []
+    reasons: list[str] = []
     for ports in usb_boards():
         for port in reversed(ports):
             try:
@@ -82,9 +93,9 @@ def find() -> tuple[list[Board], list[str]]:
     return boards, reasons
 
 
-def survey() -> list[dict]:
+def survey() -> list[dict[str, str]]:
     """Ask every USB serial port who it is; return port, USB device and answer of each."""
-    rows = []
+    rows: list[dict[str, str]] = []
     for port in usb_ports():
         try:
             with Board(SerialLink(port.device)) as board:
@@ -95,7 +106,7 @@ def survey() -> list[dict]:
     return rows
 
 
-def prepare(board: Board, calibration) -> None:
+def prepare(board: Board, calibration: Sequence[str]) -> None:
     """Set a board as a calibration was made, and give it the calibration.
 
     Parameters
@@ -110,15 +121,14 @@ def prepare(board: Board, calibration) -> None:
         As `upload` does, or if the board refuses the settings.
     """
     made = _checked(calibration).conditions
-    board.command(
-        f"set gain={made.gain} exposure_us={made.exposure_us} led_mA={made.led_mA} "
-        f"plan={','.join(made.plan)}"
+    board.set(
+        gain=made.gain, exposure_us=made.exposure_us, led_mA=made.led_mA, plan=list(made.plan)
     )
     upload(board, calibration)
 
 
-def upload(board: Board, calibration) -> None:
-    """Give a board a calibration, which it uses from then on and forgets unless told to save.
+def upload(board: Board, calibration: Sequence[str]) -> None:
+    """Give a board a calibration, which it uses at once and forgets without ``save``.
 
     Parameters
     ----------
@@ -129,8 +139,8 @@ def upload(board: Board, calibration) -> None:
     Raises
     ------
     SpotsError
-        If it is none, was made on another board or at other settings; the board keeps what it
-        has.
+        If it is invalid, was made on another board or at other settings; the board keeps its
+        own.
     """
     made = _checked(calibration)
     i = board.command("hello")
@@ -141,11 +151,13 @@ def upload(board: Board, calibration) -> None:
     board.command("cal begin")
     for line in calibration:
         board.command("cal " + line)
-    board.command("cal end " + checksum(calibration))
+    name: str = checksum(calibration)
+    board.command("cal end " + name)
     board.calibration = list(calibration)
+    board.info["calibration"], board.info["length_um"] = name, made.length_um
 
 
-def _checked(calibration) -> Calibration:
+def _checked(calibration: Sequence[str]) -> Any:
     try:
         return Calibration(calibration)
     except CalibrationError as error:

@@ -5,13 +5,15 @@ One decoder serves live links, recordings and the simulator.
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Union
+from typing import Any, NamedTuple, Union
 
 import msgspec
-from cobs import cobs
+from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 
 from spots_device import decode, frame
 from spots_device.kernel import CRC_SIZE
@@ -34,9 +36,18 @@ def whole(data: bytes) -> int:
     return len(data) if not size and len(data) > ENCODED_MAX else size
 
 
-_DOUBTFUL = (
+DOUBTFUL = (
     decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
 )
+
+
+# Of these a board sends 0 as position and force.
+_BLIND = decode.NOT_CALIBRATED | decode.LED_OFF
+
+
+def _log2(value_q20: int, flags: int) -> float:
+    unknown = not value_q20 and flags & (_BLIND | decode.TOO_DARK)
+    return math.nan if unknown else value_q20 / (1 << 20)
 
 
 class Touch(NamedTuple):
@@ -54,13 +65,20 @@ class Touch(NamedTuple):
         Bits of `spots_device.decode`.
     contrast_q20, brightness_q20 : int
         log2 units times 2**20; see the properties.
-    position_um : int
-        Distance of the press from the sensor's end of the strip.
-    force_mN : int
-        Force of the press.
+    position_um : float
+        Distance of the press from the sensor's end of the strip; NaN without a touch, and where
+        the LED was off.
+    force_mN : float
+        Force of the press; NaN without a calibration, and where the LED was off.
     time_s : float or None
         The same moment on the host's monotonic clock, where the link knows it. The clocks are
         compared when the board is opened, and now and then while it streams.
+
+    Examples
+    --------
+    >>> touch = Touch(0, 1, 5000, 9, 0, 0, 42_000, 1500, 1.25)
+    >>> touch.trusted, touch.position_um / 1000
+    (True, 42.0)
     """
 
     sensor: int
@@ -69,8 +87,8 @@ class Touch(NamedTuple):
     flags: int
     contrast_q20: int
     brightness_q20: int
-    position_um: int
-    force_mN: int
+    position_um: float
+    force_mN: float
     time_s: float | None = None
 
     @property
@@ -80,18 +98,18 @@ class Touch(NamedTuple):
 
     @property
     def trusted(self) -> bool:
-        """Whether position and force hold: touching, and nothing in the flags against it."""
-        return self.touching and not self.flags & _DOUBTFUL
+        """Whether position and force are valid: touching, and no flag against it."""
+        return self.touching and not self.flags & DOUBTFUL
 
     @property
     def contrast(self) -> float:
-        """Position contrast, in units of log2."""
-        return self.contrast_q20 / (1 << 20)
+        """Position contrast, in units of log2; NaN where the light does not give one."""
+        return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Brightness, in units of log2 counts."""
-        return self.brightness_q20 / (1 << 20)
+        """Brightness, in units of log2 counts; NaN where the light does not give one."""
+        return _log2(self.brightness_q20, self.flags)
 
 
 class Spectrum(NamedTuple):
@@ -103,6 +121,11 @@ class Spectrum(NamedTuple):
         Register code 0 to 10 for 0.5x to 512x.
     counts : tuple of int
         ADC 0 to 5, in the order of the board's channel plan.
+
+    Examples
+    --------
+    >>> max(Spectrum(0, 1, 5000, 9, 9, (3, 5, 8, 13, 21, 34)).counts)
+    34
     """
 
     sensor: int
@@ -125,6 +148,11 @@ class Key(NamedTuple):
         As in a USB HID report of that page.
     pressed : bool
         Whether it goes down.
+
+    Examples
+    --------
+    >>> Key(0, 1, 5000, page=7, usage=4, modifiers=0, pressed=True).usage
+    4
     """
 
     sensor: int
@@ -138,12 +166,18 @@ class Key(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A reply to a command, or a log line."""
+    """A reply to a command, or a log line.
+
+    Examples
+    --------
+    >>> Text(0, 1, 5000, {"log": "error", "text": "no sensor"}).content["text"]
+    'no sensor'
+    """
 
     sensor: int
     sequence: int
     t_us: int
-    content: dict
+    content: dict[str, Any]
 
 
 class Note(NamedTuple):
@@ -154,14 +188,20 @@ class Note(NamedTuple):
     since_us : int
         Host time since the recording began; 48 bits.
     content : dict
-        What the recorder tells; empty where it only tells the time.
+        What the recorder notes; empty where it only notes the time.
+
+    Examples
+    --------
+    >>> Note(1_500_000, {"end": True}).since_us / 1e6
+    1.5
     """
 
     since_us: int
-    content: dict
+    content: dict[str, Any]
 
 
-Frame = Union[Touch, Spectrum, Key, Text, Note]
+Reading = Union[Touch, Spectrum, Key]  # what a board streams
+Frame = Union[Reading, Text, Note]
 
 
 @dataclass
@@ -171,17 +211,23 @@ class LinkStats:
     Attributes
     ----------
     frames : int
-        Good frames, those of unknown kinds included; notes are none.
+        Good frames, those of unknown kinds included; notes do not count.
     lost : int
         Frames that are missing, by their sequence numbers.
     bad_crc : int
-        Pieces between two delimiters that were no good frame.
+        Pieces between two delimiters that were damaged.
     bytes : int
         All bytes received.
     restarts : int
         How often `Board` found that the board had begun anew.
     overrun : int
         Frames that `Board` dropped, since the program did not take them in time.
+
+    Examples
+    --------
+    >>> stats = LinkStats(frames=99, lost=1)
+    >>> stats.lost / (stats.frames + stats.lost)
+    0.01
     """
 
     frames: int = 0
@@ -193,16 +239,24 @@ class LinkStats:
 
 
 class Decoder:
-    """Frames out of a byte stream, whatever happens to it.
+    """Decodes a byte stream into frames, however damaged it is.
 
-    A piece that fails its CRC is counted and dropped; the next delimiter starts anew. Memory is
+    A piece that fails its CRC is counted and dropped; the next delimiter resynchronises. Memory is
     bounded by the longest frame.
 
     Attributes
     ----------
     stats : LinkStats
     restarts : int
-        How often the board has restarted, as far as it was told by `restarted` or by notes.
+        How often the board has restarted, as reported by `restarted` or by notes.
+
+    Examples
+    --------
+    >>> decoder = Decoder()
+    >>> decoder.feed(b"noise, then a delimiter" + bytes(1))
+    []
+    >>> decoder.stats.bad_crc
+    1
     """
 
     def __init__(self):
@@ -210,7 +264,7 @@ class Decoder:
         self.restarts = 0
         self._rest = b""
         self._overlong = False
-        self._expected = None
+        self._expected: int | None = None
         self._lost_at_reading = 0
 
     @property
@@ -226,7 +280,7 @@ class Decoder:
         """Take bytes in pieces of any size and return the frames that they complete."""
         self.stats.bytes += len(data)
         *pieces, rest = (self._rest + data).split(b"\0")
-        frames = []
+        frames: list[Frame] = []
         for piece in pieces:
             if self._overlong:
                 self._overlong = False
@@ -240,17 +294,17 @@ class Decoder:
         return frames
 
     def restarted(self, restarts: int) -> None:
-        """Take note of how often the board has restarted by now.
+        """Record how often the board has restarted by now.
 
-        If that is more often than before, it counts its frames from 0 again, and what seemed to be
-        lost since its last reading is none: until it is told to stream again there are no others.
+        If that is more often than before, it counts its frames from 0 again. Then nothing was lost
+        since its last reading: it sends no readings until its streams are started again.
         """
         if restarts > self.restarts:
             self.restarts = restarts
             self.stats.lost = min(self.stats.lost, self._lost_at_reading)
 
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
-        # However it was cut into pieces, what is longer than any frame is none.
+        # However it was cut into pieces, what is longer than any frame is invalid.
         payload = checked(piece) if len(piece) <= ENCODED_MAX else None
         if payload is None:
             self.stats.bad_crc += 1
@@ -264,14 +318,15 @@ class Decoder:
         if parse is not None:
             try:
                 body = payload[frame.HEADER_SIZE :]
-                frames.append(parse(kind >> 4, sequence, low | high << 16, body))
+                found = parse(kind >> 4, sequence, low | high << 16, body)
             except (struct.error, ValueError):
                 self.stats.bad_crc += 1
             else:
-                if kind & 0x0F == NOTE:
-                    self._noted(frames[-1].content)
+                frames.append(found)
+                if isinstance(found, Note):
+                    self._noted(found.content)
 
-    def _noted(self, content: dict) -> None:
+    def _noted(self, content: dict[str, Any]) -> None:
         restarts = content.get("restarts")
         if isinstance(restarts, int):
             self.restarted(restarts)
@@ -288,7 +343,7 @@ class Decoder:
 def checked(piece: bytes) -> bytes | None:
     """Return what a piece between two delimiters carries, None if it is damaged."""
     try:
-        payload = cobs.decode(piece)
+        payload = cobs.decode(piece)  # pyright: ignore[reportUnknownMemberType]
     except cobs.DecodeError:
         return None
     if len(payload) < frame.HEADER_SIZE + CRC_SIZE:
@@ -297,34 +352,39 @@ def checked(piece: bytes) -> bytes | None:
     return body if _CRC.pack(zlib.crc32(body)) == crc else None
 
 
-def _touch(sensor, sequence, t_us, body):
-    return Touch(sensor, sequence, t_us, *_TOUCH.unpack(body))
+def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:
+    flags, contrast, brightness, position_um, force_mN = _TOUCH.unpack(body)
+    if flags & _BLIND or not flags & decode.TOUCHING:
+        position_um = math.nan
+    if flags & _BLIND:
+        force_mN = math.nan
+    return Touch(sensor, sequence, t_us, flags, contrast, brightness, position_um, force_mN)
 
 
-def _spectrum(sensor, sequence, t_us, body):
+def _spectrum(sensor: int, sequence: int, t_us: int, body: bytes) -> Spectrum:
     flags, gain, *counts = _SPECTRUM.unpack(body)
     return Spectrum(sensor, sequence, t_us, flags, gain, tuple(counts))
 
 
-def _key(sensor, sequence, t_us, body):
+def _key(sensor: int, sequence: int, t_us: int, body: bytes) -> Key:
     page, usage, modifiers, pressed = _KEY.unpack(body)
     return Key(sensor, sequence, t_us, page, usage, modifiers, bool(pressed))
 
 
-def _text(sensor, sequence, t_us, body):
+def _text(sensor: int, sequence: int, t_us: int, body: bytes) -> Text:
     return Text(sensor, sequence, t_us, _object(body))
 
 
-def _note(sensor, sequence, t_us, body):
+def _note(sensor: int, sequence: int, t_us: int, body: bytes) -> Note:
     return Note(sequence << 32 | t_us, _object(body) if body else {})
 
 
-def _object(body):
-    return msgspec.json.decode(body, type=dict)
+def _object(body: bytes) -> dict[str, Any]:
+    return msgspec.json.decode(body, type=dict[str, Any])
 
 
-# By kind: sensor, sequence, time and body to a frame; struct.error or ValueError if it is none.
-PARSERS = {
+# By kind: sensor, sequence, time and body to a frame; struct.error or ValueError if invalid.
+PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TOUCH: _touch,
     frame.SPECTRUM: _spectrum,
     frame.KEY: _key,

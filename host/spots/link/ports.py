@@ -25,8 +25,12 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 from types import ModuleType
+from typing import Any
+
+from ..errors import missing
 
 GROUP = "spots.ports"
+_SIMULATED = "virtual"
 _FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # of our own
 
 
@@ -55,14 +59,24 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
     module : module or None
         None for a serial port, and for None.
     rest : str
+
+    Raises
+    ------
+    SpotsError
+        If what the scheme needs is not installed.
     """
-    name = scheme_name(port)
-    if not name:
-        return None, port or ""
-    (entry,) = entry_points(group=GROUP, name=name)
-    return entry.load(), port[len(name) + 1 :]
+    name, _, rest = (port or "").partition(":")
+    try:
+        for entry in entry_points(group=GROUP, name=name):
+            return entry.load(), rest
+    except ImportError:
+        if name != _SIMULATED:
+            raise
+    if name == _SIMULATED:
+        raise missing(f"port '{name}' needs", "the simulator", "virtual")
+    return None, port or ""
 
 
-def offered(port: str | None, what: str):
+def offered(port: str | None, what: str) -> Any:
     """Return a function that a port's scheme may have, or None."""
     return getattr(scheme(port)[0], what, None)

@@ -6,7 +6,7 @@ import errno
 import sys
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import serial
 from serial.tools import list_ports
@@ -16,9 +16,8 @@ from ..errors import PortLostError, RefusedError, SpotsError
 try:
     import termios
 except ImportError:  # Windows has none
-    _FAILURES = (serial.SerialException, OSError)
-else:
-    _FAILURES = (serial.SerialException, OSError, termios.error)
+    termios = None
+_FAILURES = (serial.SerialException, OSError, *([termios.error] if termios else []))
 
 WRITE_TIMEOUT_S = 2.0
 _CHUNK = 4096  # bytes of a socket at once
@@ -30,15 +29,20 @@ def takes_nothing(port: str) -> str:
 
 
 class Link(Protocol):
-    """What a board is talked to over. Owns no protocol logic."""
+    """Bytes to and from a board. Owns no protocol logic."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Name of the port."""
+        ...
 
     def now_s(self) -> float:
         """Return the host's time by this link's clock."""
+        ...
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has arrived, waiting up to `timeout_s` for a first byte."""
+        ...
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
@@ -141,7 +145,7 @@ class SerialLink:
 
     def __init__(self, port: str):
         self.name = port
-        self._serial = None
+        self._serial: Any = None
         self._is_url = "://" in port
         self._turn = 0
         # A port of the same number is that of the same device, whatever the port is called.
@@ -230,9 +234,10 @@ class SerialLink:
             self._serial.close()
 
 
-def usb_ports() -> list:
+def usb_ports() -> list[Any]:
     """Return pyserial's `ListPortInfo` of the serial ports that are USB devices."""
-    return sorted(port for port in list_ports.comports() if port.vid is not None)
+    ports: list[Any] = list(list_ports.comports())
+    return sorted(port for port in ports if port.vid is not None)
 
 
 def _usb_numbers() -> dict[str, str | None]:
@@ -241,7 +246,7 @@ def _usb_numbers() -> dict[str, str | None]:
 
 def usb_boards() -> list[list[str]]:
     """Return the serial ports of each USB device; that with a prompt first, for frames last."""
-    boards: dict = {}
+    boards: dict[str, list[str]] = {}
     for port in usb_ports():
         boards.setdefault(port.serial_number or port.device, []).append(port.device)
     return list(boards.values())

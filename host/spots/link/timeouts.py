@@ -1,14 +1,19 @@
 """Timeouts and back-off while a board is silent or unplugged, by the clock of its link.
 
 From the moment at which readings stop: the board is asked after `ASK_S`, applications release what
-they hold after `RELEASE_S`, the board counts as stalled after `STALLED_S`, and the page closes it
-and searches again after `SEARCH_S`. Where the port is unplugged, it is looked for with a growing
-back-off, and `Board.frames` raises an error after `PATIENCE_S`.
+they hold after `RELEASE_S`, the board counts as stalled after `STALLED_S`, and the web UI closes it
+and searches again after `SEARCH_S`. An unplugged port is looked for with a growing back-off, and
+`Board.frames` raises an error after `PATIENCE_S`.
 """
 
 from __future__ import annotations
 
-# Of slow boards: none of ASK_S, STALLED_S and SEARCH_S is over before so many readings are missed.
+# States of a link. Whoever has no board yet is searching for one.
+SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
+LOST, REFUSED = "lost", "refused"
+
+_NEVER = float("inf")
+# On slow boards ASK_S, STALLED_S and SEARCH_S last until so many readings are missing.
 _SILENT_READINGS = 3
 
 ASK_S = 0.15
@@ -36,12 +41,16 @@ def silent_s(least_s: float, every_s: float) -> float:
     return max(least_s, _SILENT_READINGS * every_s)
 
 
-class Silence:
-    """How long nothing has come from a board whose port is there.
+class LinkLoss:
+    """State machine of a link that may stall or be unplugged.
+
+    While readings are expected, it is ``connected`` until none has come for `STALLED_S`, then
+    ``stalled``. An unplugged port makes it ``lost``; ``refused`` while another board is there.
 
     Parameters
     ----------
     now_s : float
+        By the clock of the link, as all times here.
 
     Attributes
     ----------
@@ -50,74 +59,85 @@ class Silence:
     ask_s : float
         When to ask, if nothing comes.
     first_asked_s : float
-        When the first question was sent since it was heard.
+        When the first question since the last frame was sent.
+    is_open : bool
+        Whether an unplugged port is open again, and the board behind it not known yet.
+    asked : int
+        Questions without an answer.
     """
 
     def __init__(self, now_s: float):
         self.every_s = 0.0
-        self.ask_s = now_s
-        self.first_asked_s = now_s
-        self._asked = 0
-        self._stalled_s = float("inf")
+        self.ask_s = self.first_asked_s = now_s
+        self.is_open = self._refused = False
+        self.asked = 0
+        self._expected_s = _NEVER  # when the last reading came, or readings began
+        self._unplugged_s = self.reopen_s = _NEVER
+
+    @property
+    def unplugged(self) -> bool:
+        """Whether the port is not there, or the board behind it not known yet."""
+        return self._unplugged_s < _NEVER
+
+    def state(self, now_s: float) -> str:
+        """Return `CONNECTED`, `STALLED`, `LOST` or `REFUSED`."""
+        if self.unplugged:
+            return REFUSED if self._refused else LOST
+        return STALLED if self.silent(now_s, STALLED_S) else CONNECTED
+
+    def silent(self, now_s: float, least_s: float) -> bool:
+        """Return whether no reading has come for `least_s`, or three readings if that is more."""
+        return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
-        """Record that anything came."""
-        self._asked = 0
+        """Record a frame of any kind."""
+        self.asked = 0
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
-    def read(self, now_s: float) -> None:
-        """Record a reading, or that readings begin now."""
-        self._stalled_s = now_s + silent_s(STALLED_S, self.every_s)
-
-    def stalled(self, now_s: float) -> bool:
-        """Return whether readings should have come."""
-        return now_s > self._stalled_s
+    def expect(self, now_s: float = _NEVER) -> None:
+        """Record a reading, or that readings begin now; without a time, that none will come."""
+        self._expected_s = now_s
 
     def asking(self, now_s: float) -> None:
         """Record a question that is sent now."""
-        if self._asked == 0:
+        if self.asked == 0:
             self.first_asked_s = now_s
-        self._asked += 1
+        self.asked += 1
 
     def unanswered(self, now_s: float) -> None:
         """Record that no answer came to it."""
-        self.ask_s = now_s + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
+        self.ask_s = now_s + min(_ASK_EVERY_S, _ASK_LATER_S * (self.asked - 1))
 
-
-class Away:
-    """A port that was unplugged.
-
-    Parameters
-    ----------
-    now_s : float
-
-    Attributes
-    ----------
-    is_open : bool
-        Whether it is back, and nobody knows yet who is there.
-    asked : int
-        How often who is there was asked since.
-    refused : bool
-        Whether it was another board.
-    """
-
-    def __init__(self, now_s: float):
-        self._since_s = self._due_s = now_s
+    def unplug(self, now_s: float) -> None:
+        """Record that the port is not there any more."""
+        self._unplugged_s = self.reopen_s = now_s
         self._wait_s = _REOPEN_S
+        self.is_open = self._refused = False
+
+    def unplugged_for_s(self, now_s: float) -> float:
+        """Return for how long the port has been unplugged."""
+        return now_s - self._unplugged_s
+
+    def reopened(self) -> None:
+        """Record that the port is open again."""
+        self.is_open, self.asked = True, 0
+
+    def look_later(self, now_s: float, refused: bool) -> bool:
+        """Record that the board was not there; return whether another one is, for the first time.
+
+        Parameters
+        ----------
+        now_s : float
+        refused : bool
+            Whether another board is in its place.
+        """
+        newly, self._refused = refused and not self._refused, refused
         self.is_open = False
-        self.asked = 0
-        self.refused = False
-
-    def for_s(self, now_s: float) -> float:
-        """Return how long it has been away."""
-        return now_s - self._since_s
-
-    def due_in_s(self, now_s: float) -> float:
-        """Return how long to wait before it is looked for; not positive if it is time."""
-        return self._due_s - now_s
-
-    def look_later(self, now_s: float) -> None:
-        """Record that it was not there, or not the right one."""
-        self.is_open = False
-        self._due_s = now_s + self._wait_s
+        self.reopen_s = now_s + self._wait_s
         self._wait_s = min(2 * self._wait_s, _REOPEN_MOST_S)
+        return newly
+
+    def plug(self, now_s: float) -> None:
+        """Record that the board is back: whether it has restarted is asked at once."""
+        self._unplugged_s = _NEVER
+        self.ask_s = self._expected_s = now_s

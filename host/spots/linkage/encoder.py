@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple
 
+from ..calibrate.calibration_file import Joint, load
 from ..errors import SpotsError
 from ..link.clockmap import ClockMap
 from ..link.frames import Touch
-
-if TYPE_CHECKING:
-    from ..calibrate.calibration_file import Joint
 
 _WINDOW_LEAST, _WINDOW = 3, 8  # readings that make a velocity
 _CLEAR = 10.0  # standard errors, from which on a velocity needs no more readings
@@ -62,8 +62,8 @@ class Encoder:
 
     Parameters
     ----------
-    joint : calibrate.file.Joint
-        What ``spots calibrate joint`` found; of a calibration file, its ``joint``.
+    joint : str, Path or calibrate.calibration_file.Joint
+        The calibration file that ``spots calibrate joint`` wrote, or its ``joint``.
     offset_rad, gain : float
         The angle is ``offset_rad + gain * angle`` of the joint's own calibration: how it is
         mounted, see `kinematics`.
@@ -73,6 +73,13 @@ class Encoder:
     SpotsError
         If there is no joint in the calibration, or the gain is 0.
 
+    Examples
+    --------
+    >>> encoder = spots.Encoder("joint.toml")  # doctest: +SKIP
+    >>> with spots.open() as board:  # doctest: +SKIP
+    ...     for touch in board.touches():
+    ...         print(encoder.take(touch))
+
     Notes
     -----
     With backlash between joint and indenter, the indenter lags by half of it in either direction.
@@ -80,7 +87,14 @@ class Encoder:
     that way, and half of it is added or subtracted.
     """
 
-    def __init__(self, joint: Joint, offset_rad: float = 0.0, gain: float = 1.0):
+    def __init__(
+        self,
+        joint: Joint | str | PathLike[str] | None,
+        offset_rad: float = 0.0,
+        gain: float = 1.0,
+    ):
+        if isinstance(joint, (str, PathLike)):
+            joint = load(Path(joint)).joint
         if joint is None:
             raise SpotsError("the calibration holds no joint: run 'spots calibrate joint'")
         if not (math.isfinite(offset_rad) and math.isfinite(gain) and gain):

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,9 +50,11 @@ class _Table:
         Names and types of the body's values, in the order of the wire.
     """
 
-    def __init__(self, body: str, columns: list[tuple]):
+    def __init__(self, body: str, columns: list[tuple[Any, ...]]):
         self.size = _SIZE_MIN + struct.calcsize("<" + body)
-        self.dtype = np.dtype(_HEADER + columns, align=True)
+        header: list[Any] = [*_HEADER, *columns]
+        self.dtype = np.dtype(header, align=True)
+        self._fields: Any = self.dtype.fields
         self._wire = list(_WIRE_HEADER)
         at = frame.HEADER_SIZE
         for (name, *_), part in zip(columns, re.findall(r"\d*\D", body)):
@@ -64,13 +66,13 @@ class _Table:
         """Return payloads, each a column of bytes, as rows."""
         rows = np.zeros((columns.shape[1], self.dtype.itemsize), np.uint8)
         for name, at, size in self._wire:
-            offset = self.dtype.fields[name][1]
+            offset = self._fields[name][1]
             rows[:, offset : offset + size] = columns[at : at + size].T
         array = rows.view(self.dtype)[:, 0]
         array["sensor"] = columns[0] >> 4
         array["time_s"], array["arrived_s"] = time_s, arrived_s
-        if "pressed" in self.dtype.fields:
-            pressed = self.dtype.fields["pressed"][1]
+        if "pressed" in self._fields:
+            pressed = self._fields["pressed"][1]
             rows[:, pressed] = rows[:, pressed] != 0  # on the wire, true is whatever is not 0
         return array
 
@@ -129,7 +131,7 @@ class _BlockDecoder(Decoder):
         starts, sizes = starts[sizes > 0], sizes[sizes > 0]
         headers = np.zeros((frame.HEADER_SIZE, len(sizes)), np.uint8)
         good = np.zeros(len(sizes), bool)
-        groups = {}
+        groups: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         counts = np.bincount(np.minimum(sizes, ENCODED_MAX + 1))
         for size in range(_SIZE_MIN, min(len(counts), ENCODED_MAX + 1)):
             if not counts[size]:
@@ -145,21 +147,23 @@ class _BlockDecoder(Decoder):
         sequence, low, high = headers[1:].T.copy().view("<u2").T.astype(np.int64)
         t_us = low | high << 16
         self.stats.bad_crc += len(good) - int(good.sum())
-        tables = {}
+        tables: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         for kind, table in _TABLES.items():
             where, columns = groups.get(table.size, _NOTHING)
             of_kind = kinds[where] == kind
             tables[kind] = where[of_kind], columns if of_kind.all() else columns[:, of_kind]
             self.stats.bad_crc += int(np.sum(kinds == kind)) - int(np.sum(of_kind))
         bare = (kinds == NOTE) & (sizes == _SIZE_MIN)
-        odd = []
+        odd: list[tuple[int, Text | Note]] = []
         for at in np.flatnonzero((kinds == frame.TEXT) | (kinds == NOTE) & ~bare).tolist():
-            body = checked(stream[starts[at] : starts[at] + sizes[at]].tobytes())
+            body = checked(stream[starts[at] : starts[at] + sizes[at]].tobytes()) or b""
             header = int(headers[0, at]) >> 4, int(sequence[at]), int(t_us[at])
             try:
-                odd.append((at, PARSERS[kinds[at]](*header, body[frame.HEADER_SIZE :])))
+                one: Any = PARSERS[kinds[at]](*header, body[frame.HEADER_SIZE :])
             except ValueError:
                 self.stats.bad_crc += 1
+            else:
+                odd.append((at, one))
         notes = [at for at, one in odd if isinstance(one, Note)]
         notes_at = np.sort(np.concatenate((np.flatnonzero(bare), notes)).astype(np.int64))
         self._count_all(kinds, sequence, odd)
@@ -180,7 +184,9 @@ class _BlockDecoder(Decoder):
             self._overlong, self._rest = True, b""
         return np.frombuffer(data, np.uint8)[begin:end]
 
-    def _count_all(self, kinds: np.ndarray, sequence: np.ndarray, odd: list) -> None:
+    def _count_all(
+        self, kinds: np.ndarray, sequence: np.ndarray, odd: list[tuple[int, Text | Note]]
+    ) -> None:
         counted = np.flatnonzero((kinds != NOTE) & (kinds != _DAMAGED))
         if len(counted):
             sequence = sequence[counted]
@@ -222,7 +228,7 @@ def _one_by_one(data: np.ndarray, starts: np.ndarray, size: int) -> tuple[np.nda
 class Arrays:
     """Frames of a recording, or of a block of it, as structured arrays.
 
-    Integers are those of the frames, also where a reading is not to be trusted: see ``flags``,
+    Integers are those of the wire: position and force are 0 where `Touch` has NaN. See ``flags``,
     bits of `spots_device.decode`. Rows are in the order in which the frames arrived. All three
     begin with the same columns:
 
@@ -249,6 +255,12 @@ class Arrays:
         Replies and log lines, with ``arrived_s``.
     stats : LinkStats
         What the recorded link lost, from the beginning of the recording to the end of the block.
+
+    Examples
+    --------
+    >>> from spots import read_arrays
+    >>> read_arrays("run.spots").touches["force_mN"].max()  # doctest: +SKIP
+    3120
     """
 
     touches: np.ndarray
@@ -264,13 +276,21 @@ class RecordingBlocks(Recording):
     Memory is bounded: a block is of 256 KiB of the file. What is not in the arrays
     is in the attributes of `Recording`.
 
+    Attributes
+    ----------
+    order : ndarray of int
+        Of the frames of the latest block, in the order of the file: which of the four fields of
+        `Arrays` has the next one.
+
+    Examples
+    --------
     >>> from spots import RecordingBlocks
     >>> blocks = RecordingBlocks("run.spots")             # doctest: +SKIP
     >>> max(block.touches["force_mN"].max(initial=0) for block in blocks)  # doctest: +SKIP
     3120
     """
 
-    def __iter__(self) -> Iterator[Arrays]:
+    def __iter__(self) -> Iterator[Arrays]:  # pyright: ignore[reportIncompatibleMethodOverride]
         for path, header, block in self._blocks(_BLOCK_BYTES):
             yield self._arrays(path, header, self._decoder.feed_block(block))
 
@@ -282,7 +302,7 @@ class RecordingBlocks(Recording):
         for where, _ in found.tables.values():
             timed[where] = True
         time_s, mapped = np.empty(count), 0
-        texts = []
+        texts: list[tuple[float, Text]] = []
         for at, one in [*found.odd, (count, None)]:
             if isinstance(one, Text):
                 texts.append((float(arrived_s[at]), one))
@@ -295,11 +315,16 @@ class RecordingBlocks(Recording):
                 self._note(path, header, one)
         self.notes += len(found.notes_at) - sum(isinstance(one, Note) for _, one in found.odd)
         self.end_s = float(arrivals_s[-1])
-        tables = [
+        kinds = np.full(count, -1)
+        for i, (where, _) in enumerate(found.tables.values()):
+            kinds[where] = i
+        kinds[[at for at, one in found.odd if isinstance(one, Text)]] = len(found.tables)
+        self.order = kinds[kinds >= 0]
+        touches, spectra, keys = (
             _TABLES[kind].array(columns, time_s[where], arrived_s[where])
             for kind, (where, columns) in found.tables.items()
-        ]
-        return Arrays(*tables, texts, replace(self.stats))
+        )
+        return Arrays(touches, spectra, keys, texts, replace(self.stats))
 
     def _restart(self) -> None:
         super()._restart()
@@ -328,7 +353,8 @@ class _Growing:
 def read_arrays(path: str | Path) -> Arrays:
     """Read a recording, or a set of them, as structured arrays.
 
-    They have what iterating over a `Recording` gives, to the last bit; a damaged recording, too.
+    They have what iterating over a `Recording` gives, to the last bit, but 0 for a position or a
+    force that is not known; a damaged recording, too.
     A day at 100 Hz is 8.6 million readings, and 350 MB as ``touches``: where that is too much, see
     `RecordingBlocks`.
 
@@ -358,9 +384,10 @@ def read_arrays(path: str | Path) -> Arrays:
     """
     blocks = RecordingBlocks(path)
     growing = [_Growing(table.dtype) for table in _TABLES.values()]
-    texts = []
+    texts: list[tuple[float, Text]] = []
     for block in blocks:
         for array, rows in zip(growing, (block.touches, block.spectra, block.keys)):
             array.extend(rows)
         texts += block.texts
-    return Arrays(*(array.whole() for array in growing), texts, replace(blocks.stats))
+    touches, spectra, keys = (array.whole() for array in growing)
+    return Arrays(touches, spectra, keys, texts, replace(blocks.stats))

@@ -17,9 +17,9 @@ from numpy.lib import format as npy
 
 from ..atomic import replacing, sync
 from ..errors import SpotsError, missing
+from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .header import Header
-from .recording import Recording
 from .table import Table, rows
 
 # Rows of a table in memory: few, so that an export takes the same for any length.
@@ -55,7 +55,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     -----
     It takes the same memory whatever the recording's length. NPZ takes room on the medium twice.
     """
-    recording = Recording(path)
+    recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
     with ExitStack() as stack:
         files = _Files(stack)

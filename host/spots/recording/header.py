@@ -1,4 +1,4 @@
-"""What a recording tells before its first frame: whose it is, and how its times are meant."""
+"""Header of a recording: its board, its clocks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spots_device import PROTOCOL
 
 from ..errors import SpotsError
 from ..link.frames import Decoder, Note
-from ..link.replies import made_sure
+from ..link.replies import validated
 from .note import note
 
 VERSION = 1
@@ -24,7 +24,7 @@ _COPIES = 2
 _SEARCHED_BYTES = 1 << 17
 
 
-# So long since a clock began, either way: keeps times of 1e-6 s in what a float can tell apart.
+# So long since a clock began, either way: a float still resolves 1e-6 s.
 _Clock_s = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 _Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
 
@@ -97,7 +97,7 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     Raises
     ------
     SpotsError
-        If there is none, or none that this program understands.
+        If there is no header, or it is invalid.
     """
     decoder, pieces, searched = Decoder(), {}, 0
     for block in blocks:
@@ -122,9 +122,9 @@ def _parsed(path: Path, pieces: dict) -> Header:
         text = "".join(pieces[i] for i in range(len(pieces)))
         version = json.loads(text)["recording"]
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
-        info = made_sure("hello", header.info) if header else {}
+        info = validated("hello", header.info) if header else {}
     except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
-        raise SpotsError(f"{path}: the header is none of ours: {error}") from None
+        raise SpotsError(f"{path}: the header is invalid: {error}") from None
     if header is None:
         raise SpotsError(
             f"{path} is a recording of version {version}, this program reads {VERSION}: update it"

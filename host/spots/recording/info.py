@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 
 from ..errors import printable
-from ..link.frames import Key, Spectrum, Text, Touch
 from .arrays import RecordingBlocks
 from .table import TABLES, shown
 
@@ -23,18 +22,17 @@ def summary(path: str | Path) -> dict:
         If it cannot be read.
     """
     recording = RecordingBlocks(path)
-    counts = Counter()
-    for block in shown(recording, every=1):
-        kinds = Touch, Spectrum, Key, Text
-        for kind, found in zip(kinds, (block.touches, block.spectra, block.keys, block.texts)):
-            counts[TABLES[kind].name] += len(found)
+    counts: Counter[str] = Counter()
+    for block in shown(recording):
+        for table, found in zip(TABLES, (block.touches, block.spectra, block.keys, block.texts)):
+            counts[table.name] += len(found)
     stats, header = recording.stats, recording.header
     return {
         "files": [str(path) for path in recording.paths],
         "bytes": recording.size,
         "begun": datetime.fromtimestamp(header.utc_s, timezone.utc).isoformat(),
         "duration_s": round(recording.end_s - header.host_s, 6),
-        "frames": {table.name: counts[table.name] for table in TABLES.values()},
+        "frames": {table.name: counts[table.name] for table in TABLES},
         "lost": stats.lost,
         "bad": stats.bad_crc,
         "restarts": recording.restarts,

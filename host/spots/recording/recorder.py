@@ -19,7 +19,7 @@ from .disk import Disk
 from .header import VERSION, Header, encoded
 from .note import note
 
-# What comes within this time shares a note of when. Shorter tells more and takes more bytes.
+# What comes within this time shares a note of when. Shorter is more precise and takes more bytes.
 ARRIVAL_STEP_S = 0.005
 
 

@@ -59,6 +59,12 @@ class Recording:
     ------
     SpotsError
         If it is no recording, or a file of the set is missing.
+
+    Examples
+    --------
+    >>> from spots import Recording
+    >>> for arrived_s, frame in Recording("run.spots"):  # doctest: +SKIP
+    ...     print(arrived_s, frame)
     """
 
     def __init__(self, path: str | Path):
@@ -122,7 +128,7 @@ def _noted(path: Path, content: object) -> ClockMap:
     try:
         return _resumed(msgspec.convert(content, Clock))
     except msgspec.ValidationError as error:
-        raise SpotsError(f"{path}: a note is none of ours: {error}") from None
+        raise SpotsError(f"{path}: a note is invalid: {error}") from None
 
 
 def _header(path: Path) -> Header:

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.frames import Frame, LinkStats
+from ..link.frames import LinkStats
 from .recorder import Recorder
 from .recording import Recording
 
 # So many at once: a board's queue holds them, however far behind its reader is.
 _PUMPED_FRAMES = 1000
-
-
-class _EndError(SpotsError):
-    pass
 
 
 class _Player:
@@ -78,23 +74,17 @@ class Replay(Board):
     @property
     def ended(self) -> bool:
         """Whether all that was recorded has come."""
-        return self._next is None and not self._frames
+        return self._next is None and not len(self._frames)
 
-    def command(self, line: str, timeout_s: float | None = None) -> dict:
-        """Raises SpotsError for all but ``hello`` and ``stream``, which change nothing."""
+    def _command(self, line: str, timeout_s: float | None = None) -> dict[str, Any]:
+        self._check_open()
         name = line.split()[:1]
         if name == ["hello"]:
-            return self.info
+            return {**self.info}
         if name == ["stream"]:
+            self._loss.expect(self.now_s())
             return {"re": "stream"}
         raise SpotsError(f"{self.port} is a recording: '{line}' is for a board")
-
-    def frames(self, seconds: float | None = None) -> Iterator[Frame]:
-        """Yield what was recorded, until its end or so much of its time is over."""
-        try:
-            yield from super().frames(seconds)
-        except _EndError:
-            return
 
     def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
         """Raises SpotsError: it is one already."""
@@ -112,8 +102,9 @@ class Replay(Board):
         self._next = next(self._entries, None)
 
     def _pump(self, timeout_s: float) -> None:
+        self._check_open()
         if self._next is None:
-            raise _EndError(f"the recording {self.port} has ended")
+            raise SpotsError(f"the recording {self.port} has ended")
         self._link.wait_until(min(self._next[0], self.now_s() + timeout_s))
         now_s = self.now_s()
         for _ in range(_PUMPED_FRAMES):

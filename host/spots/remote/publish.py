@@ -28,7 +28,7 @@ _HEALTH_EVERY_S = 1.0
 
 
 class Publisher:
-    """Publishes a board until it is closed. All that comes from afar are three questions.
+    """Publishes a board until it is closed. It answers three questions and takes nothing else.
 
     Parameters
     ----------
@@ -83,10 +83,10 @@ class Publisher:
                 self._answers.give()
             self._send()
             self._answers.give()
-            self._tell_health()
+            self._publish_health()
 
     def close(self) -> None:
-        """Say that the board is gone."""
+        """Withdraw the board from the network."""
         self._token.undeclare()
         self._answers.close()
         for outlet in self._outlets.values():
@@ -100,7 +100,7 @@ class Publisher:
         utc_s = time.time() - self._board.now_s() + frame.time_s
         kind = type(frame).__name__.lower()
         self._outlet(frame.sensor, kind, encoding=_JSON).put(encode(sample(frame, utc_s)))
-        self._tell_health()
+        self._publish_health()
 
     def _send(self) -> None:
         # Bytes are sent after the board object has looked at them: that it began anew is known.
@@ -120,7 +120,7 @@ class Publisher:
             )
         return outlet
 
-    def _tell_health(self) -> None:
+    def _publish_health(self) -> None:
         now_s = self._board.now_s()
         if now_s >= self._health_due_s:
             self._health_due_s = now_s + _HEALTH_EVERY_S

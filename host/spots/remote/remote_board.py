@@ -36,14 +36,14 @@ class Remote(Board):
         elif name in READ_ONLY:
             reply = self._far.ask(name, timeout_s)
         else:
-            reply = {"error": "it is read from afar; tell it where it is plugged in"}
+            reply = {"error": "it is read-only from here; send it where the board is plugged in"}
         if reply is None:
             return None
         if name == "hello" and "error" in reply:
-            raise SpotsError(f"the board {self.port} does not tell who it is: {reply['error']}")
+            raise SpotsError(f"the board {self.port} does not answer 'hello': {reply['error']}")
         if name == "sync":
             if not isinstance(reply.get("t_us"), int):
-                return None  # its board is away, or it is nobody of ours
+                return None  # its board is away, or it is not a SPOTS publisher
             reply["stream"] = self._listening
         return Text(0, 0, 0, {**reply, "re": name})
 

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
-from ..link.frames import Frame
-from ..recording.table import TABLES
+from ..link.frames import Key, Reading, Spectrum
 
-encode = msgspec.json.Encoder().encode
+encode = msgspec.json.Encoder().encode  # NaN becomes null
 
 
-def sample(frame: Frame, utc_s: float) -> dict:
+def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
     """Return what is published of a reading, a spectrum or a key.
 
     Parameters
     ----------
-    frame : Frame
+    frame : Touch, Spectrum or Key
     utc_s : float
         When it was measured, since 1970.
     """
-    table = TABLES[type(frame)]
-    first = utc_s, frame.sensor, frame.sequence, frame.t_us
-    return dict(zip(_NAMES[table.name], first + table.rest(frame)))
-
-
-_NAMES = {
-    table.name: ("utc_s", *(name for name in table.columns if name not in ("time_s", "arrived_s")))
-    for table in TABLES.values()
-}
+    first = {"utc_s": utc_s, "sensor": frame.sensor, "sequence": frame.sequence, "t_us": frame.t_us}
+    if isinstance(frame, Spectrum):
+        return {**first, "flags": frame.flags, "gain_code": frame.gain, "counts": frame.counts}
+    if isinstance(frame, Key):
+        names = "page", "usage", "modifiers", "pressed"
+    else:
+        names = "touching", "trusted", "position_um", "force_mN"
+        names += "contrast_log2", "brightness_log2", "flags"
+    return first | {name: getattr(frame, name.removesuffix("_log2")) for name in names}

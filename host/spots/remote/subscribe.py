@@ -63,13 +63,13 @@ def _print(mail: Mailbox, written, seconds: float | None) -> None:
             name, data = mail.take()
             text = _text(written, name, data)
             if text is None:
-                print(f"{printable(name)}: none of ours", file=sys.stderr)
+                print(f"{printable(name)}: not a SPOTS message", file=sys.stderr)
             elif text:
                 print(text, flush=True)
 
 
 def _text(written, name: str, data: bytes) -> str | None:
-    """Return a message as a line, empty if it is not to be shown, or None if it is none of ours."""
+    """Return a message as a line, empty if it is not to be shown, or None if it is invalid."""
     try:
         return printable(written(name, decoded(data)))
     except Exception:  # anyone may publish anything under such a name

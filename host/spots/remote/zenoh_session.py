@@ -73,7 +73,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
     Raises
     ------
     SpotsError
-        If there is none in time, or more than one and none was named.
+        If no board is published in time, or there are several and none was named.
     """
     alive: set[str] = set()
     changed = threading.Condition()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from shutil import get_terminal_size
@@ -16,8 +17,8 @@ from rich.text import Text
 from spots_device import decode
 
 from ..errors import printable
-from ..link.board import CONNECTED
 from ..link.frames import Frame, LinkStats, Spectrum, Touch
+from ..link.timeouts import CONNECTED
 
 _FULL_FORCE_MN = 10_000
 _DEFAULT_LENGTH_UM = 85_000
@@ -100,7 +101,7 @@ class StripView:
         touch = self._touch
         columns = strip_columns()
         at = size = -1.0
-        if touch is not None and touch.touching:
+        if touch is not None and _is_felt(touch):
             at = touch.position_um / self._length_um * (columns - 1)
             size = 0.6 + 2.5 * min(touch.force_mN / _FULL_FORCE_MN, 1)
         line = Text("sensor ▐")
@@ -124,7 +125,7 @@ class StripView:
         grid.add_column(justify="right", width=9)
         grid.add_column(justify="right", width=10)
         grid.add_column()
-        held = touch is not None and touch.touching
+        held = touch is not None and _is_felt(touch)
         place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
         force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
         words = " ".join(flag_words(touch)) if touch is not None else ""
@@ -138,7 +139,7 @@ class StripView:
         readings = list(self._trace)[-4 * strip_columns() :]
         line = Text()
         for i in range(0, len(readings), 4):
-            held = [t.position_um for t in readings[i : i + 4] if t.touching]
+            held = [t.position_um for t in readings[i : i + 4] if _is_felt(t)]
             share = sum(held) / len(held) / self._length_um if held else 0
             level = 1 + max(0, min(int(share * 8), 7))
             line.append(_LEVELS[level] if held else " ", style="red")
@@ -199,6 +200,11 @@ def _row(row: dict) -> Text:
     )
 
 
+def _is_felt(touch: Touch) -> bool:
+    # While the LED is off for a dark frame a touch has no place.
+    return touch.touching and not math.isnan(touch.position_um)
+
+
 def flag_words(touch: Touch) -> list[str]:
     """Return the flags of a reading in words."""
     return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
@@ -208,7 +214,7 @@ def plain(touch: Touch, started_s: float) -> str:
     """Return a reading as a line of text, its time counted from `started_s`."""
     time_s = touch.time_s - started_s
     words = " ".join(flag_words(touch))
-    if not touch.touching:
+    if not _is_felt(touch):
         return f"{time_s:8.3f} s  no touch  {words}".rstrip()
     place, force = touch.position_um / 1000, touch.force_mN / 1000
     return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} N  {words}".rstrip()
@@ -220,7 +226,7 @@ def live(console: Console) -> Live:
 
 
 class Pace:
-    """Tells when to redraw, so that drawing never costs readings."""
+    """Limits how often to redraw, so that drawing never costs readings."""
 
     def __init__(self, per_s: float = _REDRAWS_PER_S):
         self._every_s = 1 / per_s

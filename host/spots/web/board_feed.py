@@ -13,11 +13,11 @@ from spots_device.smux import CHANNELS
 from ..errors import RefusedError, SpotsError
 from ..guarded import Guarded
 from ..keyboard.layout import KeyLayout
-from ..link.board import CONNECTED, LOST, REFUSED, SEARCHING, STALLED, Board
+from ..link.board import Board
 from ..link.connect import find, open
 from ..link.frames import Key, Spectrum, Touch
 from ..link.ports import scheme
-from ..link.timeouts import SEARCH_S, silent_s
+from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED
 from ..recording.replay import Replay
 from .expected import expected_shown
 from .feel import Feel, layout_shown
@@ -81,7 +81,7 @@ class BoardReader:
         self._id: str | None = None
         self._known: dict = {}
         self._said: tuple = ()
-        self._heard_s: float | None = None  # by the clock of the process
+        self._board: Board | None = None  # the one that is read
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
@@ -96,9 +96,9 @@ class BoardReader:
             self._thread.join(timeout_s)
 
     def watch(self) -> None:
-        """Report a stalled board; called now and then by another thread."""
-        heard_s = self._heard_s
-        if heard_s is not None and time.monotonic() - heard_s > self._patience_s():
+        """Report a silent board; called now and then by a thread that does not read."""
+        board = self._board
+        if board is not None and board.silent(SEARCH_S):
             self._say(LOST, "no readings come")
 
     def _run(self) -> None:
@@ -118,7 +118,6 @@ class BoardReader:
         return True
 
     def _lost(self, why: str, refused: bool = False) -> None:
-        self._heard_s = None
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
     def _read(self, board: Board) -> None:
@@ -133,7 +132,7 @@ class BoardReader:
             "expected": expected_shown(board, info, settings["dark"]),
             "layout": layout_shown(self._layout) if info.get("length_um") else None,
         }
-        self._heard_s = time.monotonic()
+        self._board = board
         self._say(CONNECTED, "")
         board.when_state_changes(self._take_state)
         feel = Feel(board, info, self._layout, self._state)
@@ -150,13 +149,14 @@ class BoardReader:
                 health.show()
                 if self._recordings:
                     self._recordings.attend(board)
-                if time.monotonic() - self._heard_s > self._patience_s():
-                    if not isinstance(board, Replay) or board.ended:
-                        raise SpotsError("no readings come")
-                    self._say(LOST, "no readings come")  # as it was then; it goes on
+                # A pause in a recording is as it was then; it goes on.
+                paused = isinstance(board, Replay) and not board.ended
+                if board.silent(SEARCH_S) and not paused:
+                    raise SpotsError("no readings come")
                 if board.stats.restarts:
                     return  # it has forgotten its settings, or is another one on the same port
         finally:
+            self._board = None
             feel.release()
             if self._recordings:
                 self._recordings.leave()
@@ -167,7 +167,6 @@ class BoardReader:
         if frame.sensor != 0:
             return
         if isinstance(frame, Touch):
-            self._heard_s = time.monotonic()
             if self._said[0] != CONNECTED:
                 feel.release()
                 self._say(CONNECTED, "")
@@ -180,15 +179,8 @@ class BoardReader:
             feel.take_key(frame)
 
     def _take_state(self, state: str) -> None:
-        if state == CONNECTED:
-            self._heard_s = time.monotonic()  # said with the first reading
-        else:
+        if state != CONNECTED:  # that is shown with the first reading
             self._say(state, _WHY[state])
-
-    def _patience_s(self) -> float:
-        known = self._known
-        every_s = (known.get("exposure_us") or 0) * (known.get("average") or 1) / 1e6
-        return silent_s(SEARCH_S, every_s)
 
     def _say(self, state: str, message: str) -> None:
         said = state, message, self._known.get("port")

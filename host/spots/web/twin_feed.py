@@ -9,8 +9,9 @@ from contextlib import ExitStack
 from functools import partial
 
 from ..keyboard.layout import KeyLayout
-from ..link.board import CONNECTED, Board
+from ..link.board import Board
 from ..link.frames import Touch
+from ..link.timeouts import CONNECTED
 from ..linkage.digital_twin import Terminal, Twin
 from ..linkage.twin_source import DrivenLinkage, check, give, loaded
 from ..terminal.view import Pace

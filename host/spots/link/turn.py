@@ -1,0 +1,70 @@
+"""Whose turn it is: several threads share one link."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+
+class Turn:
+    """A reentrant lock that threads get in the order in which they ask for it.
+
+    Whoever reads a link in a loop takes it again at once: an ordinary lock would starve the others.
+    """
+
+    def __init__(self):
+        self._changed = threading.Condition()
+        self._queue: deque[object] = deque()
+        self._owner = self._depth = 0
+
+    def __enter__(self) -> None:
+        self.take()
+
+    def __exit__(self, *exception: object) -> None:
+        self.give()
+
+    def take(
+        self, timeout_s: float | None = None, unless: Callable[[], bool] = lambda: False
+    ) -> bool:
+        """Return whether the lock was taken.
+
+        Parameters
+        ----------
+        timeout_s : float, optional
+            How long to wait for it; for ever, if not given.
+        unless : callable
+            Ends the wait when it returns True; called when the lock changes hands.
+        """
+        me = threading.get_ident()
+        if self._owner == me:
+            self._depth += 1
+            return True
+        ticket = object()
+        with self._changed:
+            self._queue.append(ticket)
+            try:
+                self._changed.wait_for(lambda: self._is_next(ticket) or unless(), timeout_s)
+                if not self._is_next(ticket):
+                    return False
+                self._owner, self._depth = me, 1
+                return True
+            finally:
+                self._queue.remove(ticket)
+                self._changed.notify_all()
+
+    def give(self) -> None:
+        """Release the lock, as often as it was taken."""
+        with self._changed:
+            self._depth -= 1
+            if not self._depth:
+                self._owner = 0
+                self._changed.notify_all()
+
+    def wake(self) -> None:
+        """Let those who wait look whether their `unless` is true."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def _is_next(self, ticket: object) -> bool:
+        return not self._depth and self._queue[0] is ticket

@@ -1,0 +1,386 @@
+"""What a program does with a board: iterators, callbacks, asyncio, threads, and what is unknown."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+import struct
+import threading
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import spots
+from spots.errors import ClosedError, PortLostError, SpotsError
+from spots.link.board import Board
+from spots.link.frames import Spectrum, Touch
+from spots_device.decode import LED_OFF, NOT_CALIBRATED, TOO_DARK, TOUCHING
+from test_frames import encoded
+from test_restart import StandIn
+
+GIVE_UP_S = 60.0
+ROOT = Path(__file__).parents[2]
+
+
+class Strip(StandIn):
+    """A board that sends what it was told to stream, and keys; each read is one sample."""
+
+    keys = 0
+
+    def __init__(self):
+        super().__init__(0)
+        self.replies["hello"] = {"board": "pico", "keys": self.keys}
+
+    def read(self, timeout_s):
+        if not self._due and not self.gone and self.streams:
+            self.time_s += 0.01
+            if "spectrum" in self.streams:
+                self._due += self._frame(2, struct.pack("<BB6H", 9, 5, *range(6)))
+            if "touch" in self.streams:
+                self._due += self._frame(1, struct.pack("<BiiiH", 9, 0, 0, 42_000, 900))
+            if self.keys:
+                self._due += self._frame(4, struct.pack("<BHBB", 7, 4, 0, 1))
+        return super().read(timeout_s)
+
+
+class Typing(Strip):
+    keys = 1
+
+
+@pytest.fixture
+def strip():
+    link = Strip()
+    return link, Board(link)
+
+
+def take(frames, count):
+    return list(itertools.islice(frames, count))
+
+
+def test_each_iterator_starts_its_stream_and_none_ends_another(strip):
+    link, board = strip
+    spectra = board.spectra()
+    assert link.streams == ["spectrum"]
+    touches = board.touches()
+    assert link.streams == ["spectrum", "touch"]
+    pairs = [(next(touches), next(spectra)) for _ in range(20)]
+    assert all(isinstance(one, Touch) and isinstance(two, Spectrum) for one, two in pairs)
+    for frames in zip(*pairs):
+        assert {b.sequence - a.sequence for a, b in itertools.pairwise(frames[1:])} == {2}
+    assert {type(frame) for frame in take(board.frames(), 10)} == {Touch, Spectrum}
+
+
+def test_frames_starts_all_streams_unless_some_were_chosen(strip):
+    _, board = strip
+    take(board.touches(), 3)
+    assert {type(frame) for frame in take(board.frames(), 10)} == {Touch, Spectrum}
+    board.command("stream touch")
+    assert {type(frame) for frame in take(board.frames(), 10)} == {Touch}
+    board.command("stream off")
+    assert list(board.frames(1.0)) == []
+
+
+def test_what_one_iterator_leaves_is_for_the_next_one(strip):
+    _, board = strip
+    numbers = [touch.sequence for _ in range(20) for touch in take(board.touches(), 3)]
+    assert {b - a for a, b in itertools.pairwise(numbers)} == {1}
+
+
+def test_iterators_end_in_time(strip):
+    link, board = strip
+    began_s = link.now_s()
+    assert 95 <= len(list(board.touches(seconds=1.0))) <= 101
+    assert len(list(board.spectra(seconds=0.5))) > 40
+    assert link.now_s() - began_s == pytest.approx(1.5, abs=0.1)
+
+
+def test_keys_come_from_a_board_whose_keys_are_on_and_else_a_sentence_does(strip):
+    with pytest.raises(SpotsError, match="send it 'keys on'"):
+        strip[1].keys()
+    link = Typing()
+    keys = take(Board(link).keys(), 3)
+    assert [key.usage for key in keys] == [4, 4, 4]
+    assert link.streams == ["touch"]
+
+
+def test_the_newest_reading_of_a_fresh_board():
+    link = Strip()
+    board = Board(link)
+    assert board.read_latest().position_um == 42_000
+    link.sleep(5.0)
+    assert link.now_s() - board.read_latest().time_s < 0.05
+
+
+def test_a_slow_board_has_time_for_its_newest_reading(strip):
+    link, board = strip
+    link.exposure_us = 1_500_000
+    board.command("hello")
+    link.streams, link.deaf = None, {"stream", "sync"}
+    board._streams = ["touch"]
+    began_s = link.now_s()
+    with pytest.raises(SpotsError, match=r"within 4\.5 s"):
+        board.read_latest()
+    assert link.now_s() - began_s == pytest.approx(4.5, abs=0.3)
+
+
+def test_any_number_of_subscribers_each_until_it_is_cancelled(strip):
+    _, board = strip
+    counts, enough = [0, 0, 0], [threading.Event() for _ in range(3)]
+
+    def subscriber(i):
+        def count(frame):
+            assert isinstance(frame, Spectrum if i == 2 else Touch)
+            counts[i] += 1
+            if counts[i] > 20:
+                enough[i].set()
+            if i == 1:
+                raise ValueError("a bug of the program")
+
+        return count
+
+    first, second = board.subscribe(subscriber(0)), board.subscribe(subscriber(1), Touch)
+    third = board.subscribe(subscriber(2), Spectrum)
+    assert all(event.wait(GIVE_UP_S) for event in enough)
+    first.cancel()
+    first._thread.join(GIVE_UP_S)
+    seen = list(counts)
+    enough[1].clear()
+    assert enough[1].wait(GIVE_UP_S)
+    assert counts[0] == seen[0]
+    board.close()
+    for subscription in (second, third):
+        subscription._thread.join(GIVE_UP_S)
+        assert not subscription._thread.is_alive()
+        assert subscription.error is None
+
+
+def test_a_subscriber_of_a_lost_board_has_its_error(strip, capsys):
+    link, board = strip
+    lost = board.subscribe(lambda touch: setattr(link, "gone", 1_000_000))
+    lost._thread.join(GIVE_UP_S)
+    assert "no such port" in str(lost.error)
+    assert "no such port" in capsys.readouterr().err
+
+
+def test_handlers_of_state_and_end_do_not_replace_each_other(strip):
+    link, board = strip
+    first, second, ends = [], [], []
+    handle = board.when_state_changes(first.append)
+    board.when_state_changes(second.append)
+    board.when_closed(lambda: ends.append(1))
+    board.when_closed(lambda: ends.append(2))
+    take(board.touches(), 3)
+    link.gone = 1_000_000
+    list(board.frames(0.05))
+    handle.cancel()
+    handle.cancel()
+    link.gone = 1
+    list(board.frames(1.0))
+    board.close()
+    board.close()
+    assert (first, second, ends) == (["lost"], ["lost", "connected"], [1, 2])
+
+
+def test_touches_in_asyncio_leave_its_loop_free(strip):
+    _, board = strip
+
+    async def both():
+        turns, got = 0, []
+
+        async def other():
+            nonlocal turns
+            while len(got) < 50:
+                turns += 1
+                await asyncio.sleep(0)
+
+        task = asyncio.create_task(other())
+        async for touch in board.atouches():
+            got.append(touch)
+            if len(got) == 50:
+                break
+        await task
+        return turns, got
+
+    turns, got = asyncio.run(asyncio.wait_for(both(), GIVE_UP_S))
+    assert turns > 40
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(got)} == {1}
+
+
+def test_touches_in_asyncio_end_in_time_and_are_cancelled(strip):
+    link, board = strip
+    threads = threading.active_count()
+
+    async def listen():
+        assert len([touch async for touch in board.atouches(seconds=1.0)]) > 90
+        link.streams = []  # no more readings: it waits
+        link.deaf = {"sync"}
+        board.patience_s = math.inf
+
+        async def read():
+            async for _ in board.atouches():
+                pass
+
+        task = asyncio.create_task(read())
+        await asyncio.sleep(0.01)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(asyncio.wait_for(listen(), GIVE_UP_S))
+    for thread in threading.enumerate():
+        if thread is not threading.current_thread():
+            thread.join(1.0)
+    assert threading.active_count() <= threads
+
+
+def test_a_lost_board_ends_asyncio_with_its_error(strip):
+    link, board = strip
+
+    async def read():
+        async for _ in board.atouches():
+            link.gone = 1_000_000
+
+    with pytest.raises(SpotsError, match="no such port"):
+        asyncio.run(asyncio.wait_for(read(), GIVE_UP_S))
+
+
+class Broken(Strip):
+    def read(self, timeout_s):
+        if self.streams:
+            raise ZeroDivisionError("put in by a test")
+        return super().read(timeout_s)
+
+
+def test_a_fault_in_a_thread_is_raised_in_asyncio_and_reported_by_a_subscription(capsys):
+    async def read(board):
+        async for _ in board.atouches():
+            pass
+
+    link = Broken()
+    board = Board(link)
+    board._streams = ["touch"]
+    link.streams = ["touch"]
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(asyncio.wait_for(read(board), GIVE_UP_S))
+    subscription = board.subscribe(print)
+    subscription._thread.join(GIVE_UP_S)
+    assert isinstance(subscription.error, ZeroDivisionError)
+    assert "a subscriber of a board" in capsys.readouterr().err
+
+
+def test_a_second_thread_gets_all_readings_while_the_first_one_sends_commands(strip):
+    link, board = strip
+    got, enough = [], threading.Event()
+
+    def read():
+        for reading in board.touches():
+            got.append(reading)
+            if len(got) > 200:
+                enough.set()
+
+    take(board.touches(), 1)
+    thread = threading.Thread(target=ended, args=(read,), daemon=True)
+    thread.start()
+    for _ in range(100):
+        assert board.command("hello")["id"] is None
+    link.deaf = {"auto"}
+    with pytest.raises(SpotsError, match="no reply to 'auto'"):
+        board.command("auto", 5.0)
+    assert enough.wait(GIVE_UP_S)
+    board.close()
+    thread.join(GIVE_UP_S)
+    assert not thread.is_alive()
+    assert {round((b.time_s - a.time_s) * 1e3) for a, b in itertools.pairwise(got)} == {10}
+
+
+def ended(read):
+    with pytest.raises(ClosedError):
+        read()
+
+
+def test_a_closed_board_is_said_to_be_closed(strip):
+    _, board = strip
+    touches = board.touches()
+    next(touches)
+    board.close()
+    assert board.state == "closed"
+    for use in (
+        lambda: board.command("hello"),
+        board.touches,
+        board.read_latest,
+        lambda: take(touches, 9999),
+        lambda: board.record("x.spots"),
+    ):
+        with pytest.raises(SpotsError, match="stand-in is closed: open it again"):
+            use()
+
+
+def test_the_repr_has_name_port_state_and_rate(strip):
+    link, board = strip
+    assert repr(board) == "<Board pico on stand-in: connected, no readings yet>"
+    assert math.isnan(board.rate_hz)
+    take(board.touches(), 100)
+    assert repr(board) == "<Board pico on stand-in: connected, 100.0 Hz>"
+    link.gone = 1_000_000
+    list(board.frames(0.05))
+    assert "lost" in repr(board)
+    board.close()
+    assert "closed" in repr(board)
+
+
+def test_what_was_set_is_in_the_info(strip):
+    link, board = strip
+    link.replies["set"] = {"exposure_us": 20_000, "average": 2}
+    assert board.set(exposure_us=20_000, plan=["F3", "F4"])["average"] == 2
+    assert link.lines[-1] == "set exposure_us=20000 plan=F3,F4"
+    assert (board.info["exposure_us"], board.info["average"]) == (20_000, 2)
+    assert (board.info["board"], board.info["re"]) == ("pico", "hello")
+
+
+@pytest.mark.parametrize(
+    ("flags", "place", "force", "contrast"),
+    [
+        (TOUCHING, True, True, True),
+        (0, False, True, True),
+        (TOO_DARK, False, True, False),
+        (NOT_CALIBRATED, False, False, False),
+        (TOUCHING | LED_OFF, False, False, False),
+    ],
+)
+def test_what_is_not_known_of_a_reading_is_nan(flags, place, force, contrast):
+    frame = struct.pack("<BHIBiiiH", 1, 0, 0, flags, 0, 0, 0, 0)
+    (reading,) = spots.Decoder().feed(encoded(frame))
+    known = [not math.isnan(value) for value in reading[6:8]]
+    assert known == [place, force]
+    assert [not math.isnan(reading.contrast), not math.isnan(reading.brightness)] == [contrast] * 2
+
+
+def test_touches_are_a_table(strip):
+    _, board = strip
+    table = pd.DataFrame(board.touches(seconds=2))
+    assert list(table.columns) == list(Touch._fields)
+    assert len(table) > 190
+    assert (table.position_um == 42_000).all()
+    assert pd.DataFrame(board.spectra(seconds=0.1)).counts[0] == (0, 1, 2, 3, 4, 5)
+
+
+def test_an_encoder_of_a_file_and_a_port_that_is_a_path(tmp_path):
+    file = ROOT / "tests/data/0.1.0/joint.toml"
+    assert spots.Encoder(file).joint == spots.Encoder(str(file)).joint
+    with pytest.raises(SpotsError, match="there is no port"):
+        spots.open(tmp_path / "ttyNONE")
+
+
+def test_the_info_of_a_virtual_board_has_its_calibration():
+    with spots.open("virtual") as board:
+        assert board.info == board.command("hello")
+        assert board.info["calibration"]
+
+
+def test_a_board_that_is_lost_while_nothing_streams_is_lost_at_once(strip):
+    link, board = strip
+    link.gone = 2
+    with pytest.raises(PortLostError):
+        board.command("hello")
