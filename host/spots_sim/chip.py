@@ -61,11 +61,14 @@ class ChipNoise:
         Photo-electrons in one count at gain 1x, for the shot noise.
     dark_counts_512x : float
         Dark counts at 512x in 98 ms.
+    ratio_ppm : float
+        Standard deviation of each channel's own gain from sample to sample.
     """
 
     read_counts: float
     electrons_per_count_1x: float
     dark_counts_512x: float
+    ratio_ppm: float = 0.0
 
 
 class AS7341:
@@ -291,11 +294,13 @@ class AS7341:
         dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
         ideal = (self._routing @ self._collected * gain + dark).tolist()
         electrons = noise.electrons_per_count_1x / gain
+        ratio = 1e-6 * noise.ratio_ppm
         full_scale = self._full_scale()
         counts = []
         # Six numbers are too few for numpy to be quick.
         for light, draw in zip(ideal, self._rng.standard_normal(6).tolist()):
-            sigma = math.sqrt(noise.read_counts**2 + max(light, 0.0) / electrons)
+            variance = max(light, 0.0) / electrons + (ratio * light) ** 2
+            sigma = math.sqrt(noise.read_counts**2 + variance)
             counts.append(min(max(math.floor(light + sigma * draw + 0.5), 0), full_scale))
         if self._main[0x80] & 0x40:
             counts[5] = 0

@@ -23,6 +23,7 @@ def add(commands) -> None:
         "--use", help="strip, keyboard, controller, wearable, fivebar; in this terminal"
     )
     arguments.add_simulation(demo)
+    _add_change(demo)
     demo.set_defaults(run=_demo, scenario=None)  # that of the use
 
     characterize = commands.add_parser(
@@ -31,6 +32,7 @@ def add(commands) -> None:
     characterize.add_argument(
         "--sensor", default="default", metavar="FILE", help="sensor file or name"
     )
+    _add_change(characterize)
     characterize.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
     characterize.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
     characterize.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
@@ -47,10 +49,21 @@ def add(commands) -> None:
     design.set_defaults(run=_design)
 
 
+def _add_change(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--change", metavar="FILE", help="what changed since the calibration")
+
+
 def _demo(options: argparse.Namespace) -> None:
-    from spots.web import browser
+    from .files import changed
 
     _check(options)
+    with changed(options.sensor, options.change) as options.sensor:
+        _demonstrate(options)
+
+
+def _demonstrate(options: argparse.Namespace) -> None:
+    from spots.web import browser
+
     plain = options.seconds is options.use is None and not (options.json or options.fast)
     if options.page or (plain and browser.opens()):
         from .demo import show_page
