@@ -36,6 +36,13 @@ def add(commands) -> None:
     characterize.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
     characterize.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
     characterize.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
+    characterize.add_argument(
+        "--rezero", type=int, default=0, metavar="MARKS", help="after the change: 0, 1 or 3 marks"
+    )
+    characterize.add_argument("--presses", type=arguments.presses, default=1, help="of each mark")
+    characterize.add_argument(
+        "--mark-error-um", type=float, default=0.0, help="standard deviation of each press"
+    )
     characterize.add_argument("--json", action="store_true", help="one JSON object")
     characterize.add_argument("--out", metavar="DIR", help="draw figures there")
     characterize.set_defaults(run=_characterize)
@@ -104,6 +111,7 @@ def _check(options: argparse.Namespace) -> None:
 
 def _characterize(options: argparse.Namespace) -> None:
     from .characterize import measure
+    from .rezeroed import Hand
 
     measure(
         options.sensor,
@@ -112,6 +120,8 @@ def _characterize(options: argparse.Namespace) -> None:
         options.average,
         options.json,
         options.out,
+        options.change,
+        Hand(options.rezero, options.presses, options.mark_error_um),
     )
 
 

@@ -22,6 +22,7 @@ from ..errors import SpotsError
 from ..link.board import Board
 from ..link.connect import upload
 from .presses import Conditions
+from .session import Six
 
 VERSION = 1
 _END = "[end]\n"
@@ -79,6 +80,42 @@ class Joint(_Struct, kw_only=True):
     high: tuple[float, float] | None = None
 
 
+class Marks(_Struct, kw_only=True):
+    """Presses at the end of a calibration, to be repeated when the strip has drifted.
+
+    Attributes
+    ----------
+    place_um : tuple of float, length 3
+        Ascending.
+    force_mN : float
+    logs : tuple, shape (3, 6)
+        log2 of each channel's dark-subtracted counts.
+    """
+
+    place_um: tuple[float, float, float]
+    force_mN: float
+    logs: tuple[Six, Six, Six]
+
+
+class Rezero(_Struct, kw_only=True):
+    """A re-zero: what the marks' logs had become, less what they were.
+
+    Attributes
+    ----------
+    date : datetime
+        UTC.
+    place_um : tuple of float
+    shifts : tuple, shape (n, 6)
+    drift : str
+        In words.
+    """
+
+    date: datetime
+    place_um: tuple[float, ...]
+    shifts: tuple[Six, ...]
+    drift: str
+
+
 class CalibrationFile(_Struct, kw_only=True):
     """A calibration, as the file holds it.
 
@@ -93,6 +130,11 @@ class CalibrationFile(_Struct, kw_only=True):
     joint : Joint or None
     lines : tuple of str
         The board's, see `spots_device.calibration`.
+    marks : Marks or None
+    rezeros : list of Rezero
+        The last one gave `lines`.
+    original : tuple of str
+        Lines as calibrated; empty before the first re-zero.
     """
 
     date: datetime
@@ -104,6 +146,14 @@ class CalibrationFile(_Struct, kw_only=True):
     residuals: list[Residual] = []
     joint: Joint | None = None
     lines: tuple[str, ...]
+    marks: Marks | None = None
+    rezeros: list[Rezero] = []
+    original: tuple[str, ...] = ()
+
+    @property
+    def length_um(self) -> float:
+        """Length of the strip at rest."""
+        return Calibration(self.lines).length_um
 
     @property
     def conditions(self) -> Conditions:
@@ -111,15 +161,21 @@ class CalibrationFile(_Struct, kw_only=True):
         return Conditions(self.board, self.plan, self.gain, self.exposure_us, self.led_mA)
 
     @classmethod
-    def now(cls, conditions: Conditions, lines, residuals, joint=None) -> CalibrationFile:
+    def now(cls, conditions: Conditions, lines, residuals, joint=None, marks=None):
         """Return a calibration that was made now."""
         return cls(
-            date=datetime.now(timezone.utc).replace(microsecond=0),
+            date=now(),
             **vars(conditions),
             residuals=residuals,
             joint=joint,
             lines=tuple(lines),
+            marks=marks,
         )
+
+
+def now() -> datetime:
+    """Return the time as files have it: UTC, in whole seconds."""
+    return datetime.now(timezone.utc).replace(microsecond=0)
 
 
 def save(calibration: CalibrationFile, path: Path) -> None:
@@ -196,6 +252,8 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         content.pop("version")
         found = msgspec.convert(content, CalibrationFile)
         made = Calibration(found.lines)
+        if found.original:
+            Calibration(found.original)
     except (
         msgspec.ValidationError,
         CalibrationError,
@@ -213,7 +271,7 @@ def _text(c: CalibrationFile) -> str:
     rows = [
         "# The calibration of one SPOTS board, made by 'spots calibrate'.",
         f"version = {VERSION}",
-        f"date = {c.date.strftime('%Y-%m-%dT%H:%M:%SZ')}",
+        f"date = {_date(c.date)}",
         f'board = "{c.board}"',
         f"plan = [{_strings(c.plan)}]",
         f"gain = {c.gain}",
@@ -221,14 +279,20 @@ def _text(c: CalibrationFile) -> str:
         f"led_mA = {c.led_mA}",
         "# What the board is given, see docs/protocol.md.",
         "lines = [",
-        *(f'  "{line}",' for line in c.lines),
-        "]",
+        *_quoted(c.lines),
     ]
+    if c.original:
+        rows += ["# As calibrated, before any re-zero.", "original = [", *_quoted(c.original)]
     for residual in c.residuals:
         rows += ["", "[[residuals]]", *_numbers(residual)]
     if c.joint is not None:
         rows += ["", "# angle in degrees = zero_deg + deg_per_um * position in um"]
         rows += ["[joint]", *_numbers(c.joint)]
+    if c.marks is not None:
+        rows += ["", "# log2 of the counts of presses that 'spots rezero' repeats."]
+        rows += ["[marks]", *_numbers(c.marks)]
+    for rezero in c.rezeros:
+        rows += ["", "[[rezeros]]", *_numbers(rezero)]
     return "\n".join([*rows, "", ""])
 
 
@@ -236,7 +300,18 @@ def _strings(values) -> str:
     return ", ".join(f'"{value}"' for value in values)
 
 
+def _quoted(lines) -> list[str]:
+    return [*(f'  "{line}",' for line in lines), "]"]
+
+
+def _date(date: datetime) -> str:
+    return date.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
 def _numbers(struct: msgspec.Struct) -> list[str]:
-    fields = msgspec.structs.asdict(struct)
-    values = {name: list(v) if isinstance(v, tuple) else v for name, v in fields.items()}
-    return [f"{name} = {value!r}" for name, value in values.items() if value is not None]
+    # JSON's numbers, texts and lists are TOML's; a date is TOML's alone.
+    return [
+        f"{name} = {_date(v) if isinstance(v, datetime) else msgspec.json.encode(v).decode()}"
+        for name, v in msgspec.structs.asdict(struct).items()
+        if v is not None
+    ]

@@ -1,4 +1,4 @@
-"""The command that calibrates a sensor."""
+"""The commands that calibrate a sensor and correct its drift."""
 
 from __future__ import annotations
 
@@ -21,8 +21,22 @@ def add(commands) -> None:
     calibrate.add_argument("--keep-settings", action="store_true", help="do not search the gain")
     calibrate.set_defaults(run=_calibrate)
 
+    rezero = commands.add_parser("rezero", help="press three marks of a strip that has drifted")
+    rezero.add_argument("calibration", nargs="?", default="calibration.toml", metavar="FILE.toml")
+    arguments.add_port(rezero)
+    rezero.add_argument("--quick", action="store_true", help="one mark; not for a bleached dye")
+    rezero.add_argument("--presses", type=arguments.presses, default=1, help="of each mark")
+    rezero.add_argument("--force-N", type=arguments.force_N, help="on a scale; corrects the force")
+    rezero.set_defaults(run=_rezero, length_mm=None)
+
 
 def _calibrate(options: argparse.Namespace) -> None:
     from ..calibrate.calibrate import calibrate_command
 
     calibrate_command(options)
+
+
+def _rezero(options: argparse.Namespace) -> None:
+    from ..calibrate.rezero import rezero_command
+
+    rezero_command(options)
