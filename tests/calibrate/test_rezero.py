@@ -296,6 +296,18 @@ def test_presses_that_never_agree_are_given_up_and_nothing_has_changed(made, sen
         assert not (tmp_path / "a.toml").exists()
 
 
+def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, sensor, tmp_path):
+    class Away(StagePresser):
+        def press(self, wanted):
+            self._stage.release()
+
+    with (
+        Drifted(sensor, made, tmp_path / "a.toml", Away) as strip,
+        pytest.raises(SpotsError, match=r"no press is felt; nothing has changed$"),
+    ):
+        rezero(strip.setup, made)
+
+
 def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
     change = Change(phosphor_nm=1.0, dye_percent=-2.0)
     with Drifted(sensor, made, tmp_path / "a.toml", PersonPresser, change) as strip:
@@ -409,10 +421,10 @@ def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
         rezero(strip.setup, bare)
 
 
-def test_other_settings_are_refused_with_the_command_that_restores_them(made, sensor, tmp_path):
+def test_other_settings_are_refused(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
         strip.setup.set_up("gain=8")
-        with pytest.raises(SpotsError, match=r"restore them with 'spots command set plan.*gain=9 "):
+        with pytest.raises(SpotsError, match=r"a\.toml: .*made at gain=9 "):
             rezero(strip.setup, made)
 
 
@@ -421,7 +433,7 @@ def test_another_board_is_refused(made, full, capsys, tmp_path):
     file.save(made, path)
     words = ["rezero", str(path), "--port", "virtual", "--sensor", "dim"]
     assert cli.main(words) == 2
-    assert "belongs to board" in capsys.readouterr().err
+    assert "made on board" in capsys.readouterr().err
     assert file.load(path) == made
 
 

@@ -21,7 +21,7 @@ from . import calibration_file as file
 from .calibrate import opened
 from .drift import described
 from .guide import Guide
-from .session import Wanted, settings
+from .session import Wanted
 from .shift import shifted
 from .steps import Setup
 
@@ -74,35 +74,44 @@ def rezero(
             f"{setup.out} has no [marks], so there is nothing to compare presses with: calibrate "
             "again, which ends with three marks"
         )
-    present = setup.reader.conditions
-    if present.board != made.board:
-        raise SpotsError(f"{setup.out} belongs to board {made.board}, this is {present.board}")
-    if present != made.conditions:
-        raise SpotsError(
-            f"{setup.out} was made at other settings: restore them with "
-            f"'spots command set {settings(made.conditions)}'"
-        )
+    table = Calibration(made.lines)
+    reason = table.mismatch(*vars(setup.reader.conditions).values())
+    if reason is not None:
+        raise SpotsError(f"{setup.out}: {reason}")
     at = slice(1, 2) if quick else slice(None)
     place_um, logs = marks.place_um[at], np.array(marks.logs)
     along = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
     along = along - along.mean()  # colour per um
-    setup.guide.begin("re-zero", presses * len(place_um), present.plan, setup.length_um)
-    shifts = []
-    for x_um, log in zip(place_um, logs[at]):
-        wanted = Wanted(kind="mark", place_um=x_um, force_mN=force_mN or marks.force_mN)
-        limit_um = _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
-        shifts.append(_pressed(setup, wanted, log, along / (along @ along), presses, limit_um))
-    shifts = np.array(shifts)
+    um_per_log = along / (along @ along)
+    limit_um = _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
+    force_now_mN = force_mN or marks.force_mN
+    setup.taker.given_up = "nothing has changed"
+    setup.guide.begin("re-zero", presses * len(place_um), table.plan, setup.length_um)
+    shifts = np.array(
+        [
+            _pressed(
+                setup,
+                Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN),
+                log,
+                um_per_log,
+                presses,
+                limit_um,
+            )
+            for x_um, log in zip(place_um, logs[at])
+        ]
+    )
     if force_mN is None:  # all channels alike is the force of the finger
         shifts -= shifts.mean(axis=1, keepdims=True)
     else:
-        shifts -= _brightness(made, force_mN) - _brightness(made, marks.force_mN)
+        then_now_mN = [marks.force_mN, force_mN]
+        then, now = np.interp(then_now_mN, table.forces_mN, table.brightnesses) / ONE_Q20
+        shifts -= now - then
     original = made.original or made.lines
     done = file.Rezero(
         date=file.now(),
         place_um=place_um,
         shifts=tuple(map(tuple, shifts.round(6).tolist())),
-        drift=described(place_um, logs[at], shifts, present.plan),
+        drift=described(place_um, logs[at], shifts, table.plan),
     )
     lines = tuple(shifted(original, place_um, shifts))
     return msgspec.structs.replace(
@@ -152,8 +161,3 @@ def _pressed(setup: Setup, wanted: Wanted, log, um_per_log, presses: int, limit_
         f"{_STRAY_UM / 1000:g} mm, or lie elsewhere: mark the place on the strip and run this "
         "again; nothing has changed"
     )
-
-
-def _brightness(made: file.CalibrationFile, force_mN: float) -> float:
-    table = Calibration(made.lines)
-    return float(np.interp(force_mN, table.forces_mN, table.brightnesses)) / ONE_Q20

@@ -36,7 +36,11 @@ class Taker:
     ----------
     noise : Noise or None
         Of the sensor, as soon as it is known.
+    given_up : str
+        What is left of the session after too many bad presses.
     """
+
+    given_up = "what was taken is kept, the same command goes on from there"
 
     def __init__(self, reader: SpectrumReader, presser, guide):
         self.reader = reader
@@ -76,7 +80,7 @@ class Taker:
             self._guide.say(f"{trouble}; press again")
             if wanted.kind != "joint":  # whose indenter is not let go
                 self.release()
-        raise SpotsError(f"{trouble}; what was taken is kept, the same command goes on from there")
+        raise SpotsError(f"{trouble}; {self.given_up}")
 
     def release(self) -> None:
         """Wait until nothing is pressed.
