@@ -13,7 +13,7 @@ from spots.calibrate.calibration_file import CalibrationFile, Marks
 from spots.calibrate.guide import Guide
 from spots.calibrate.presses import FIRM_MN, MARKS
 from spots.calibrate.rezero import rezero
-from spots.calibrate.steps import Setup
+from spots.calibrate.steps import DARKS, Setup
 from spots.errors import SpotsError
 
 from .change import Change
@@ -79,9 +79,9 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     guide = Guide(Console(file=io.StringIO()))
     presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
     reader = rig.stage.reader
-    reader.set_up()
     setup = Setup(reader, presser, guide, None, rig.stage.length_um, _NOBODY)
     places_um = [share * rig.stage.length_um for share in MARKS]
+    setup.set_up(darks=DARKS)
     logs = rig.stage.read(places_um, [FIRM_MN], setup.taker.window).logs
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))

@@ -60,15 +60,15 @@ class SpectrumReader:
         self._average = 1
         self.set_up()
 
-    def set_up(self) -> None:
-        """Take note of the board's settings and of a dark frame."""
+    def set_up(self, darks: int = 1) -> None:
+        """Read the board's settings and the mean of so many dark frames."""
         self.info = self.board.command("hello")
         if self.info["average"] != 1:
             self._average = self.info["average"]
             self.board.command("set average=1")
             self.info = self.board.command("hello")
-        dark = self.board.command("dark", timeout_s=30)["dark"]
-        self._dark = np.array(dark) / DARK_SAMPLES
+        dark = [self.board.command("dark", timeout_s=30)["dark"] for _ in range(darks)]
+        self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
         self.board.command("stream spectrum")
 
     def give_back(self) -> None:

@@ -44,6 +44,7 @@ _CHOOSE_PLACES = 9
 _DARK_SHARE = 0.85
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
+DARKS = 8  # of marks, whose error one dark frame of four samples would double
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,11 @@ class Setup:
         """Return the channels that are read."""
         return self.reader.conditions.plan
 
-    def set_up(self, line: str = "") -> None:
-        """`set` something, then read with it."""
+    def set_up(self, line: str = "", darks: int = 1) -> None:
+        """`set` something, then read with it, and with the mean of so many dark frames."""
         if line:
             self.reader.board.command("set " + line)
-        self.reader.set_up()
+        self.reader.set_up(darks)
 
 
 def calibrate(
@@ -244,6 +245,7 @@ def _forces(setup: Setup, count: int) -> None:
 
 def _marks(setup: Setup) -> None:
     """Press what a re-zero will press again, when all else is known."""
+    setup.set_up(darks=DARKS)
     setup.guide.begin("marks for a re-zero", len(MARKS), setup.plan(), setup.length_um)
     for share in MARKS:
         place_um = round(share * setup.length_um, -2)
