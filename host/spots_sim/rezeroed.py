@@ -20,6 +20,8 @@ from .change import Change
 from .rig import Rig
 from .stage_presser import StagePresser
 
+# Assumed of a finger that holds still. It spreads the rounding of dim counts, as in reality.
+_TREMOR = 0.02
 _NOBODY = Path("characterize")
 
 
@@ -76,6 +78,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     if not hand.marks:
         rig.stage.held.changed = change
         return None
+    rig.stage.held.tremor = _TREMOR
     guide = Guide(Console(file=io.StringIO()))
     presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
     reader = rig.stage.reader
@@ -89,5 +92,6 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     made = CalibrationFile.now(rig.conditions, rig.lines, [], marks=marks)
     rig.stage.held.changed = change
     done = rezero(setup, made, hand.presses, quick=hand.marks == 1).rezeros[-1]
+    rig.stage.held.tremor = 0.0
     rig.shift(done.place_um, done.shifts)
     return done.drift

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from msgspec.structs import asdict
 
 from .change import NONE, Change
 from .files import Ambient, Finger, ScenarioFile, Surroundings
+
+
+_TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,8 @@ class Held:
     bend_deg : float
     changed : Change
         Since the calibration.
+    tremor : float
+        Amplitude of the force's tremor, as a share of it; 0 of an indenter, not of a finger.
     still : bool
         Whether nothing moves while light is collected.
     """
@@ -120,6 +125,7 @@ class Held:
         self.strain = 0.0
         self.bend_deg = 0.0
         self.changed = NONE
+        self.tremor = 0.0
 
     def pose(self, time_s: float) -> Pose:
         return Pose(self.strain, self.bend_deg)
@@ -128,7 +134,10 @@ class Held:
         return self.changed
 
     def presses(self, time_s: float) -> list[Press]:
-        return [self.press] if self.press else []
+        if self.press is None:
+            return []
+        swing = 1 + self.tremor * math.sin(2 * math.pi * _TREMOR_HZ * time_s)
+        return [replace(self.press, force_mN=self.press.force_mN * swing)]
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         return 0.0
