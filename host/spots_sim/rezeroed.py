@@ -85,7 +85,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     setup = Setup(reader, presser, guide, None, rig.stage.length_um, _NOBODY)
     places_um = [share * rig.stage.length_um for share in MARKS]
     setup.set_up(darks=DARKS)
-    logs = rig.stage.read(places_um, [FIRM_MN], setup.taker.window).logs
+    logs = rig.stage.read(places_um, [FIRM_MN], setup.taker.mark_samples).logs
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
     )

@@ -11,7 +11,6 @@ from msgspec.structs import asdict
 from .change import NONE, Change
 from .files import Ambient, Finger, ScenarioFile, Surroundings
 
-
 _TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 
 

@@ -308,6 +308,30 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
         rezero(strip.setup, made)
 
 
+def test_a_mark_that_is_let_go_too_early_is_asked_for_again(made, sensor, tmp_path):
+    class Hasty(StagePresser):
+        presses = 0
+
+        def press(self, wanted):
+            self._stage.press(wanted.place_um, wanted.force_mN)
+            held, begun_s = self._stage.held, self._stage.board.now_s()
+            self.presses += 1
+            hasty = self.presses == 1
+            held.tremor = 0.0
+            whole = type(held).presses
+
+            def presses(time_s):
+                # Steady for a reading, gone before the long one ends.
+                return [] if hasty and time_s > begun_s + 1.0 else whole(held, time_s)
+
+            held.presses = presses
+
+    with Drifted(sensor, made, tmp_path / "a.toml", Hasty) as strip:
+        rezero(strip.setup, made)
+        assert strip.setup.presser.presses == 4
+        assert re.search(r"hold still; press again", strip.said.getvalue())
+
+
 def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
     change = Change(phosphor_nm=1.0, dye_percent=-2.0)
     with Drifted(sensor, made, tmp_path / "a.toml", PersonPresser, change) as strip:

@@ -44,7 +44,7 @@ _CHOOSE_PLACES = 9
 _DARK_SHARE = 0.85
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARKS = 8  # of marks, whose error one dark frame of four samples would double
+DARKS = 16  # of marks, whose error one dark frame of four samples would double
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,8 @@ class Setup:
         """`set` something, then read with it, and with the mean of so many dark frames."""
         if line:
             self.reader.board.command("set " + line)
+        if darks > 1:
+            self.guide.say("dark frames: touch nothing")
         self.reader.set_up(darks)
 
 
