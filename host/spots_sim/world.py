@@ -68,6 +68,10 @@ class World:
         rates += self._optics.ambient(self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6))
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
+    def outside(self, start_us: float, end_us: float) -> float:
+        """Return the mean irradiance from outside, in uW/cm2."""
+        return self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
+
     def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         around = self._sensor.surroundings
         steady = around.irradiance_uW_cm2 * flicker(around, start_s, end_s)
