@@ -24,6 +24,7 @@ from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_device.calibration import Calibration
 from spots_device.settings import checksum
+from spots_sim.bound import Bound
 from spots_sim.change import NONE, Change
 from spots_sim.files import DATA, SensorFile, load
 from spots_sim.measurements import PLACES, Run, _position
@@ -528,6 +529,18 @@ def test_characterize_shows_the_damage_and_the_cure(sensor, change):
     assert found[3]["accuracy_um"] < 1.35 * 37
     assert found[3]["untrusted_percent"] <= 1
     assert found[3]["rms_ratio"] < 1.3
+
+
+def test_strains_are_calibrated_on_the_strip_as_it_was(sensor):
+    with Rig(sensor, 0, 10_000, 1) as rig:
+        rig.stage.held.changed = Change(phosphor_nm=10.0)
+        rig.learn_strains((10,))
+        assert rig.stage.held.changed == Change(phosphor_nm=10.0)
+        rows, c = rig.along[100_000], rig.conditions
+        bound = Bound(sensor, c.plan, c.gain, c.exposure_us, c.led_mA)
+        expected = np.log2(bound.counts(rows.position_um[9], rows.force_mN[9], strain=0.1))
+        found = rows.logs[9]
+    assert found - found.mean() == pytest.approx(expected - expected.mean(), abs=0.02)
 
 
 def test_a_shaky_hand_adds_less_the_more_often_it_presses(sensor):
