@@ -48,6 +48,8 @@ class Change(msgspec.Struct, **_Struct):
     temperature_K: _within(-100, 100) = 0.0
 
     def __add__(self, other: Change) -> Change:
+        if other is NONE:  # of most samples
+            return self
         return Change(**{name: getattr(self, name) + getattr(other, name) for name in NAMES})
 
 
