@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .change import NONE
 from .chip import GAIN
 from .files import SensorFile
 from .optics import Optics
@@ -29,10 +30,14 @@ class Bound:
     exposure_us, led_mA : float
     average : int
         Samples that are summed.
+    change : Change
+        Since the calibration.
     """
 
-    def __init__(self, sensor: SensorFile, plan, gain: int, exposure_us, led_mA, average=1):
-        optics = Optics(sensor)
+    def __init__(
+        self, sensor: SensorFile, plan, gain: int, exposure_us, led_mA, average=1, change=NONE
+    ):
+        optics = Optics(sensor, change, sensor.temperature.led_K_per_mA * led_mA)  # warm
         self._sensor = sensor
         self._optics = optics
         self._columns = [optics.names.index(diode) for diode in plan]
@@ -60,6 +65,7 @@ class Bound:
             self._sensor.converter.read_noise_counts**2
             + _ROUNDING_VARIANCE
             + (counts + self._pedestal) / self._electrons
+            + (1e-6 * self._sensor.converter.ratio_noise_ppm * counts) ** 2
         ) / self._average
         # Fisher information of two parameters; the LED's common noise is part of the second.
         jacobian = np.stack([(ahead - back) / (2 * step_um), counts], axis=1)

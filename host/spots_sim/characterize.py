@@ -11,13 +11,22 @@ from spots_device.decode import AVERAGE_MAX
 from spots_device.exposure import MAX_US, MIN_US
 
 from . import figures, report
+from .change import NONE
 from .family import family
-from .files import SensorFile, load
+from .files import SensorFile, load, load_change
 from .measurements import characterize
+from .rezeroed import NO_HAND, Hand
 
 
 def measure(
-    sensor_name: str, seed: int, exposure_us: int, average: int, as_json: bool, out: str | None
+    sensor_name: str,
+    seed: int,
+    exposure_us: int,
+    average: int,
+    as_json: bool,
+    out: str | None,
+    change_name: str | None = None,
+    hand: Hand = NO_HAND,
 ) -> None:
     """Characterise a sensor file and print what was found.
 
@@ -32,6 +41,10 @@ def measure(
         Print one JSON object, not tables.
     out : str or None
         A folder for figures.
+    change_name : str or None
+        A change file, by path or name: what changed since the calibration.
+    hand : Hand
+        How the strip is re-zeroed then.
 
     Raises
     ------
@@ -42,13 +55,15 @@ def measure(
         raise SpotsError(f"--exposure-us takes {MIN_US} to {MAX_US}, not {exposure_us}")
     if not 1 <= average <= AVERAGE_MAX:
         raise SpotsError(f"--average takes 1 to {AVERAGE_MAX}, not {average}")
+    hand.check()
     sensor = load(SensorFile, sensor_name)
+    change = NONE if change_name is None else load_change(change_name)
     folder: Path | None = None
     if out is not None:
         figures.require()
         folder = figures.folder(out)
     with report.progress() as step:
-        run = characterize(sensor, seed, exposure_us, average, step)
+        run = characterize(sensor, seed, exposure_us, average, step, change, hand)
         drawn = []
         if folder is not None:
             step("other lengths and dyes")

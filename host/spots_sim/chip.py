@@ -5,7 +5,8 @@ no constant with the firmware's driver, which it is here to test. Where no docum
 behaviour it is a field of `Quirks`, and a driver has to work under every value.
 
 The chip knows no optics. It asks a light source what each photodiode collects between two
-moments: ``light.collect(start_us, end_us, led_mA) -> dict`` of counts at gain 1x by diode name.
+moments: ``light.collect(start_us, end_us, led_mA) -> dict`` of counts at gain 1x by diode name. For
+the flicker detector ``light.outside(start_us, end_us)`` is the mean of the light without the LED.
 """
 
 from __future__ import annotations
@@ -31,6 +32,15 @@ DIODES = tuple(PIXELS_OF)
 GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
 
 _SIX = struct.Struct("<6H")
+
+# DS000504: APERS, consecutive samples outside the thresholds; FIFO_TH, entries.
+_PERSISTENCE = (0, 1, 2, 3, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60)
+_FIFO_LEVELS = (1, 4, 8, 16)
+_FIFO_ENTRIES = 128
+# FD_STATUS: measured, both frequencies judged; and which one was found. How long it takes, and
+# from which swing on it is found, no document says.
+_FD_VALID, _FD_HZ = 0x2C, {100: 0x01, 120: 0x02}
+_FD_US, _FD_STEP_US, _FD_LEAST = 500_000.0, 1000.0, 0.01
 
 _RESET_VALUES = {
     0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
@@ -61,11 +71,14 @@ class ChipNoise:
         Photo-electrons in one count at gain 1x, for the shot noise.
     dark_counts_512x : float
         Dark counts at 512x in 98 ms.
+    ratio_ppm : float
+        Standard deviation of each channel's own gain from sample to sample.
     """
 
     read_counts: float
     electrons_per_count_1x: float
     dark_counts_512x: float
+    ratio_ppm: float = 0.0
 
 
 class AS7341:
@@ -112,6 +125,10 @@ class AS7341:
         self._cycle = 0
         self._live = (0, bytes(12))  # ASTATUS and counts of the last sample
         self._latched = self._live
+        self._first = False  # the sample that runs is the first since SP_EN rose
+        self._outside = 0  # samples in a row outside the thresholds
+        self._fifo: list[bytes] = []
+        self._flicker_since = None
 
     # The bus side. A controller calls advance(now) first, so that time never runs backwards.
 
@@ -130,8 +147,12 @@ class AS7341:
 
     def read(self, size: int) -> bytes:
         """A read transfer from the pointer on."""
-        first, self._pointer = self._pointer, (self._pointer + size) & 0xFF
-        return bytes([self._get(i & 0xFF) for i in range(first, first + size)])
+        data = bytearray()
+        for _ in range(size):
+            data.append(self._get(self._pointer))
+            # The FIFO is read in one transfer, however long.
+            self._pointer = 0xFE if self._pointer == 0xFF else self._pointer + 1
+        return bytes(data)
 
     def advance(self, now_us: float) -> None:
         """Let time pass up to `now_us`."""
@@ -155,6 +176,8 @@ class AS7341:
                 return self._latch()
             if 0x95 <= register <= 0xA0:
                 return self._latched[1][register - 0x95]
+            if register in _COMPUTED:
+                return _COMPUTED[register](self)
             return self._main[register]
         if register < 0x14:
             return self._smux_ram[register]
@@ -197,6 +220,10 @@ class AS7341:
             self._main[register] &= ~value
         elif register == 0x80:
             self._set_enable(value)
+        elif register == 0xFA:
+            if value & 0x02:
+                self._fifo.clear()
+                self._main[0xA7] &= ~0x80
         else:
             self._main[register] = value
 
@@ -205,10 +232,17 @@ class AS7341:
         self._main[0x80] = value
         if not value & 0x01:
             self._zeroed = False
-        if value & 0x10 and not before & 0x10:
+        if value & 0x12 == 0x12:
+            self._main[0x80] &= ~0x10  # refused while it measures
+        elif value & 0x10 and not before & 0x10:
             self._smux_done = self._now + self._quirks.smux_us
+        if not value & 0x40:
+            self._flicker_since = None
+        elif self._flicker_since is None:
+            self._flicker_since = self._now
         running = value & 0x03 == 0x03
         if running and self._start is None:
+            self._first = True
             self._begin(self._now + self._auto_zero_at_start())
         elif not running and self._start is not None:
             self._collect(self._now)
@@ -273,8 +307,14 @@ class AS7341:
         self._main[0xA3] = 0x40 | saturation
         if saturation:
             self._main[0x93] |= 0x80
-        if self._main[0xF9] & 0x08 or not self._quirks.aint_needs_sp_ien:
+        if self._first:  # who reads the counts alone gets these
+            self._latched = self._live
+            self._first = False
+        if self._persists(counts) and (
+            self._main[0xF9] & 0x08 or not self._quirks.aint_needs_sp_ien
+        ):
             self._main[0x93] |= 0x08
+        self._push(counts)
         self.samples += 1
         self.integrating_us += end_us - self._start
         self._cycle += 1
@@ -285,17 +325,54 @@ class AS7341:
         self._start = self._part_start = end_us + pause
         self._collected[:] = 0
 
+    def _persists(self, counts: list[int]) -> bool:
+        count = counts[min(self._main[0xB5] & 7, 5)]
+        low, high = struct.unpack_from("<2H", self._main, 0x84)
+        self._outside = 0 if low <= count <= high else self._outside + 1
+        least = _PERSISTENCE[self._main[0xBD] & 0xF]
+        return least == 0 or self._outside >= least
+
+    def _push(self, counts: list[int]) -> None:
+        """Put what FIFO_MAP names into the FIFO, ASTATUS first; what has no room is lost."""
+        for bit, value in enumerate((self._live[0], *counts)):
+            if self._main[0xFC] & 1 << bit:
+                if len(self._fifo) < _FIFO_ENTRIES:
+                    self._fifo.append(struct.pack("<H", value))
+                else:
+                    self._main[0xA7] |= 0x80
+        if self._main[0xF9] & 0x04 and len(self._fifo) >= _FIFO_LEVELS[self._main[0xB1] >> 6]:
+            self._main[0x93] |= 0x04
+
+    def _fifo_low(self) -> int:
+        return self._fifo[0][0] if self._fifo else 0
+
+    def _fifo_high(self) -> int:
+        return self._fifo.pop(0)[1] if self._fifo else 0
+
+    def _flicker_status(self) -> int:
+        if self._flicker_since is None or self._now - self._flicker_since < _FD_US:
+            return 0
+        at_us = np.arange(self._now - _FD_US, self._now, _FD_STEP_US)
+        light = np.array([self._light.outside(t, t + _FD_STEP_US) for t in at_us.tolist()])
+        swings = {
+            hz: 2 * abs(np.mean(light * np.exp(-2e-6j * np.pi * hz * at_us))) for hz in _FD_HZ
+        }
+        found = max(swings, key=swings.get)
+        return _FD_VALID | (_FD_HZ[found] if swings[found] > _FD_LEAST * light.mean() else 0)
+
     def _convert(self, duration_us: float) -> tuple[list[int], int]:
         noise = self._noise
         gain = GAIN[min(self._main[0xAA] & 0x1F, 10)]
         dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
         ideal = (self._routing @ self._collected * gain + dark).tolist()
         electrons = noise.electrons_per_count_1x / gain
+        ratio = 1e-6 * noise.ratio_ppm
         full_scale = self._full_scale()
         counts = []
         # Six numbers are too few for numpy to be quick.
         for light, draw in zip(ideal, self._rng.standard_normal(6).tolist()):
-            sigma = math.sqrt(noise.read_counts**2 + max(light, 0.0) / electrons)
+            variance = max(light, 0.0) / electrons + (ratio * light) ** 2
+            sigma = math.sqrt(noise.read_counts**2 + variance)
             counts.append(min(max(math.floor(light + sigma * draw + 0.5), 0), full_scale))
         if self._main[0x80] & 0x40:
             counts[5] = 0
@@ -303,3 +380,12 @@ class AS7341:
         # A converter makes at most one count a step; far above that its front end clips.
         analog = 0x08 if max(ideal) > 1.5 * duration_us / STEP_US else 0
         return counts, digital | analog
+
+
+# Registers that are worked out when they are read.
+_COMPUTED = {
+    0xDB: AS7341._flicker_status,
+    0xFD: lambda chip: len(chip._fifo),
+    0xFE: AS7341._fifo_low,
+    0xFF: AS7341._fifo_high,
+}

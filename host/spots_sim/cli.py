@@ -28,6 +28,7 @@ def demo(parser: Parser):
         "--use", help="strip, keyboard, controller, wearable, fivebar; in this terminal"
     )
     arguments.add_simulation(parser)
+    _add_change(parser)
     parser.set_defaults(scenario=None)  # that of the application
     return _demo
 
@@ -38,15 +39,23 @@ def characterize(parser: Parser):
     examples:
       spots characterize
       spots characterize --sensor long_200mm --exposure-us 10000
+      spots characterize --change phosphor --rezero 3
     """
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
     parser.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
     parser.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
+    _add_change(parser)
+    parser.add_argument(
+        "--rezero", type=int, default=0, metavar="MARKS", help="after the change: 0, 1 or 3 marks"
+    )
+    parser.add_argument("--presses", type=arguments.presses, default=1, help="of each mark")
+    parser.add_argument(
+        "--mark-error-um", type=float, default=0.0, help="standard deviation of each press"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--out", metavar="DIR", help="draw figures there")
-    names = "sensor", "seed", "exposure_us", "average", "json", "out"
-    return calls("spots_sim.characterize:measure", *names)
+    return _characterize
 
 
 def design(parser: Parser):
@@ -67,10 +76,21 @@ def design(parser: Parser):
 COMMANDS = demo, characterize, design
 
 
+def _add_change(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--change", metavar="FILE", help="what changed since the calibration")
+
+
 def _demo(options: argparse.Namespace) -> None:
-    from spots.web import browser
+    from .files import changed
 
     _check(options)
+    with changed(options.sensor, options.change) as options.sensor:
+        _demonstrate(options)
+
+
+def _demonstrate(options: argparse.Namespace) -> None:
+    from spots.web import browser
+
     plain = options.seconds is options.use is None and not (options.json or options.fast)
     if options.page or (plain and browser.opens()):
         from .demo import show_page
@@ -107,3 +127,19 @@ def _check(options: argparse.Namespace) -> None:
         raise SpotsError("--use fivebar goes along a path of its own: leave out --scenario")
     if options.use == FIVEBAR and options.fast and options.seconds:
         raise SpotsError("--use fivebar --fast goes along its path once: leave out --seconds")
+
+
+def _characterize(options: argparse.Namespace) -> None:
+    from .characterize import measure
+    from .rezeroed import Hand
+
+    measure(
+        options.sensor,
+        options.seed,
+        options.exposure_us,
+        options.average,
+        options.json,
+        options.out,
+        options.change,
+        Hand(options.rezero, options.presses, options.mark_error_um),
+    )

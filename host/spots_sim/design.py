@@ -35,7 +35,7 @@ from spots_device.settings import DEFAULT_PLAN
 
 from . import figures
 from .bound import Bound
-from .files import SensorFile, load
+from .files import SensorFile, load, to_toml
 from .measurements import FORCE_MN, PLACES
 from .stage import NEAR_UM
 
@@ -234,18 +234,7 @@ def sensor_toml(found: Design) -> str:
         "# All but length and dye is as in default.toml, which has the sources.",
         "",
     ]
-    sections = []
-    for name, value in msgspec.to_builtins(found.sensor).items():
-        if isinstance(value, dict):
-            sections += ["", f"[{name}]", *(_assignment(*item) for item in value.items())]
-        else:
-            lines.append(_assignment(name, value))
-    return "\n".join(lines + sections) + "\n"
-
-
-def _assignment(name: str, value: float | bool) -> str:
-    # What Python writes of a number is TOML too; of a truth value it is not.
-    return f"{name} = {str(value).lower()}"
+    return "\n".join(lines) + "\n" + to_toml(found.sensor)
 
 
 def design_command(

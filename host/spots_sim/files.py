@@ -5,12 +5,18 @@ The comments in ``data/*.toml`` say where each default comes from.
 
 from __future__ import annotations
 
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import msgspec
 
 from spots import toml
+
+from .change import Change, ChangeInTime, Temperature
 
 DATA = Path(__file__).parent / "data"
 
@@ -76,6 +82,7 @@ class Converter(_SimulationFile):
     avalid_clears_on_read: bool = False
     aint_needs_sp_ien: bool = True
     smux_us: NotNegative = 200.0
+    ratio_noise_ppm: NotNegative = 0.0
     clock_error_percent: Annotated[float, msgspec.Meta(ge=-6, le=6)] = 0.0
 
 
@@ -92,6 +99,7 @@ class Surroundings(_SimulationFile):
     irradiance_uW_cm2: NotNegative = 0.0
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     flicker_hz: Positive = 100.0
+    flicker_phase_deg: Degrees = 0.0
 
 
 class JointFile(_SimulationFile):
@@ -113,13 +121,23 @@ class SensorFile(_SimulationFile):
     stretch: Stretch = Stretch()
     surroundings: Surroundings = Surroundings()
     joint: JointFile = JointFile()
+    temperature: Temperature = Temperature()
+    change: Change = Change()
+
+    def unchanged(self) -> SensorFile:
+        """Return the strip as it was calibrated."""
+        return msgspec.structs.replace(self, change=Change())
 
 
 class Finger(_SimulationFile):
-    """One finger: points of (time s, position mm, force mN), joined by straight lines."""
+    """One finger: points of (time s, position mm, force mN), joined by straight lines.
+
+    A tilted one presses harder than its mean at one end of its width, by so many per cent.
+    """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
     width_mm: NotNegative = 4.0
+    tilt_percent: Annotated[float, msgspec.Meta(ge=-100, le=100)] = 0.0
 
     def __post_init__(self):
         times = [point[0] for point in self.points]
@@ -133,6 +151,7 @@ class Ambient(_SimulationFile):
     steps: Annotated[list[tuple[Time, NotNegative]], msgspec.Meta(min_length=1)]
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     flicker_hz: Positive = 100.0
+    flicker_phase_deg: Degrees = 0.0
 
     def __post_init__(self):
         times = [step[0] for step in self.steps]
@@ -226,8 +245,9 @@ class ScenarioFile(_SimulationFile):
 
     Positions are those on the strip as it is, stretched or not. `strain` and `bend` are points of
     (time s, percent) and (time s, degrees), `leak` of (time s, share of full contact, position
-    mm): light that couples without a finger. All are joined by straight lines and keep their
-    first and last value outside. `strain_percent` and `bend_deg` are the short form.
+    mm): light that couples without a finger, each of `change` of (time s, change since the
+    calibration). All are joined by straight lines and keep their first and last value outside.
+    `strain_percent` and `bend_deg` are the short form.
     """
 
     seconds: Cycle
@@ -238,6 +258,7 @@ class ScenarioFile(_SimulationFile):
     leak: list[tuple[Time, Annotated[float, msgspec.Meta(ge=0, le=1)], Place]] = []
     touch: list[Finger] = []
     ambient: Ambient | None = None
+    change: ChangeInTime = ChangeInTime()
     faults: FaultsFile | None = None
 
     def __post_init__(self):
@@ -246,8 +267,10 @@ class ScenarioFile(_SimulationFile):
         for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
             if getattr(self, name) and constant:
                 raise ValueError(f"{name} is given twice: as points and as a constant")
-        for name in ("strain", "bend", "leak"):
-            times = [point[0] for point in getattr(self, name)]
+        lines = {name: getattr(self, name) for name in ("strain", "bend", "leak")}
+        lines |= {f"change.{k}": v for k, v in msgspec.structs.asdict(self.change).items()}
+        for name, points in lines.items():
+            times = [point[0] for point in points]
             if any(b <= a for a, b in zip(times, times[1:])):
                 raise ValueError(f"the times of {name} must ascend")
             if times and times[-1] > self.seconds:
@@ -290,6 +313,10 @@ class PathFile(_SimulationFile):
     tremor_hz: Positive = 8.0
 
 
+class _ChangeFile(_SimulationFile):
+    change: Change
+
+
 _File = TypeVar("_File", SensorFile, ScenarioFile, LinkageFile, PathFile)
 _KINDS = {
     SensorFile: "sensor",
@@ -297,6 +324,58 @@ _KINDS = {
     LinkageFile: "linkage",
     PathFile: "path",
 }
+
+
+def to_toml(sensor: SensorFile) -> str:
+    """Return a sensor file's text, without comments."""
+    lines, sections = [], []
+    for name, value in msgspec.to_builtins(sensor).items():
+        if isinstance(value, dict):
+            sections += ["", f"[{name}]", *(_assignment(*item) for item in value.items())]
+        else:
+            lines.append(_assignment(name, value))
+    return "\n".join(lines + sections) + "\n"
+
+
+def _assignment(name: str, value: float | bool) -> str:
+    # What Python writes of a number is TOML too; of a truth value it is not.
+    return f"{name} = {str(value).lower()}"
+
+
+def load_change(name: str | Path) -> Change:
+    """Read a file with the keys of `Change`, bare or in a table ``[change]``.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such file, or a key in it is unknown or out of range.
+    """
+    path, text = toml.find(name, DATA / "changes", "change")
+    if re.search(r"^\s*\[change\]", text, re.MULTILINE):
+        return toml.checked(text, _ChangeFile, f"change file {path}").change
+    return toml.checked(text, Change, f"change file {path}")
+
+
+@contextmanager
+def changed(sensor: str, change: str | None) -> Iterator[str]:
+    """Give the name of a sensor file with a change file added, as long as the context lasts.
+
+    Parameters
+    ----------
+    sensor : str
+        A path, or the name of a file that comes with the package.
+    change : str or None
+        A path; without it the sensor file itself is given.
+    """
+    if change is None:
+        yield sensor
+        return
+    file = load(SensorFile, sensor)
+    file = msgspec.structs.replace(file, change=file.change + load_change(change))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "sensor.toml"
+        path.write_text(to_toml(file), encoding="utf-8")
+        yield str(path)
 
 
 def load(kind: type[_File], name: str | Path) -> _File:

@@ -10,5 +10,5 @@ from .files import SensorFile
 
 
 def board_id(sensor: SensorFile) -> str:
-    """Return 8 bytes in hexadecimal, the same for the same sensor."""
-    return hashlib.sha256(msgspec.json.encode(sensor)).hexdigest()[:16]
+    """Return 8 bytes in hexadecimal, the same for the same sensor however it changed."""
+    return hashlib.sha256(msgspec.json.encode(sensor.unchanged())).hexdigest()[:16]

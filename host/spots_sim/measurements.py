@@ -14,8 +14,10 @@ import numpy as np
 from spots_device.decode import TOO_DARK
 
 from .bound import Bound
+from .change import NAMES, NONE, Change
 from .files import SensorFile
 from .pair import OnePair
+from .rezeroed import NO_HAND, Hand, age
 from .rig import Rig
 
 PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length, none of them used to calibrate
@@ -62,6 +64,8 @@ def characterize(
     exposure_us: int = 100_000,
     average: int = 1,
     progress: Callable[[str], None] = lambda step: None,
+    change: Change = NONE,
+    hand: Hand = NO_HAND,
 ) -> Run:
     """Measure a sensor.
 
@@ -74,6 +78,10 @@ def characterize(
         Integration time, and how many of them make a reading.
     progress : callable
         Called with each step's name as it begins.
+    change : Change
+        Of the strip since its calibration, besides the sensor file's own.
+    hand : Hand
+        How it is re-zeroed then.
 
     Raises
     ------
@@ -83,7 +91,9 @@ def characterize(
     run = Run()
     rng = np.random.default_rng(seed + 1)
     progress("exposure and calibration")
+    change = sensor.change + change
     with Rig(sensor, seed, exposure_us, average) as rig:
+        drift = age(rig, change, hand, seed)
         progress("position")
         _position(rig, rng, run)
         progress("force")
@@ -102,6 +112,8 @@ def characterize(
             "gain": conditions.gain,
             "led_mA": conditions.led_mA,
             "plan": list(conditions.plan),
+            "change": {name: getattr(change, name) for name in NAMES if getattr(change, name)},
+            "rezero": vars(hand) | {"drift": drift},
         }
     return run
 
@@ -112,7 +124,7 @@ def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
     bound, pair = _bound(rig), OnePair(rig.along[0], rig.noise)
     ratios = [
         scatter / least
-        for _, scatter, _, least in (
+        for _, scatter, _, least, _ in (
             _scatter(rig, rng, share * rig.stage.length_um, jittered, bound, pair)
             for share in PLACES
         )
@@ -122,7 +134,15 @@ def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
 
 def _bound(rig: Rig) -> Bound:
     c = rig.conditions
-    return Bound(rig.stage.sensor, c.plan, c.gain, c.exposure_us, c.led_mA, rig.average)
+    return Bound(
+        rig.stage.sensor,
+        c.plan,
+        c.gain,
+        c.exposure_us,
+        c.led_mA,
+        rig.average,
+        rig.stage.held.changed,
+    )
 
 
 def _fewer(rig: Rig, count: int) -> int:
@@ -140,19 +160,20 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 
 
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
-    """Return errors, their standard deviation, that of one pair, and the bound on both."""
+    """Return errors, their standard deviation, that of one pair, the bound, untrusted per cent."""
     true_um, _, readings, counts = zip(*_jittered(rig, rng, place_um, count))
     errors = np.array([r.position_um for r in readings]) - true_um
+    untrusted = 100 * np.mean([not r.trusted for r in readings])
     pair_errors = pair.position_um(np.array(counts)) - true_um
     # Over so little jitter the bound is as good as straight: that of the middle is the mean.
     least, _ = bound.sigma(place_um, FORCE_MN)
-    return errors, errors.std(ddof=1), pair_errors.std(ddof=1), least
+    return errors, errors.std(ddof=1), pair_errors.std(ddof=1), least, untrusted
 
 
 def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
     pair, bound = OnePair(rig.along[0], rig.noise), _bound(rig)
     x_um = places * rig.stage.length_um
-    names = ("resolution", "accuracy", "bias", "scatter", "bound", "pair")
+    names = ("resolution", "accuracy", "bias", "rms", "scatter", "bound", "pair", "untrusted")
     columns = {name: [] for name in names}
     snr = []
     for place_um in x_um:
@@ -161,9 +182,12 @@ def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
         if rig.average == 1:
             snr.append(_light_over_noise(samples))
         count = _fewer(rig, _JITTERED)
-        errors, scatter, by_pair, least = _scatter(rig, rng, place_um, count, bound, pair)
+        errors, *found = _scatter(rig, rng, place_um, count, bound, pair)
+        scatter, by_pair, least, untrusted = found
         columns["accuracy"].append(np.mean(np.abs(errors)))
         columns["bias"].append(np.mean(errors))
+        columns["rms"].append(np.sqrt(np.mean(errors**2)))
+        columns["untrusted"].append(untrusted)
         columns["scatter"].append(scatter)
         columns["bound"].append(least)
         columns["pair"].append(by_pair / least)
@@ -184,6 +208,8 @@ def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
         "accuracy_um": _mean(series["accuracy"]),
         "bound_um": _mean(series["bound"]),
         "crb_ratio": _mean(series["scatter"] / series["bound"]),
+        "rms_ratio": _mean(series["rms"] / series["bound"]),
+        "untrusted_percent": _mean(series["untrusted"]),
         "one_pair": {
             "channels": channels,
             "scatter_um": _mean(series["pair"] * series["bound"]),
@@ -211,7 +237,7 @@ def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list
     for place_um in x_um:
         _, counts = rig.readings(place_um, FORCE_MN, _AT_REST)
         snr.append(_light_over_noise(counts))
-        _, _, scatter, least = _scatter(rig, rng, place_um, _JITTERED // 4, bound, pair)
+        _, _, scatter, least, _ = _scatter(rig, rng, place_um, _JITTERED // 4, bound, pair)
         ratios.append(scatter / least)
     rig.set_average(average)
     return np.array(ratios), snr

@@ -13,6 +13,7 @@ import numpy as np
 
 from spots.errors import SpotsError
 
+from .change import NONE, Change
 from .files import LinkageFile, PathFile, SensorFile, Stroke
 from .scenario import Pose, Press
 
@@ -164,6 +165,9 @@ class JointScenario:
         if since_s > self._period_s:
             since_s %= self._period_s
         return np.interp(self._time_s[0] + since_s, self._time_s, values)
+
+    def change(self, time_s: float) -> Change:
+        return NONE
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         """Return nothing: a joint is covered."""

@@ -10,7 +10,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from msgspec import structs
 
+from .change import NONE, Change
 from .files import Dye, Led, SensorFile
 
 WAVELENGTH_NM = np.arange(380.0, 1000.0, 4.0)
@@ -49,17 +51,32 @@ def decay_per_mm(dye: Dye) -> np.ndarray:
     return dye.clear_per_mm + dye.strength_per_mm * edge
 
 
-def _sensitivity() -> np.ndarray:
+def _sensitivity(bands_nm: float = 0.0) -> np.ndarray:
     # Counts at gain 1x per ms and uW/cm2, by channel and wavelength, so that the datasheet's
-    # counts come out under the datasheet's lamp.
+    # counts come out under the datasheet's lamp where the filters are the datasheet's.
     lamp = 0.06 * _normalised(_bell(450, 26)) + 0.94 * _normalised(_bell(615, 140))
     lamp *= _REFERENCE_UW_CM2 * _REFERENCE_MS * _REFERENCE_GAIN
     bands = np.array([_bell(centre, fwhm) for centre, fwhm, _ in _CHANNELS.values()])
     counts = np.array([count for _, _, count in _CHANNELS.values()])
-    return bands * (counts / (bands @ lamp))[:, None]
+    shifted = np.array([_bell(centre + bands_nm, fwhm) for centre, fwhm, _ in _CHANNELS.values()])
+    return shifted * (counts / (bands @ lamp))[:, None]
 
 
-_SENSITIVITY = _sensitivity()
+def _scale(percent):
+    return 1 + percent / 100
+
+
+def _led_now(led: Led, now: Change) -> Led:
+    return structs.replace(
+        led,
+        blue_nm=led.blue_nm + now.die_nm,
+        phosphor_nm=led.phosphor_nm + now.phosphor_nm,
+        phosphor_fwhm_nm=max(led.phosphor_fwhm_nm + now.phosphor_fwhm_nm, 1.0),
+        blue_share=min(max(led.blue_share + now.blue_share_percent / 100, 0.0), 1.0),
+    )
+
+
+_BLUEST_NM, _REDDEST_NM = 415.0, 680.0
 _KEPT = 256  # presses whose light is remembered
 
 
@@ -67,39 +84,61 @@ class Optics:
     """The strip of a sensor file, between LED and photodiodes.
 
     Rates are counts at gain 1x per ms, in the order of `names`.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        As it was calibrated: its own `change` is not added.
+    change : Change
+        What has changed since.
+    led_K : float
+        How much warmer the LED is than cold.
     """
 
     names = tuple(_CHANNELS)
 
-    def __init__(self, sensor: SensorFile):
+    def __init__(self, sensor: SensorFile, change: Change = NONE, led_K: float = 0.0):
+        now = sensor.temperature.resolved(change, led_K)
         self._led = sensor.led
         self._stretch = sensor.stretch
-        self._clear = sensor.dye.clear_per_mm
-        self._dyed = decay_per_mm(sensor.dye) - sensor.dye.clear_per_mm
-        self._lit = _SENSITIVITY * led_spectrum(sensor.led)
-        self._flat = _SENSITIVITY.mean(axis=1)
+        dyed = (decay_per_mm(sensor.dye) - sensor.dye.clear_per_mm) * _scale(now.dye_percent)
+        self._dyed = dyed / sensor.temperature.volume(change)
+        self._clear = sensor.dye.clear_per_mm * _scale(now.clear_percent)
+        sensitivity = _sensitivity(now.bands_nm)
+        tilted = (WAVELENGTH_NM - _BLUEST_NM) / (_REDDEST_NM - _BLUEST_NM)
+        spectrum = led_spectrum(_led_now(sensor.led, now)) * _scale(now.tilt_percent * tilted)
+        self._lit = sensitivity * spectrum
+        self._flat = sensitivity.mean(axis=1)
+        self._light = _scale(now.light_percent)
         self.press = lru_cache(_KEPT)(self._press)  # a finger mostly stays where it is
 
     def _press(
-        self, position_mm: float, width_mm: float, strain: float = 0.0, bend_deg: float = 0.0
+        self,
+        position_mm: float,
+        width_mm: float,
+        strain: float = 0.0,
+        bend_deg: float = 0.0,
+        tilt_percent: float = 0.0,
     ) -> np.ndarray:
         """Return the rates of a full contact at `position_mm`, for 1 uW/cm2 of source.
 
         Stretching thins the dye, since the volume grows (paper, section III.C); bending costs
-        light, the same at every wavelength and place.
+        light, the same at every wavelength and place. A tilted finger's pressure rises away from
+        the sensor, by `tilt_percent` of its mean from the middle to the end of the contact.
         """
         volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
         decay = self._clear + self._dyed / volume
         half = decay * width_mm / 2
-        # The mean of exp(-k x) over the contact; sinh(h)/h without 0/0.
+        # The mean of exp(-k x) over the contact; sinh(h)/h without 0/0, and its derivative.
         spread = 1 + half**2 / 6 + half**4 / 120
+        spread = spread - tilt_percent / 100 * (half / 3 + half**3 / 30)
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
         return kept * (self._lit @ (np.exp(-decay * position_mm) * spread))
 
     def source_uW_cm2(self, led_mA: float) -> float:
         """Return what a full contact at the sensor's own end sends into it."""
         light_mA = led_mA / (1 + led_mA / self._led.bend_mA)
-        return self._led.irradiance_uW_cm2_per_mA * light_mA
+        return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 
     def ambient(self, irradiance_uW_cm2: float) -> np.ndarray:
         """Return the rates under light of a flat spectrum that gets in from outside."""

@@ -28,6 +28,8 @@ def tables(summary: dict) -> Group:
         "position: resolution": f"{position['resolution_um']:.1f} µm",
         "position: accuracy": f"{position['accuracy_um']:.1f} µm",
         "position: scatter over the bound": f"{position['crb_ratio']:.2f}",
+        "position: rms error over the bound": f"{position['rms_ratio']:.2f}",
+        "position: untrusted": f"{position['untrusted_percent']:.1f} %",
         f"  the same by one pair, {'/'.join(pair['channels'])}": f"{pair['crb_ratio']:.2f}",
         "signal to noise": f"{summary['snr_db']:.1f} dB",
         "force: resolution": f"{force['resolution_mN']:.1f} mN",

@@ -6,10 +6,12 @@ import numpy as np
 
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import Noise
+from spots.calibrate.shift import shifted
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_device.decode import DARK_SAMPLES, LED_OFF
 
+from .change import NONE
 from .files import SensorFile
 from .stage import Stage
 
@@ -33,13 +35,14 @@ class Rig:
         What was calibrated with, by strain in ppm.
     noise : Noise
     lines : tuple of str
-        The calibration that the board has.
+        The calibration; the board has it as `shift` shifted it.
     """
 
     def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
         self.stage = Stage(sensor, seed, f"exposure_us={exposure_us}")
         self.board = self.stage.board
         self.average = average
+        self._shift = None
         try:
             # How good the strip is at this exposure is the question.
             self.stage.expose(exposure_us)
@@ -70,11 +73,18 @@ class Rig:
     def learn_strains(self, percents) -> None:
         """Calibrate at strains too."""
         self.board.command("set average=1")
+        changed, self.stage.held.changed = self.stage.held.changed, NONE
         for percent in percents:
             self.stage.held.strain = percent / 100
             self.stage.reader.set_up()
             self.along[10_000 * percent] = self.stage.along()
         self.stage.held.strain = 0.0
+        self.stage.held.changed = changed
+        self._use()
+
+    def shift(self, place_um, shifts) -> None:
+        """Use the calibration as a re-zero shifts it, see `spots.calibrate.shift`."""
+        self._shift = place_um, shifts
         self._use()
 
     def set_average(self, average: int) -> None:
@@ -84,7 +94,7 @@ class Rig:
 
     def _use(self) -> None:
         self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
-        upload(self.board, self.lines)
+        upload(self.board, shifted(self.lines, *self._shift) if self._shift else self.lines)
         self.board.command(f"set average={self.average}")
         dark = self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
         self._dark = np.array(dark) / DARK_SAMPLES

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from .files import Ambient, Finger, ScenarioFile
+from msgspec.structs import asdict
+
+from .change import NONE, Change
+from .files import Ambient, Finger, ScenarioFile, Surroundings
+
+_TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 
 
 @dataclass(frozen=True)
@@ -16,6 +21,7 @@ class Press:
     position_mm: float
     force_mN: float
     width_mm: float
+    tilt_percent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,7 @@ class Scenario:
         self._leak = file.leak or [(0.0, 0.0, 0.0)]
         moves = max(map(len, (self._strain, self._bend, self._leak))) > 1
         self._only_pose = None if moves else self._pose(0.0)
+        self._moved = {k: v for k, v in asdict(file.change).items() if v}
         # Which touches there are between any two moments at which one begins or ends.
         spans = [(touch, [point[0] for point in touch.points]) for touch in file.touch]
         self._edges = sorted({edge for _, times in spans for edge in (times[0], times[-1])})
@@ -61,6 +68,13 @@ class Scenario:
     def pose(self, time_s: float) -> Pose:
         """Return how the strip lies at `time_s`."""
         return self._only_pose or self._pose(time_s % self._file.seconds)
+
+    def change(self, time_s: float) -> Change:
+        """Return what has changed since the calibration."""
+        if not self._moved:
+            return NONE
+        phase_s = time_s % self._file.seconds
+        return Change(**{name: _on_lines(v, phase_s)[0] for name, v in self._moved.items()})
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the fingers that touch with any force at `time_s`."""
@@ -78,7 +92,7 @@ class Scenario:
         if ambient is None:
             return 0.0
         level = _step(ambient, start_s % self._file.seconds)
-        return level * flicker(ambient.flicker_percent, ambient.flicker_hz, start_s, end_s)
+        return level * flicker(ambient, start_s, end_s)
 
     def _pose(self, phase_s: float) -> Pose:
         (percent,) = _on_lines(self._strain, phase_s)
@@ -95,6 +109,10 @@ class Held:
     strain : float
         Elongation over length at rest.
     bend_deg : float
+    changed : Change
+        Since the calibration.
+    tremor : float
+        Amplitude of the force's tremor, as a share of it; 0 of an indenter, not of a finger.
     still : bool
         Whether nothing moves while light is collected.
     """
@@ -105,28 +123,36 @@ class Held:
         self.press: Press | None = None
         self.strain = 0.0
         self.bend_deg = 0.0
+        self.changed = NONE
+        self.tremor = 0.0
 
     def pose(self, time_s: float) -> Pose:
         return Pose(self.strain, self.bend_deg)
 
+    def change(self, time_s: float) -> Change:
+        return self.changed
+
     def presses(self, time_s: float) -> list[Press]:
-        return [self.press] if self.press else []
+        if self.press is None:
+            return []
+        swing = 1 + self.tremor * math.sin(2 * math.pi * _TREMOR_HZ * time_s)
+        return [replace(self.press, force_mN=self.press.force_mN * swing)]
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         return 0.0
 
 
-def flicker(percent: float, frequency_hz: float, start_s: float, end_s: float) -> float:
-    """Return the mean over an interval of light that swings about 1 by so many per cent."""
-    omega = 2 * math.pi * frequency_hz
-    swing = (math.sin(omega * end_s) - math.sin(omega * start_s)) / (omega * (end_s - start_s))
-    return 1 + percent / 100 * swing
+def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float:
+    """Return the mean over an interval of a lamp's light, which swings about 1."""
+    omega, phase = 2 * math.pi * lamp.flicker_hz, math.radians(lamp.flicker_phase_deg)
+    swing = math.sin(omega * end_s + phase) - math.sin(omega * start_s + phase)
+    return 1 + lamp.flicker_percent / 100 * swing / (omega * (end_s - start_s))
 
 
 def _between(touch: Finger, i: int, time_s: float) -> Press:
     (t0, x0, f0), (t1, x1, f1) = touch.points[i - 1], touch.points[i]
     share = (time_s - t0) / (t1 - t0)
-    return Press(x0 + share * (x1 - x0), f0 + share * (f1 - f0), touch.width_mm)
+    return Press(x0 + share * (x1 - x0), f0 + share * (f1 - f0), touch.width_mm, touch.tilt_percent)
 
 
 def _on_lines(points: list, time_s: float) -> tuple[float, ...]:

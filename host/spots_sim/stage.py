@@ -29,6 +29,7 @@ class Stage:
     Parameters
     ----------
     sensor : SensorFile
+        As it was calibrated; `held.changed` is what changes it.
     seed : int
         Of the noise.
     settings : str
@@ -38,7 +39,7 @@ class Stage:
     def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
         self.sensor = sensor
         self.held = Held()
-        self.board = Board(LockstepLink(sensor, self.held, seed, started_s=_WARM_S))
+        self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=_WARM_S))
         if settings:
             self.board.command("set " + settings)
         self.reader = SpectrumReader(self.board)

@@ -14,8 +14,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from spots.calibrate.calibration_file import CalibrationFile
 from spots.calibrate.guide import Guide
-from spots.calibrate.session import Session, settings
+from spots.calibrate.session import settings
 from spots.calibrate.steps import Setup
 from spots.deploy.drive import Drive
 from spots.deploy.place import Place
@@ -49,20 +50,26 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     load(ScenarioFile, scenario)
 
 
-def calibration_setup(options, session: Session, out: Path, guide: Guide) -> Setup:
-    """Return a simulated strip under a stage that presses it, for `spots calibrate`."""
+def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
+    """Return a simulated strip under a stage that presses it, for `spots calibrate`.
+
+    It is as it was made with a session or, for `spots rezero`, with a calibration file: then it has
+    changed as the sensor file says.
+    """
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)
     stage = Stage(sensor, options.seed)
     # The stage is the finger; of the scenario only the strip's bend is used.
     stage.held.bend_deg = scenario.bend_deg
-    # A virtual board forgets its settings when it ends: restore the session's.
-    made = session.conditions
+    # A virtual board forgets its settings when it ends: restore those it was calibrated with.
+    made = made_with.conditions
+    if isinstance(made_with, CalibrationFile):
+        stage.held.changed = sensor.change
     if made is not None and made.board == stage.reader.conditions.board:
         stage.board.command("set " + settings(made))
         stage.reader.set_up()
     length_um = 1000 * (options.length_mm or sensor.length_mm)
-    return Setup(stage.reader, StagePresser(stage), guide, session, length_um, out)
+    return Setup(stage.reader, StagePresser(stage), guide, made_with, length_um, out)
 
 
 # The port as a whole linkage.

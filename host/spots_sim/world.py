@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from .scenario import flicker
 
 # A moving finger is followed in steps of at most this within one integration.
 _STEP_US = 2_500.0
+# Optics are made again for each hundredth of a kelvin of the LED: less than 1 um.
+_LED_K_DIGITS = 2
+_KEPT = 64
 
 
 def coupling(contact: ContactFile, force_mN: float) -> float:
@@ -53,12 +57,18 @@ class World:
         self._scenario = scenario
         self._rng = rng
         self._optics = Optics(sensor)
+        self._led_K = 0.0  # at this time
+        self._led_us = 0.0
+        self._optics_at = lru_cache(_KEPT)(partial(Optics, sensor))
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
         """Return the counts at gain 1x by diode that an ideal converter would make."""
         duration_us = end_us - start_us
         steps = 1 if self._scenario.still else math.ceil(duration_us / _STEP_US)
         step_us = duration_us / steps
+        self._warm(end_us, led_mA)
+        change = self._sensor.change + self._scenario.change((start_us + end_us) * 0.5e-6)
+        self._optics = self._optics_at(change, round(self._led_K, _LED_K_DIGITS))
         rates = np.zeros(len(self._optics.names))
         if led_mA > 0:
             for i in range(steps):
@@ -68,11 +78,13 @@ class World:
         rates += self._optics.ambient(self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6))
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
+    def outside(self, start_us: float, end_us: float) -> float:
+        """Return the mean irradiance from outside, in uW/cm2."""
+        return self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
+
     def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         around = self._sensor.surroundings
-        steady = around.irradiance_uW_cm2 * flicker(
-            around.flicker_percent, around.flicker_hz, start_s, end_s
-        )
+        steady = around.irradiance_uW_cm2 * flicker(around, start_s, end_s)
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _light(self, rates: np.ndarray, time_s: float) -> None:
@@ -82,12 +94,24 @@ class World:
             share = coupling(self._sensor.contact, press.force_mN)
             if share > 0:
                 rates += share * self._optics.press(
-                    press.position_mm, press.width_mm, pose.strain, pose.bend_deg
+                    press.position_mm,
+                    press.width_mm,
+                    pose.strain,
+                    pose.bend_deg,
+                    press.tilt_percent,
                 )
         if pose.leak_share > 0:
             rates += pose.leak_share * self._optics.press(
                 pose.leak_mm, 0.0, pose.strain, pose.bend_deg
             )
+
+    def _warm(self, end_us: float, led_mA: float) -> None:
+        # The LED goes on towards the warmth of its present power; so it did while none was asked.
+        warmth = self._sensor.temperature
+        in_the_end_K = warmth.led_K_per_mA * led_mA
+        share = math.exp(-max(end_us - self._led_us, 0.0) * 1e-6 / warmth.led_warm_up_s)
+        self._led_K = in_the_end_K + share * (self._led_K - in_the_end_K)
+        self._led_us = end_us
 
     def _led_level(self, start_us: float, duration_us: float) -> float:
         led = self._sensor.led
@@ -102,7 +126,9 @@ def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
     c = sensor.converter
     return AS7341(
         World(sensor, scenario, rng),
-        ChipNoise(c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x),
+        ChipNoise(
+            c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x, c.ratio_noise_ppm
+        ),
         rng,
         Quirks(
             c.auto_zero_at_every_start,

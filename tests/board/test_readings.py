@@ -113,7 +113,7 @@ def test_a_faint_lamp_switched_on_is_learned_while_idle_and_not_while_touched(ri
     made = rig(calibration=calibration)
     made.press(42.5, 4000.0)
     made.settle()
-    dark = made.board.command("dark")["dark"]
+    made.board.command("dark")
     made.held.ambient_uW_cm2 = lamp(0.2)
     made.board.command("stream touch")
     made.settle(15.0)

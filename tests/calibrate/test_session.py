@@ -661,7 +661,8 @@ def test_the_board_tells_what_float64_tells(sensor, full):
 
 def test_the_session_file_holds_all_raw_material(full):
     rows = [json.loads(line) for line in full.session.read_text().splitlines()]
-    assert {row["kind"] for row in rows} == {"choose", "position", "force", "strain", "joint"}
+    kinds = {"choose", "position", "force", "strain", "joint", "mark"}
+    assert {row["kind"] for row in rows} == kinds
     for row in rows:
         assert len(row["counts"]) == len(row["variance"]) == len(row["plan"]) == 6
         assert row["time"].endswith("+00:00")

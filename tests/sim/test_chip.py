@@ -153,12 +153,115 @@ def test_avalid_may_or_may_not_clear_on_read(clears):
     assert bool(bench.read(0xA3)[0] & 0x40) is not clears
 
 
+def counts(data):
+    return np.frombuffer(data, "<u2").tolist()
+
+
+def test_the_first_read_after_a_restart_is_fresh_without_astatus():
+    # DFRobot's and SparkFun's drivers restart, wait for AVALID and read the counts alone.
+    lamp = Lamp()
+    bench = Bench(lamp)
+    bench.run(F1_F4)
+    for rate in (1.0, 0.5):
+        lamp.rate = rate
+        bench.write(0x80, 0x01)
+        bench.write(0x80, 0x03)
+        bench.wait(AUTO_ZERO_US + 11_000)
+        assert bench.read(0xA3)[0] & 0x40
+        assert counts(bench.read(0x95, 12))[0] == pytest.approx(320 * rate, abs=1)
+
+
+@pytest.mark.parametrize(("apers", "samples"), [(0, 0), (1, 1), (3, 3), (4, 5)])
+@pytest.mark.parametrize("way", ["below", "above"])
+def test_aint_waits_for_so_many_samples_outside_the_thresholds(apers, samples, way):
+    lamp = Lamp()
+    bench = Bench(lamp)
+    bench.write(0xBD, apers)
+    bench.write(0xB5, 2)
+    bench.write(0x84, *(1000).to_bytes(2, "little"), *(2000).to_bytes(2, "little"))
+    lamp.rate = 1.5  # ADC 2: 10 ms, 32x, diode 3: 960 at 1.0
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 10_000 * 7 + 500)
+    assert bool(bench.sample()[0] & 0x08) is (apers == 0)
+    bench.write(0x93, 0x08)
+    lamp.rate = 0.9 if way == "below" else 2.3
+    bench.wait(10_000)  # part of it was lit as before
+    bench.write(0x93, 0x08)
+    before = bench.chip.samples
+    while apers and not bench.sample()[0] & 0x08:
+        bench.wait(1000)
+    assert bench.chip.samples - before in (max(samples - 1, 0), samples)
+
+
+def test_the_smux_is_refused_while_it_measures():
+    bench = Bench()
+    bench.run(F1_F4)
+    bench.write(0xAF, 0x10)
+    bench.write(0x00, *F5_F8)
+    bench.write(0x80, 0x13)
+    assert bench.read(0x80) == b"\x03"
+    bench.wait(50_000)
+    assert bench.sample()[2][0] == pytest.approx(10 * 32, abs=1)
+
+
+def test_the_fifo_holds_what_its_map_names_and_is_read_in_one_transfer():
+    bench = Bench()
+    bench.write(0xFC, 0x0B)  # ASTATUS, CH0, CH2
+    bench.write(0xF9, 0x0C)
+    bench.run(F1_F4)
+    bench.write(0xF9, 0x0C)
+    bench.wait(AUTO_ZERO_US + 21_000)
+    assert bench.read(0xFD) == b"\x06"
+    assert not bench.read(0x93)[0] & 0x04
+    bench.wait(10_000)
+    assert bench.read(0x93)[0] & 0x04  # 8 entries, the reset value of FIFO_TH
+    astatus, ch0, ch2 = np.reshape(counts(bench.read(0xFE, 18)), (3, 3)).T
+    assert astatus.tolist() == [6, 6, 6]
+    assert ch0 == pytest.approx([320] * 3, abs=1)
+    assert ch2 == pytest.approx([960] * 3, abs=1)
+    assert bench.read(0xFD) == b"\x00"
+    assert bench.read(0xFE, 2) == bytes(2)
+
+
+def test_a_fifo_that_overflows_says_so_and_can_be_cleared():
+    bench = Bench()
+    bench.write(0xFC, 0x7E)
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 212_000)
+    assert bench.read(0xFD) == b"\x7e"
+    assert not bench.read(0xA7)[0] & 0x80
+    bench.wait(10_000)
+    assert bench.read(0xFD) == b"\x80"
+    assert bench.read(0xA7)[0] & 0x80
+    bench.write(0xFA, 0x02)
+    assert bench.read(0xFD) == b"\x00"
+    assert not bench.read(0xA7)[0] & 0x80
+
+
+@pytest.mark.parametrize(("hz", "status"), [(100.0, 45), (120.0, 46), (None, 44)])
+def test_the_flicker_detector_names_100_and_120_hz(hz, status):
+    class Room(Lamp):
+        def outside(self, start_us, end_us):
+            middle_s = 0.5e-6 * (start_us + end_us)
+            return 5.0 + (np.sin(2 * np.pi * hz * middle_s + 1) if hz else 0.0)
+
+    bench = Bench(Room())
+    bench.run(F1_F4)
+    assert bench.read(0xDB) == b"\x00"
+    bench.write(0x80, 0x43)
+    bench.wait(100_000)
+    assert bench.read(0xDB) == b"\x00"
+    bench.wait(500_000)
+    assert bench.read(0xDB)[0] == status
+    bench.wait(20_000)
+    assert bench.sample()[2][5] == 0
+
+
 def test_counts_change_only_where_astatus_is_read():
     lamp = Lamp()
     bench = Bench(lamp)
     bench.run(F1_F4)
     bench.wait(AUTO_ZERO_US + 11_000)
-    assert bench.read(0x95, 12) == bytes(12)
     first = bench.sample()[2]
     lamp.rate = 0.5
     bench.wait(30_000)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..errors import SpotsError
@@ -32,14 +33,29 @@ def calibrate_command(options: argparse.Namespace) -> None:
             f"the calibration would replace the session {session.path}: name another file with "
             "--out"
         )
-    guide = Guide()
+    with opened(options, session, out, Guide()) as setup:
+        calibrate(setup, options.kind, count, options.strain_percent, options)
+
+
+@contextmanager
+def opened(options: argparse.Namespace, made, out: Path, guide: Guide) -> Iterator[Setup]:
+    """Open the board that options name, with whoever presses its strip.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+    made : Session or CalibrationFile
+        What the board was calibrated with: ``conditions`` and ``length_um``.
+    out : Path
+    guide : Guide
+    """
     with ExitStack() as stack:
         set_up = offered(options.port, "calibration_setup") or _by_hand
-        setup = set_up(options, session, out, guide)
+        setup = set_up(options, made, out, guide)
         stack.enter_context(setup.reader.board)
         stack.enter_context(guide)
         stack.callback(_give_back, setup.reader)
-        calibrate(setup, options.kind, count, options.strain_percent, options)
+        yield setup
 
 
 def _give_back(reader: SpectrumReader) -> None:

@@ -23,6 +23,7 @@ from ..bounded import read_text
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.connect import upload
+from .session import Six
 
 VERSION = 1
 _END = "[end]\n"
@@ -80,6 +81,42 @@ class Joint(_Struct, kw_only=True):
     high: tuple[float, float] | None = None
 
 
+class Marks(_Struct, kw_only=True):
+    """Presses at the end of a calibration, to be repeated when the strip has drifted.
+
+    Attributes
+    ----------
+    place_um : tuple of float, length 3
+        Ascending.
+    force_mN : float
+    logs : tuple, shape (3, 6)
+        log2 of each channel's dark-subtracted counts.
+    """
+
+    place_um: tuple[float, float, float]
+    force_mN: float
+    logs: tuple[Six, Six, Six]
+
+
+class Rezero(_Struct, kw_only=True):
+    """A re-zero: what the marks' logs had become, less what they were.
+
+    Attributes
+    ----------
+    date : datetime
+        UTC.
+    place_um : tuple of float
+    shifts : tuple, shape (n, 6)
+    drift : str
+        In words.
+    """
+
+    date: datetime
+    place_um: tuple[float, ...]
+    shifts: tuple[Six, ...]
+    drift: str
+
+
 class CalibrationFile(_Struct, kw_only=True):
     """A calibration, as the file holds it.
 
@@ -94,6 +131,11 @@ class CalibrationFile(_Struct, kw_only=True):
     joint : Joint or None
     lines : tuple of str
         The board's, see `spots_device.calibration`.
+    marks : Marks or None
+    rezeros : list of Rezero
+        The last one gave `lines`.
+    original : tuple of str
+        Lines as calibrated; empty before the first re-zero.
     """
 
     date: datetime
@@ -105,6 +147,14 @@ class CalibrationFile(_Struct, kw_only=True):
     residuals: list[Residual] = []
     joint: Joint | None = None
     lines: tuple[str, ...]
+    marks: Marks | None = None
+    rezeros: list[Rezero] = []
+    original: tuple[str, ...] = ()
+
+    @property
+    def length_um(self) -> float:
+        """Length of the strip at rest."""
+        return Calibration(self.lines).length_um
 
     @property
     def conditions(self) -> Conditions:
@@ -112,7 +162,7 @@ class CalibrationFile(_Struct, kw_only=True):
         return Conditions(self.board, self.plan, self.gain, self.exposure_us, self.led_mA)
 
     @classmethod
-    def now(cls, conditions: Conditions, lines, residuals, joint=None) -> CalibrationFile:
+    def now(cls, conditions: Conditions, lines, residuals, joint=None, marks=None):
         """Return a calibration dated now.
 
         Parameters
@@ -123,14 +173,21 @@ class CalibrationFile(_Struct, kw_only=True):
             The board's.
         residuals : list of Residual
         joint : Joint, optional
+        marks : Marks, optional
         """
         return cls(
-            date=datetime.now(timezone.utc).replace(microsecond=0),
+            date=now(),
             **vars(conditions),
             residuals=residuals,
             joint=joint,
             lines=tuple(lines),
+            marks=marks,
         )
+
+
+def now() -> datetime:
+    """Return the time as files have it: UTC, in whole seconds."""
+    return datetime.now(timezone.utc).replace(microsecond=0)
 
 
 def save(calibration: CalibrationFile, path: Path) -> None:
@@ -217,6 +274,8 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         content.pop("version")
         found = toml.convert(content, CalibrationFile)
         made = Calibration(found.lines)
+        if found.original:
+            Calibration(found.original)
     except (msgspec.ValidationError, CalibrationError, KeyError) as error:
         raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
     reason = made.mismatch(found.conditions)
@@ -227,7 +286,9 @@ def _checked(path: Path, body: str) -> CalibrationFile:
 
 def _text(calibration: CalibrationFile) -> str:
     fields = msgspec.to_builtins(calibration)
-    date, lines, residuals, joint = map(fields.pop, ("date", "lines", "residuals", "joint"))
+    date, lines, original = map(fields.pop, ("date", "lines", "original"))
+    tables = "residuals", "joint", "marks", "rezeros"
+    residuals, joint, marks, rezeros = map(fields.pop, tables)
     rows = [
         "# The calibration of one SPOTS board, made by 'spots calibrate'.",
         f"version = {VERSION}",
@@ -235,15 +296,25 @@ def _text(calibration: CalibrationFile) -> str:
         *_keys(fields),
         "# What the board is given, see docs/protocol.md.",
         "lines = [",
-        *(f"  {json.dumps(line)}," for line in lines),
-        "]",
+        *_quoted(lines),
     ]
+    if original:
+        rows += ["# As calibrated, before any re-zero.", "original = [", *_quoted(original)]
     for residual in residuals:
         rows += ["", "[[residuals]]", *_keys(residual)]
     if joint is not None:
         rows += ["", "# angle in degrees = zero_deg + deg_per_um * position in um"]
         rows += ["[joint]", *_keys(joint)]
+    if marks is not None:
+        rows += ["", "# log2 of the counts of presses that 'spots rezero' repeats."]
+        rows += ["[marks]", *_keys(marks)]
+    for rezero in rezeros:
+        rows += ["", "[[rezeros]]", f"date = {rezero.pop('date')}", *_keys(rezero)]
     return "\n".join([*rows, "", ""])
+
+
+def _quoted(lines: list[str]) -> list[str]:
+    return [*(f"  {json.dumps(line)}," for line in lines), "]"]
 
 
 def _keys(fields: dict) -> list[str]:

@@ -13,7 +13,7 @@ from ..errors import SpotsError
 from . import calibration_file as file
 from .fit import PLACES_MIN, fit
 from .joint import fit_joint
-from .presses import Noise, Presses
+from .presses import MARKS, Noise, Presses
 from .session import Session
 
 _DECODED_SAMPLES = 64  # counts are means: in sums of so many little of them is lost
@@ -51,8 +51,18 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         _residual(lines, strain, places, pressed if strain == 0 else None)
         for strain, places in along.items()
     ]
-    joint = _joint(session, say)
-    return file.CalibrationFile.now(session.conditions, lines, residuals, joint)
+    joint, marks = _joint(session, say), _marks(session.presses("mark"))
+    return file.CalibrationFile.now(session.conditions, lines, residuals, joint, marks)
+
+
+def _marks(pressed: Presses) -> file.Marks | None:
+    if len(pressed.position_um) < len(MARKS):
+        return None
+    return file.Marks(
+        place_um=tuple(pressed.position_um.tolist()),
+        force_mN=float(pressed.force_mN[0]),
+        logs=tuple(map(tuple, pressed.logs.round(6).tolist())),
+    )
 
 
 def _joint(session: Session, say: Callable[[str], None]) -> file.Joint | None:

@@ -10,6 +10,7 @@ import numpy as np
 FIRM_MN = 6000.0
 FULL_MN = 10_000.0
 FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
+MARKS = (0.1, 0.5, 0.9)  # that a re-zero presses again
 
 ROUNDING_VARIANCE = 1 / 12
 _REWEIGHTINGS = 4

@@ -36,7 +36,7 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     direction : int
     """
 
-    kind: Literal["choose", "position", "force", "strain", "joint"]
+    kind: Literal["choose", "position", "force", "strain", "joint", "mark"]
     place_um: float
     force_mN: float
     strain_ppm: int = 0

@@ -61,8 +61,8 @@ class SpectrumReader:
         self._average = 1
         self.set_up()
 
-    def set_up(self, line: str = "") -> None:
-        """`set` something, if given; then read the board's settings and take a dark frame."""
+    def set_up(self, line: str = "", darks: int = 1) -> None:
+        """`set` something, if given; then read the settings and the mean of so many dark frames."""
         if line:
             self.board.command("set " + line)
         self.info = self.board.command("hello")
@@ -70,8 +70,8 @@ class SpectrumReader:
             self._average = self.info["average"]
             self.board.command("set average=1")
             self.info = self.board.command("hello")
-        dark = self.board.command("dark", timeout_s=30)["dark"]
-        self._dark = np.array(dark) / DARK_SAMPLES
+        dark = [self.board.command("dark", timeout_s=30)["dark"] for _ in range(darks)]
+        self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
         self.board.command("stream spectrum")
 
     def give_back(self) -> None:

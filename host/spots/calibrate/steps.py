@@ -23,7 +23,7 @@ from .guide import Guide
 from .joint import ANGLES_MIN, fit_joint
 from .make import make
 from .presser import Presser
-from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise
+from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
 from .session import Point, Session, Wanted, point, presses
 from .spectra import SpectrumReader
 from .take import Taker, judge_force, judge_place
@@ -44,6 +44,7 @@ _CHOOSE_PLACES = 9
 _DARK_SHARE = 0.85
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
+DARKS = 4  # of marks: at a long exposure one dark frame has few samples
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ def calibrate(
     if missing:
         setup.guide.say(f"next: {missing}")
     else:
+        _marks(setup)
         _finish(setup)
 
 
@@ -233,6 +235,16 @@ def _forces(setup: Setup, count: int) -> None:
                 setup, judge_force, wanted, force_mN, lambda p, at_um=place_um: p.place_um == at_um
             )
             _take(setup, wanted, judge)
+
+
+def _marks(setup: Setup) -> None:
+    """Press what a re-zero will press again, when all else is known."""
+    setup.guide.say("dark frames: touch nothing")
+    setup.reader.set_up(darks=DARKS)
+    setup.guide.begin("marks for a re-zero", len(MARKS), setup.plan(), setup.length_um)
+    for share in MARKS:
+        place_um = round(share * setup.length_um, -2)
+        _take(setup, Wanted(kind="mark", place_um=place_um, force_mN=FIRM_MN))
 
 
 def _judge(setup: Setup, rule, wanted: Wanted, at: float, among: Callable[[Point], bool]):

@@ -11,6 +11,7 @@ from .spectra import Reading, SpectrumReader
 
 _TRIES = 5
 _WINDOW_S = 0.24
+_MARK_S = 1.5
 _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
 _TREMBLE_MAX = 6.0  # times the variance that the noise explains
@@ -36,7 +37,11 @@ class Taker:
     ----------
     noise : Noise or None
         Of the sensor, as soon as it is known.
+    given_up : str
+        What is left of the session after too many bad presses.
     """
+
+    given_up = "presses taken so far are stored; the same command continues"
 
     def __init__(self, reader: SpectrumReader, presser, guide):
         self.reader = reader
@@ -48,6 +53,11 @@ class Taker:
     def window(self) -> int:
         """How many samples make a reading."""
         return max(_WINDOW_MIN, round(_WINDOW_S * 1e6 / self.reader.info["exposure_us"]))
+
+    @property
+    def mark_samples(self) -> int:
+        """How many samples make the reading of a mark, whose noise shifts whole tables."""
+        return max(self.window, round(_MARK_S * 1e6 / self.reader.info["exposure_us"]))
 
     def take(self, wanted: Wanted, judge=lambda reading: None, as_it_is=False) -> Reading:
         """Have a press made and return its reading; it is still held then.
@@ -69,6 +79,8 @@ class Taker:
             self._presser.press(wanted)
             try:
                 reading = self._held(as_it_is)
+                if wanted.kind == "mark":
+                    reading = self._held_longer()
                 judge(reading)
                 return reading
             except BadPressError as bad:
@@ -76,7 +88,7 @@ class Taker:
             self._guide.say(f"{trouble}; press again")
             if wanted.kind != "joint":  # whose indenter stays on the strip
                 self.release()
-        raise SpotsError(f"{trouble}; presses taken so far are stored; the same command continues")
+        raise SpotsError(f"{trouble}; {self.given_up}")
 
     def release(self) -> None:
         """Wait until nothing is pressed.
@@ -116,6 +128,13 @@ class Taker:
                 )
             return reading
         raise BadPressError(trouble)
+
+    def _held_longer(self) -> Reading:
+        reading = self.reader.read(self.mark_samples)
+        trouble = self._unsteady(reading)
+        if trouble:
+            raise BadPressError(trouble)
+        return reading
 
     def _unsteady(self, reading: Reading) -> str | None:
         if (reading.counts < 1).all():

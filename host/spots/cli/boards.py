@@ -97,6 +97,22 @@ def calibrate(parser: Parser):
     return calls("spots.calibrate.calibrate:calibrate_command")
 
 
+def rezero(parser: Parser):
+    """Correct the drift of a calibrated strip: press its three marks again.
+
+    examples:
+      spots rezero
+      spots rezero mine.toml --presses 3
+    """
+    parser.add_argument("calibration", nargs="?", default="calibration.toml", metavar="FILE.toml")
+    arguments.add_port(parser)
+    parser.add_argument("--quick", action="store_true", help="one mark; not for a bleached dye")
+    parser.add_argument("--presses", type=arguments.presses, default=1, help="of each mark")
+    parser.add_argument("--force-N", type=arguments.force_N, help="on a scale; corrects the force")
+    parser.set_defaults(length_mm=None)
+    return calls("spots.calibrate.rezero:rezero_command")
+
+
 def erase(parser: Parser):
     """Remove the firmware, its settings and its calibration from a board.
 
@@ -108,7 +124,7 @@ def erase(parser: Parser):
     return calls("spots.deploy.erase:erase", "board", "port", "yes")
 
 
-COMMANDS = ports, boards, build, flash, doctor, calibrate, erase
+COMMANDS = ports, boards, build, flash, doctor, calibrate, rezero, erase
 
 
 def _add_board(parser: Parser) -> None:

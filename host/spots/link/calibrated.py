@@ -33,7 +33,7 @@ def hello_calibrated(board: Board) -> Hello:
     return info
 
 
-def next_step(info: dict) -> str | None:
+def next_step(info: Hello) -> str | None:
     """Return what to do with a board that is not calibrated, from its ``hello``; None if it is."""
     return None if info.get("length_um") else "next: spots calibrate position"
 

@@ -11,8 +11,9 @@ and may have
 
 ``check(rest, *, sensor, scenario, seed)``
     Raises SpotsError for what waiting for the board does not mend.
-``calibration_setup(options, session, out, guide)``
-    Of a port that presses its strip by itself: a `calibrate.steps.Setup`.
+``calibration_setup(options, made, out, guide)``
+    Of a port that presses its strip by itself: a `calibrate.steps.Setup`. ``made`` is a session,
+    or the calibration of a strip that may have drifted.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Of a port that is a whole linkage: a `linkage.twin_source.DrivenLinkage`. Three have defaults.
 ``compare_linkage(options)``

@@ -28,6 +28,8 @@ class Limit(IntEnum):
         The reason, for people.
     """
 
+    sentence: str
+
     NONE = 0, "the linkage can be there"
     NOT_FINITE = 1, "a value is not a finite number"
     BEYOND_ARM_1 = 2, "farther from joint 1 than its two bars reach"

@@ -1,0 +1,113 @@
+"""What differs from the strip that was calibrated: ageing, temperature, and a warm LED."""
+
+from __future__ import annotations
+
+from typing import Annotated, get_type_hints
+
+import msgspec
+
+
+def _within(low: float, high: float):
+    return Annotated[float, msgspec.Meta(ge=low, le=high)]
+
+
+_Struct = {"frozen": True, "forbid_unknown_fields": True, "kw_only": True}
+_Shift = _within(-50, 50)
+_Relative = _within(-99, 1000)
+
+
+class Change(msgspec.Struct, **_Struct):
+    """Changes since the calibration; each is added to the sensor file's value.
+
+    Attributes
+    ----------
+    die_nm, phosphor_nm, phosphor_fwhm_nm : float
+        Of the LED's two bells.
+    bands_nm : float
+        Shift of all filters of the sensor.
+    blue_share_percent : float
+        Percentage points of the LED's power.
+    light_percent, dye_percent, clear_percent : float
+        Relative: the light that couples, the strength of the dye, the loss of the clear base.
+    tilt_percent : float
+        Relative gain of the reddest channel (680 nm) over the bluest (415 nm), linear in
+        wavelength.
+    temperature_K : float
+        Of strip, LED and sensor; becomes the others by `Temperature`.
+    """
+
+    die_nm: _Shift = 0.0
+    phosphor_nm: _Shift = 0.0
+    phosphor_fwhm_nm: _Shift = 0.0
+    bands_nm: _Shift = 0.0
+    blue_share_percent: _Shift = 0.0
+    light_percent: _Relative = 0.0
+    dye_percent: _Relative = 0.0
+    clear_percent: _Relative = 0.0
+    tilt_percent: _Shift = 0.0
+    temperature_K: _within(-100, 100) = 0.0
+
+    def __add__(self, other: Change) -> Change:
+        if other is NONE:  # of most samples
+            return self
+        return Change(**{name: getattr(self, name) + getattr(other, name) for name in NAMES})
+
+
+NAMES = Change.__struct_fields__
+NONE = Change()
+
+# The same keys as points of (time s, value), joined by straight lines.
+ChangeInTime = msgspec.defstruct(
+    "ChangeInTime",
+    [
+        (name, list[tuple[_within(0, 1e12), kind]], msgspec.field(default_factory=list))
+        for name, kind in get_type_hints(Change, include_extras=True).items()
+    ],
+    **_Struct,
+)
+
+
+class Temperature(msgspec.Struct, **_Struct):
+    """What one kelvin does, and how the LED warms itself.
+
+    The coefficients of the LED hold for its own warmth too. `led_K_per_mA` is how much warmer it
+    gets in the end, after a time constant of `led_warm_up_s`.
+    """
+
+    # Blue InGaN dies: 0.03 to 0.05 nm/K, typical of LED datasheets.
+    die_nm_per_K: float = 0.04
+    # Assumed: YAG:Ce shifts to the red and broadens a little, and loses more light than the die.
+    phosphor_nm_per_K: float = 0.015
+    phosphor_fwhm_nm_per_K: float = 0.05
+    blue_share_percent_per_K: float = -0.011
+    # White LEDs: -0.2 to -0.4 %/K, typical of LED datasheets.
+    light_percent_per_K: float = -0.3
+    # Assumed: interference filters on silicon, 0.3 nm in 10 K.
+    bands_nm_per_K: float = 0.03
+    # Assumed: no effect is known that is not in the length.
+    dye_percent_per_K: float = 0.0
+    clear_percent_per_K: float = 0.0
+    tilt_percent_per_K: float = 0.0
+    # Cast polyurethane: 100 to 200 ppm/K, typical; the volume grows with it and thins the dye.
+    length_ppm_per_K: float = 150.0
+    # An ideal LED stays cool. At 3 V and 200 K/W it would be 0.6.
+    led_K_per_mA: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    led_warm_up_s: Annotated[float, msgspec.Meta(gt=0, le=1e6)] = 60.0
+
+    def resolved(self, change: Change, led_K: float = 0.0) -> Change:
+        """Return a change with its temperature, and the LED's own, turned into the others."""
+        return change + Change(
+            **{
+                name: getattr(self, f"{name}_per_K")
+                * (change.temperature_K + (led_K if name in _OF_LED else 0.0))
+                for name in NAMES
+                if name != "temperature_K"
+            }
+        )
+
+    def volume(self, change: Change) -> float:
+        """Return the volume of the strip, relative to that at the calibration."""
+        return (1 + 1e-6 * self.length_ppm_per_K * change.temperature_K) ** 3
+
+
+_OF_LED = ("die_nm", "phosphor_nm", "phosphor_fwhm_nm", "blue_share_percent", "light_percent")

@@ -1,0 +1,97 @@
+"""A strip on the stage that has changed since its calibration, and its re-zero."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from spots.calibrate.calibration_file import CalibrationFile, Marks
+from spots.calibrate.guide import Guide
+from spots.calibrate.presses import FIRM_MN, MARKS
+from spots.calibrate.rezero import rezero
+from spots.calibrate.steps import DARKS, Setup
+from spots.errors import SpotsError
+
+from .change import Change
+from .rig import Rig
+from .stage_presser import StagePresser
+
+# Assumed of a finger that holds still. It spreads the rounding of dim counts, as in reality.
+_TREMOR = 0.02
+_NOBODY = Path("characterize")
+
+
+@dataclass(frozen=True)
+class Hand:
+    """How a strip is re-zeroed.
+
+    Attributes
+    ----------
+    marks : int
+        0 for no re-zero, 1 for a quick one, 3 for a whole one.
+    presses : int
+        Of each mark.
+    error_um : float
+        Standard deviation of where a mark is pressed; at the calibration it is exact.
+    """
+
+    marks: int = 0
+    presses: int = 1
+    error_um: float = 0.0
+
+    def check(self) -> None:
+        """Raise SpotsError for what no hand does."""
+        if self.marks not in (0, 1, len(MARKS)):
+            raise SpotsError(f"--rezero takes 0, 1 or {len(MARKS)} marks, not {self.marks}")
+        if self.error_um < 0:
+            raise SpotsError(f"--mark-error-um is 0 or more, not {self.error_um:g}")
+
+
+NO_HAND = Hand()
+
+
+class _ShakyPresser(StagePresser):
+    def __init__(self, stage, error_um: float, rng):
+        super().__init__(stage)
+        self._error_um, self._rng = error_um, rng
+
+    def press(self, wanted) -> None:
+        off_um = self._error_um * self._rng.standard_normal()
+        self._stage.press(wanted.place_um + off_um, wanted.force_mN)
+
+
+def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
+    """Change a calibrated strip, then re-zero it; return the drift in words.
+
+    Parameters
+    ----------
+    rig : Rig
+    change : Change
+    hand : Hand
+    seed : int
+        Of where the marks are pressed.
+    """
+    if not hand.marks:
+        rig.stage.held.changed = change
+        return None
+    rig.stage.held.tremor = _TREMOR
+    guide = Guide(Console(file=io.StringIO()))
+    presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
+    reader = rig.stage.reader
+    setup = Setup(reader, presser, guide, None, rig.stage.length_um, _NOBODY)
+    places_um = [share * rig.stage.length_um for share in MARKS]
+    setup.reader.set_up(darks=DARKS)
+    logs = rig.stage.read(places_um, [FIRM_MN], setup.taker.mark_samples).logs
+    marks = Marks(
+        place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
+    )
+    made = CalibrationFile.now(rig.conditions, rig.lines, [], marks=marks)
+    rig.stage.held.changed = change
+    done = rezero(setup, made, hand.presses, quick=hand.marks == 1).rezeros[-1]
+    rig.stage.held.tremor = 0.0
+    rig.shift(done.place_um, done.shifts)
+    return done.drift

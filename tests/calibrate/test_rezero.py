@@ -1,0 +1,570 @@
+"""Re-zero: marks pressed again on a strip that has drifted, and the calibration shifted to fit."""
+
+import io
+import json
+import os
+import re
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from spots import SpotsError, cli
+from spots.calibrate import calibration_file as file
+from spots.calibrate.drift import described
+from spots.calibrate.guide import Guide
+from spots.calibrate.make import make
+from spots.calibrate.presser import PersonPresser
+from spots.calibrate.rezero import rezero, use
+from spots.calibrate.session import Session, settings
+from spots.calibrate.shift import shifted
+from spots.calibrate.steps import Setup
+from spots.link.connect import upload
+from spots.link.frames import Touch
+from spots_device.calibration import Calibration
+from spots_device.settings import checksum
+from spots_sim.bound import Bound
+from spots_sim.change import NONE, Change
+from spots_sim.files import DATA, SensorFile, load
+from spots_sim.measurements import PLACES, Run, _position
+from spots_sim.optics import Optics
+from spots_sim.rezeroed import NO_HAND, Hand, age
+from spots_sim.rig import Rig
+from spots_sim.scenario import Press
+from spots_sim.stage import Stage
+from spots_sim.stage_presser import StagePresser
+
+PLAN = "F3,F4,F5,F6,F7,F8"
+DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory):
+    """A whole session by the command line: its session file and its calibration file."""
+    path = tmp_path_factory.mktemp("made") / "strip.jsonl"
+    words = ["--session", str(path), "--plan", PLAN, "--port", "virtual"]
+    for kind in (["position"], ["force"], ["strain", "--strain-percent", "10"]):
+        assert cli.main(["calibrate", *kind, *words]) == 0
+    return path
+
+
+@pytest.fixture
+def made(full):
+    return file.load(full.with_suffix(".toml"))
+
+
+class Drifted:
+    """A calibrated board, whose strip has changed since, and a set-up to press its marks."""
+
+    def __init__(self, sensor, made, path, presser=StagePresser, change=DRIFT):
+        self.stage = Stage(sensor, seed=5)
+        self.board = self.stage.board
+        self.board.command("set " + settings(made.conditions))
+        file.send(self.board, made)
+        self.stage.held.changed = change
+        self.stage.reader.set_up()
+        self.said = io.StringIO()
+        guide = Guide(Console(file=self.said, width=200))
+        press = presser(guide) if presser is PersonPresser else presser(self.stage)
+        self.setup = Setup(self.stage.reader, press, guide, made, self.stage.length_um, path)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.board.close()
+
+    @property
+    def uses(self):
+        return self.board.command("hello")["calibration"]
+
+    def errors(self, force_mN=3000.0, strain=0.0):
+        """Return errors in um and in mN at places along the strip, and the share trusted."""
+        self.stage.release()
+        self.stage.held.strain = strain
+        self.board.command(f"set strain_ppm={round(1e6 * strain)}")
+        self.board.command("dark", timeout_s=5)
+        self.board.command("stream touch")
+        rows = []
+        for share in PLACES[::3]:
+            x_um = share * self.stage.length_um
+            self.stage.press(x_um, force_mN)
+            begun_s = self.board.now_s() + 0.02
+            touches = []
+            for frame in self.board.frames():
+                if isinstance(frame, Touch) and frame.time_s >= begun_s:
+                    touches.append(frame)
+                    if len(touches) == 8:
+                        break
+            x, f = np.mean([(t.position_um, t.force_mN) for t in touches], axis=0)
+            rows.append((x - x_um, f - force_mN, np.mean([t.trusted for t in touches])))
+        self.stage.release()
+        return np.array(rows).T
+
+
+# ---- marks
+
+
+def test_a_calibration_ends_with_three_marks(full, made, sensor):
+    assert made.marks.place_um == (8500.0, 42_500.0, 76_500.0)
+    assert [p.place_um for p in Session(full).of("mark")] == list(made.marks.place_um)
+    optics = Optics(sensor)
+    for place_um, logs in zip(made.marks.place_um, made.marks.logs):
+        rates = optics.press(place_um / 1000, 4.0)
+        expected = np.log2([rates[optics.names.index(name)] for name in made.plan])
+        logs = np.array(logs)
+        assert logs - logs.mean() == pytest.approx(expected - expected.mean(), abs=0.01)
+
+
+def test_a_session_of_before_marks_is_asked_for_them_alone(full, tmp_path, capsys):
+    path = tmp_path / "old.jsonl"
+    rows = [row for row in full.read_text().splitlines() if json.loads(row)["kind"] != "mark"]
+    path.write_text("\n".join(rows) + "\n")
+    assert make(Session(path), print).marks is None
+    words = ["--session", str(path), "--port", "virtual"]
+    assert cli.main(["calibrate", "force", *words]) == 0
+    assert capsys.readouterr().out.count(" mm with ") == 3
+    assert file.load(path.with_suffix(".toml")).marks is not None
+
+
+def test_a_file_with_marks_and_history_is_loaded_as_it_was_saved(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        new = rezero(strip.setup, made)
+    file.save(new, tmp_path / "a.toml")
+    assert file.load(tmp_path / "a.toml") == new
+    assert new.original == made.lines != new.lines
+
+
+# ---- the shift of the tables
+
+
+def test_no_shift_changes_nothing(made):
+    zero = np.zeros((3, 6))
+    assert tuple(shifted(made.lines, made.marks.place_um, zero)) == made.lines
+
+
+def test_light_common_to_all_channels_moves_the_brightness_alone(made):
+    lines = shifted(made.lines, made.marks.place_um, np.full((3, 6), 0.25))
+    for old, new in zip(made.lines, lines):
+        if old.startswith("x "):
+            moved = [int(b) - int(a) for a, b in zip(old.split()[1:], new.split()[1:])]
+            assert moved == [0, 0, 0, 1 << 18]
+        else:
+            assert new == old
+
+
+def test_tables_are_shifted_by_the_sums_of_the_channels_shifts(made):
+    # What the board computes of logs + c has to be the same place and misfit as of logs.
+    coefficients = np.random.default_rng(3).normal(0, [[1e-2], [2e-7], [3e-12]], (3, 6))
+
+    def c(x_um):
+        return coefficients[0] + coefficients[1] * x_um + coefficients[2] * x_um**2
+
+    places = np.array(made.marks.place_um)
+    lines = shifted(made.lines, places, np.array([c(x) for x in places]))
+    for strain in (0, 100_000):
+        old, new = Calibration(made.lines, strain), Calibration(lines, strain)
+        for a, b in zip(old.segments, new.segments):
+            for i, x_um in enumerate(a.positions_um):
+                shift = c(x_um)
+                sums = (
+                    (b.contrasts[i] - a.contrasts[i], a.position, 1 << 20),
+                    (b.fits[i] - a.fits[i], new.fit, 1 << 12),
+                    (b.offsets[i] - a.offsets[i], a.force, 1 << 20),
+                )
+                for moved, weights, one in sums:
+                    assert moved == pytest.approx(shift @ np.array(weights) / 8192 * one, abs=0.51)
+        ends = np.array([s.positions_um[0] for s in old.segments])
+        borders = np.linspace(ends.min(), old.length_um, len(old.segments) + 1)[:-1]
+        for k, x_um in enumerate(borders):
+            moved = c(x_um) @ np.array(old.coarse) / 8192 * 2**20
+            assert new.bounds[k] - old.bounds[k] == pytest.approx(moved, abs=0.51 + k)
+
+
+def test_a_drift_beyond_the_tables_is_one_sentence(made):
+    wild = np.zeros((3, 6))
+    wild[1, 0] = 4.0
+    with pytest.raises(SpotsError, match=r"changed more than its calibration allows.*calibrate it"):
+        shifted(made.lines, made.marks.place_um, wild)
+
+
+# ---- a re-zero on the real firmware
+
+
+def test_a_drifted_strip_is_right_again(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        off_um, _, trust = strip.errors()
+        assert np.abs(off_um).mean() > 1000
+        assert trust.mean() < 0.5
+        strip.stage.reader.set_up()
+        name = use(strip.setup, made, rezero(strip.setup, made))
+        assert strip.uses == name == checksum(list(file.load(tmp_path / "a.toml").lines))
+        off_um, _, trust = strip.errors()
+        assert np.abs(off_um).mean() < 40
+        assert trust.min() == 1
+        strip.board.command("reboot")
+        for _ in strip.board.frames(0.5):
+            pass
+        assert strip.uses == name
+
+
+def test_a_strained_strip_is_right_again(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        assert np.abs(strip.errors(strain=0.1)[0]).mean() > 1000
+        strip.stage.held.strain = 0.0
+        strip.board.command("set strain_ppm=0")
+        strip.stage.reader.set_up()
+        use(strip.setup, made, rezero(strip.setup, made))
+        off_um, _, trust = strip.errors(strain=0.1)
+        assert np.abs(off_um).mean() < 100
+        assert trust.min() == 1
+
+
+def test_a_scale_brings_the_force_back(made, sensor, tmp_path):
+    change = Change(light_percent=8.0, dye_percent=-2.0)
+    found = []
+    for force_mN in (None, 3000.0):
+        with Drifted(sensor, made, tmp_path / "a.toml", change=change) as strip:
+            use(strip.setup, made, rezero(strip.setup, made, force_mN=force_mN))
+            found.append(np.abs(strip.errors()[1]).mean())
+    assert found[0] > 250  # mN of 3000
+    assert found[1] < 60
+
+
+def test_a_quick_one_takes_out_what_is_alike_everywhere(made, sensor, tmp_path):
+    led = Change(phosphor_nm=1.0)
+    with Drifted(sensor, made, tmp_path / "a.toml", change=led) as strip:
+        new = rezero(strip.setup, made, quick=True)
+        assert len(new.rezeros[-1].place_um) == 1
+        use(strip.setup, made, new)
+        assert np.abs(strip.errors()[0]).mean() < 300
+
+
+def test_a_second_one_starts_from_the_original(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        first = rezero(strip.setup, made)
+        strip.stage.held.changed = NONE
+        second = rezero(strip.setup, first)
+        assert second.original == made.lines
+        assert len(second.rezeros) == 2
+        assert second.rezeros[0] == first.rezeros[0]
+        assert np.abs(np.array(second.rezeros[1].shifts)).max() < 0.005
+        assert second.rezeros[1].drift == "no drift"
+
+
+class Stray(StagePresser):
+    """Presses somewhere else, so many times, from the given press on."""
+
+    at, times, off_um = 0, 1, 3000.0
+
+    def press(self, wanted):
+        off = self.off_um if self.at <= self.count < self.at + self.times else 0.0
+        self.count += 1
+        self._stage.press(wanted.place_um + off, wanted.force_mN)
+
+    count = 0
+
+
+def stray(at, times, off_um):
+    return type("One", (Stray,), {"at": at, "times": times, "off_um": off_um})
+
+
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_a_press_that_disagrees_is_asked_for_again(made, sensor, tmp_path, at):
+    with Drifted(sensor, made, tmp_path / "a.toml", stray(at, 1, 3000.0)) as strip:
+        got = rezero(strip.setup, made, presses=3)
+        assert strip.said.getvalue().count("press this mark again") == 1
+        assert strip.setup.presser.count == 10
+    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        right = rezero(strip.setup, made, presses=3)
+    assert np.array(got.rezeros[0].shifts) == pytest.approx(
+        np.array(right.rezeros[0].shifts), abs=0.003
+    )
+
+
+def test_one_press_of_another_mark_is_asked_for_again(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml", stray(1, 1, 34_000.0)) as strip:
+        rezero(strip.setup, made)
+        assert "a press of 42.5 mm with 6 N lies elsewhere" in strip.said.getvalue()
+
+
+def test_presses_that_never_agree_are_given_up_and_nothing_has_changed(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml", stray(0, 99, 40_000.0)) as strip:
+        with pytest.raises(SpotsError, match=r"mark at 8.5 mm disagree.*nothing has changed"):
+            rezero(strip.setup, made)
+        assert strip.uses == checksum(list(made.lines))
+        assert not (tmp_path / "a.toml").exists()
+
+
+def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, sensor, tmp_path):
+    class Away(StagePresser):
+        def press(self, wanted):
+            self._stage.release()
+
+    with (
+        Drifted(sensor, made, tmp_path / "a.toml", Away) as strip,
+        pytest.raises(SpotsError, match=r"no press is felt; nothing has changed$"),
+    ):
+        rezero(strip.setup, made)
+
+
+def test_a_mark_that_is_let_go_too_early_is_asked_for_again(made, sensor, tmp_path):
+    class Hasty(StagePresser):
+        presses = 0
+
+        def press(self, wanted):
+            self._stage.press(wanted.place_um, wanted.force_mN)
+            held, begun_s = self._stage.held, self._stage.board.now_s()
+            self.presses += 1
+            hasty = self.presses == 1
+            held.tremor = 0.0
+            whole = type(held).presses
+
+            def presses(time_s):
+                # Steady for a reading, gone before the long one ends.
+                return [] if hasty and time_s > begun_s + 1.0 else whole(held, time_s)
+
+            held.presses = presses
+
+    with Drifted(sensor, made, tmp_path / "a.toml", Hasty) as strip:
+        rezero(strip.setup, made)
+        assert strip.setup.presser.presses == 4
+        assert re.search(r"hold still; press again", strip.said.getvalue())
+
+
+def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
+    change = Change(phosphor_nm=1.0, dye_percent=-2.0)
+    with Drifted(sensor, made, tmp_path / "a.toml", PersonPresser, change) as strip:
+        held = strip.stage.held
+
+        class Hands(io.StringIO):
+            def write(self, text):
+                if found := re.search(r"press at ([\d.]+) mm with ([\d.]+) N and hold", text):
+                    held.press = Press(float(found[1]), 1000 * float(found[2]), 4.0)
+                elif "let go" in text:
+                    held.press = None
+                return super().write(text)
+
+        guide = Guide(Console(file=Hands(), width=200))
+        setup = Setup(
+            strip.stage.reader, PersonPresser(guide), guide, made, 85_000.0, tmp_path / "a.toml"
+        )
+        drift = rezero(setup, made).rezeros[0].drift
+        said = re.match(r"dye (.*) % paler, LED (.*) nm redder", drift)
+        assert [float(number) for number in said.groups()] == pytest.approx([2, 0.9], abs=0.25)
+
+
+# ---- all or nothing
+
+
+def test_an_interrupted_re_zero_changes_nothing(made, sensor, tmp_path):
+    path = tmp_path / "a.toml"
+    file.save(made, path)
+    before = path.read_bytes()
+
+    class Interrupted(StagePresser):
+        def press(self, wanted):
+            if wanted.place_um > 50_000:
+                raise KeyboardInterrupt
+            super().press(wanted)
+
+    with Drifted(sensor, made, path, Interrupted) as strip:
+        with pytest.raises(KeyboardInterrupt):
+            rezero(strip.setup, made)
+        assert strip.uses == checksum(list(made.lines))
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["a.toml"]
+
+
+@pytest.mark.parametrize("after", [0, 1, 100, "cal end", "save"])
+def test_an_interrupt_while_the_board_is_written_leaves_file_and_board(
+    made, sensor, tmp_path, monkeypatch, after
+):
+    path = tmp_path / "a.toml"
+    file.save(made, path)
+    with Drifted(sensor, made, path) as strip:
+        new = rezero(strip.setup, made)
+        command, sent = strip.board.command, []
+
+        def cut(line, *words, **options):
+            if len(sent) <= 400:
+                sent.append(line)
+                if line.startswith(after) if isinstance(after, str) else len(sent) > after:
+                    sent.extend([""] * 500)
+                    raise KeyboardInterrupt
+            return command(line, *words, **options)
+
+        monkeypatch.setattr(strip.board, "command", cut)
+        with pytest.raises(KeyboardInterrupt):
+            use(strip.setup, made, new)
+        monkeypatch.undo()
+        assert strip.uses == checksum(list(made.lines))
+        strip.board.command("reboot")
+        for _ in strip.board.frames(0.5):
+            pass
+        assert strip.uses == checksum(list(made.lines))
+    assert file.load(path) == made
+
+
+@pytest.mark.parametrize("lines", [0, 1, 50, -1, None])
+def test_a_power_cut_in_the_upload_leaves_the_old_calibration_or_the_new_one(
+    made, sensor, tmp_path, lines
+):
+    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        new = rezero(strip.setup, made)
+        if lines is None:
+            upload(strip.board, new.lines)
+            strip.board.command("save")
+        else:
+            strip.board.command("cal begin")
+            for line in new.lines[:lines]:
+                strip.board.command("cal " + line)
+        strip.board.command("reboot")
+        for _ in strip.board.frames(0.5):
+            pass
+        assert strip.uses == checksum(list((new if lines is None else made).lines))
+
+
+def test_a_file_that_cannot_be_written_leaves_the_board(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "nowhere" / "a.toml") as strip:
+        new = rezero(strip.setup, made)
+        with pytest.raises(SpotsError, match="cannot write"):
+            use(strip.setup, made, new)
+        assert strip.uses == checksum(list(made.lines))
+
+
+# ---- what does not go together
+
+
+def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
+    bare = msgspec.structs.replace(made, marks=None)
+    with (
+        Drifted(sensor, bare, tmp_path / "a.toml") as strip,
+        pytest.raises(SpotsError, match=r"a\.toml has no \[marks\].*calibrate again"),
+    ):
+        rezero(strip.setup, bare)
+
+
+def test_other_settings_are_refused(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        strip.setup.set_up("gain=8")
+        with pytest.raises(SpotsError, match=r"a\.toml: .*made at gain=9 "):
+            rezero(strip.setup, made)
+
+
+def test_another_board_is_refused(made, full, capsys, tmp_path):
+    path = tmp_path / "a.toml"
+    file.save(made, path)
+    words = ["rezero", str(path), "--port", "virtual", "--sensor", "dim"]
+    assert cli.main(words) == 2
+    assert "made on board" in capsys.readouterr().err
+    assert file.load(path) == made
+
+
+def test_the_command_re_zeroes_a_strip_that_changed_as_its_file_says(made, tmp_path, capsys):
+    path, sensor = tmp_path / "a.toml", tmp_path / "s.toml"
+    file.save(made, path)
+    text = (DATA / "sensors" / "default.toml").read_text()
+    sensor.write_text(text + "\n[change]\nphosphor_nm = 1.0\ndye_percent = -2.0\n")
+    words = ["rezero", str(path), "--port", "virtual", "--sensor", str(sensor)]
+    assert cli.main([*words, "--presses", "2"]) == 0
+    out = capsys.readouterr().out
+    new = file.load(path)
+    assert f"stores calibration {checksum(list(new.lines))}" in out
+    assert "paler" in new.rezeros[0].drift
+    assert cli.main([*words, "--quick"]) == 0
+    assert [len(r.place_um) for r in file.load(path).rezeros] == [3, 1]
+
+
+# ---- the drift in words
+
+
+def named(sensor, *, marks=3, **keys):
+    x_mm = np.array([0.1, 0.5, 0.9]) * sensor.length_mm
+    plan = PLAN.split(",")
+
+    def logs(change):
+        optics = Optics(sensor, change)
+        columns = [optics.names.index(name) for name in plan]
+        return np.log2([optics.press(x, 4.0)[columns] for x in x_mm])
+
+    then = logs(NONE)
+    at = slice(None) if marks == 3 else slice(1, 2)
+    return described(1000 * x_mm[at], then[at], (logs(Change(**keys)) - then)[at], plan)
+
+
+@pytest.mark.parametrize("name", ["default", "long_200mm", "steep_150mm"])
+def test_drift_is_named_as_far_as_it_can_be_told(name):
+    sensor = load(SensorFile, name)
+    assert named(sensor) == "no drift"
+    assert named(sensor, light_percent=10) == "no drift"
+    assert named(sensor, dye_percent=-5).startswith(("dye 5.0 % paler", "dye 5.1 % paler"))
+    assert "% darker" in named(sensor, dye_percent=3)
+    assert "LED 0.8" in named(sensor, phosphor_nm=1) or "LED 0.9" in named(sensor, phosphor_nm=1)
+    assert "nm bluer" in named(sensor, phosphor_nm=-1)
+    assert "more blue light" in named(sensor, blue_share_percent=2)
+    assert "less blue light" in named(sensor, blue_share_percent=-2)
+    assert "dye" not in named(sensor, marks=1, dye_percent=-5)
+
+
+# ---- the laboratory
+
+
+@pytest.mark.parametrize("change", ["phosphor", "mixed"])
+def test_characterize_shows_the_damage_and_the_cure(sensor, change):
+    change = {
+        "phosphor": Change(phosphor_nm=1.0),
+        "mixed": Change(die_nm=0.5, bands_nm=0.15, tilt_percent=0.25, dye_percent=-2.5),
+    }[change]
+    found = {}
+    for hand in (NO_HAND, Hand(3)):
+        run = Run()
+        with Rig(sensor, 0, 10_000, 1) as rig:
+            age(rig, change, hand, 0)
+            _position(rig, np.random.default_rng(1), run)
+        found[hand.marks] = run.summary["position"]
+    assert found[0]["accuracy_um"] > 500
+    assert found[0]["rms_ratio"] > 5
+    assert found[3]["accuracy_um"] < 1.35 * 37
+    assert found[3]["untrusted_percent"] <= 1
+    assert found[3]["rms_ratio"] < 1.3
+
+
+def test_strains_are_calibrated_on_the_strip_as_it_was(sensor):
+    with Rig(sensor, 0, 10_000, 1) as rig:
+        rig.stage.held.changed = Change(phosphor_nm=10.0)
+        rig.learn_strains((10,))
+        assert rig.stage.held.changed == Change(phosphor_nm=10.0)
+        rows, c = rig.along[100_000], rig.conditions
+        bound = Bound(sensor, c.plan, c.gain, c.exposure_us, c.led_mA)
+        expected = np.log2(bound.counts(rows.position_um[9], rows.force_mN[9], strain=0.1))
+        found = rows.logs[9]
+    assert found - found.mean() == pytest.approx(expected - expected.mean(), abs=0.02)
+
+
+def test_a_shaky_hand_adds_less_the_more_often_it_presses(sensor):
+    found = []
+    for presses in (1, 9):
+        run = Run()
+        with Rig(sensor, 0, 10_000, 1) as rig:
+            age(rig, Change(die_nm=1.0), Hand(3, presses, 300.0), 4)
+            _position(rig, np.random.default_rng(1), run, PLACES[::3])
+        found.append(run.summary["position"]["accuracy_um"])
+    assert found[1] < 37 + 100
+    assert found[1] < found[0] < 37 + 500
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--rezero", "2"], "--rezero takes 0, 1 or 3 marks, not 2"),
+        (["--mark-error-um", "-1"], "--mark-error-um is 0 or more"),
+        (["--change", "nosuch"], "cannot read the change file nosuch.*mixed"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, options, says):
+    assert cli.main(["characterize", *options]) == 2
+    err = capsys.readouterr().err
+    assert re.search(says, err)
+    assert err.count("\n") == 1
