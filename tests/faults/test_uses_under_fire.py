@@ -53,6 +53,7 @@ class Run:
         with Board(FaultyLink(link, faults)) as board:
             prepare(board, calibration)
             push(board, load_layout("digits"))
+            board.command("stream off")  # or `frames` starts all
             board.command("reboot")  # to be a USB keyboard
             for _ in board.frames(1.0):
                 pass

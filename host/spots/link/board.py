@@ -625,8 +625,8 @@ class Board:
                 loss.reopened()
                 self._decoder.feed(b"\0")  # the frame that was cut off ends here
             reply = self._exchange("hello", WHO_S)
-            loss.asked += 1
-            if reply is None and loss.asked < WHO_TRIES:
+            loss.tries += 1
+            if reply is None and loss.tries < WHO_TRIES:
                 return  # its firmware may be starting
             self.info = self._recognised(self._checked(reply))
             self._take_settings(self.info)

@@ -62,15 +62,15 @@ class LinkLoss:
         When the first question since the last frame was sent.
     is_open : bool
         Whether an unplugged port is open again, and the board behind it not known yet.
-    asked : int
-        Questions without an answer.
+    tries : int
+        How often the board behind it was asked who it is.
     """
 
     def __init__(self, now_s: float):
         self.every_s = 0.0
         self.ask_s = self.first_asked_s = now_s
         self.is_open = self._refused = False
-        self.asked = 0
+        self.tries = self._asked = 0
         self._expected_s = _NEVER  # when the last reading came, or readings began
         self._unplugged_s = self.reopen_s = _NEVER
 
@@ -91,7 +91,7 @@ class LinkLoss:
 
     def heard(self, now_s: float) -> None:
         """Record a frame of any kind."""
-        self.asked = 0
+        self._asked = 0
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
     def expect(self, now_s: float = _NEVER) -> None:
@@ -100,13 +100,13 @@ class LinkLoss:
 
     def asking(self, now_s: float) -> None:
         """Record a question that is sent now."""
-        if self.asked == 0:
+        if self._asked == 0:
             self.first_asked_s = now_s
-        self.asked += 1
+        self._asked += 1
 
     def unanswered(self, now_s: float) -> None:
         """Record that no answer came to it."""
-        self.ask_s = now_s + min(_ASK_EVERY_S, _ASK_LATER_S * (self.asked - 1))
+        self.ask_s = now_s + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
 
     def unplug(self, now_s: float) -> None:
         """Record that the port is not there any more."""
@@ -120,7 +120,7 @@ class LinkLoss:
 
     def reopened(self) -> None:
         """Record that the port is open again."""
-        self.is_open, self.asked = True, 0
+        self.is_open, self.tries = True, 0
 
     def look_later(self, now_s: float, refused: bool) -> bool:
         """Record that the board was not there; return whether another one is, for the first time.
