@@ -90,7 +90,7 @@ class CPythonBoard:
     ):
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self._folder = Path(self._own.name) if self._own else folder
-        self._config = SimpleNamespace(**device_of("virtual").config)
+        self._config = SimpleNamespace(**device_of("virtual").device)
         self._id, self._usb = board_id, usb
         self._port = port
         self._requests = _Requests(bus, faults)

@@ -66,7 +66,6 @@ def twin(parser: Parser):
     """Show the digital twin of a five-bar linkage, real or simulated.
 
     examples:
-      spots twin --port virtual
       spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
     """
     parser.add_argument("--linkage", default="default", metavar="FILE", help="file or name")

@@ -319,10 +319,29 @@ class Linkage:
 
 
 def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
-    """Return the terminal at two angles; the square of the elbows' distance; and `off2`.
+    """Return the terminal at two angles, and how far the linkage is from one that cannot close.
 
-    `off2` is negative where the linkage cannot be closed. There the terminal is the one of the
-    value `least`, which keeps a fit smooth that passes through such angles.
+    Parameters
+    ----------
+    bar_mm : sequence of 4 floats
+        Inner bar 1, outer bar 1, outer bar 2, inner bar 2.
+    base_mm : float
+    side : float
+        1 for assembly ``far``, -1 for ``near``.
+    theta1, theta2 : float or array_like
+        Angles of the joints, rad.
+    least : float
+        Lower limit of `off2` for the terminal: a fit that passes through angles at which the
+        linkage cannot be closed stays smooth.
+
+    Returns
+    -------
+    x_mm, y_mm : float or ndarray
+        The terminal.
+    apart2 : float or ndarray
+        Square of the distance between the elbows, mm^2.
+    off2 : float or ndarray
+        Negative where the linkage cannot be closed.
     """
     a1, b1, b2, a2 = bar_mm
     x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)
