@@ -141,7 +141,7 @@ class CPythonBoard:
         self._package = _load(self._folder)
         app, as7341 = (sys.modules[f"{self._package}.{name}"] for name in ("app", "as7341"))
         clock = self._requests
-        self._app = app.App(
+        self._app = app.BoardApp(
             self._config,
             f"cpython {platform.python_version()}",
             self._id,
