@@ -1,4 +1,4 @@
-"""What a calibration expects of a press is what the board counts under one, and less so under two."""
+"""What a calibration expects of a press is what the board counts, less so under two presses."""
 
 from __future__ import annotations
 
