@@ -73,7 +73,15 @@ class Mapping:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
-        """Press and release the key of a gesture if its confidence suffices."""
+        """Press and release the key of a gesture if its confidence suffices.
+
+        Parameters
+        ----------
+        gesture : Gesture
+            With its confidence.
+        keyboard : KeySink
+            Gets both events.
+        """
         if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
             for pressed in (True, False):
                 keyboard.key(*self.keys[gesture.name], pressed)
@@ -110,6 +118,10 @@ def play(
     drawing : bool
         Whether to show a picture, with what `mapping` says.
     mapping : Mapping
+
+    Returns
+    -------
+    list of Gesture
     """
     gestures, untrusted, found = Gestures(), Untrusted(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]
