@@ -89,6 +89,8 @@ class Tree:
         ------
         OSError
             If the file system fails.
+        SpotsError
+            If the path meets a link, a device, or a folder where the file should be.
         """
         with self._parent(path, make=True) as (parent, name):
             part = name + ".part"

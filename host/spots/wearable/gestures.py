@@ -165,7 +165,7 @@ class Gestures:
         pass
 
     def next(self, x_um: int, t: int) -> None:
-        """Take a jump to another place, which ends one contact and begins the next.
+        """Take another finger: the contact ends, and the next one begins.
 
         Parameters
         ----------
