@@ -19,6 +19,7 @@ HOST = Path(__file__).parents[1] / "host"
 SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
 ITEM = re.compile(r"^(\*{0,2}[\w.]+(?:, \*{0,2}[\w.]+)*)(?: :|$)", re.MULTILINE)
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
+GIVING = (ast.Return, ast.Yield, ast.YieldFrom)
 
 
 def public(body, prefix):
@@ -79,7 +80,7 @@ def gives(function):
     """Return whether a function returns or yields something."""
     if function.returns is not None:
         return ast.unparse(function.returns) not in ("None", "NoReturn")
-    return any(getattr(one, "value", None) for one in own(function) if isinstance(one, ast.Return))
+    return any(isinstance(one, GIVING) and one.value for one in own(function))
 
 
 FUNCTIONS = dict(item for name, tree in modules() for item in public(tree.body, name))

@@ -127,6 +127,11 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
         Files, by path or name.
     seed : int
         Of the noise and of the faults.
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
     """
     parent, ended = os.getppid(), _end_of_input()
     sensor = load(SensorFile, sensor_name)

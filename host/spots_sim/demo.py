@@ -160,6 +160,11 @@ def open_fast(
     board : Board
     digest : hash object
         SHA-256, updated while the board is read.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor file is missing or invalid.
     """
     file = load(SensorFile, sensor)
     calibration = calibrate(file)

@@ -52,6 +52,11 @@ def play_controller(
     -------
     dict
         See `ControllerScore.summary`.
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost.
     """
     settings = load_settings()
     controller = controller_for(board, settings)
@@ -85,6 +90,11 @@ def type_on_board(board: Board, seconds: float | None, quiet: bool) -> dict:
     Returns
     -------
     dict
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost.
     """
     layout = load_layout(DEMO_LAYOUT)
     typed, here, there = TypedText(), _Events(), _Events()
@@ -141,6 +151,11 @@ def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
     -------
     dict
         Names of the gestures, and the least confidence among them.
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost.
     """
     drawing = Console().is_terminal and not quiet
     mapping = Mapping()

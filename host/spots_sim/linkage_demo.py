@@ -77,6 +77,11 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     Returns
     -------
     dict
+
+    Raises
+    ------
+    SpotsError
+        If the sensor file is missing or invalid.
     """
     if fast:
         files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", PATH))]

@@ -162,6 +162,11 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
         A name that ``spots boards`` lists.
     folder : str
         The board's file system.
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
     """
     parent_end = _end_of_parent()
     sensor = load(SensorFile, sensor_name)

@@ -54,6 +54,11 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     Returns
     -------
     Board
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
     """
     return open_virtual(sensor, scenario, seed)[0]
 
@@ -99,6 +104,11 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
     Returns
     -------
     Setup
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
     """
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)

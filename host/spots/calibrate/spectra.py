@@ -70,6 +70,11 @@ class SpectrumReader:
             Arguments of the board's ``set``, for example ``gain=9``; empty for no change.
         darks : int
             How many dark frames are averaged. More of them lower the noise of all counts.
+
+        Raises
+        ------
+        SpotsError
+            If the board refuses a setting, or is lost.
         """
         if line:
             self.board.command("set " + line)

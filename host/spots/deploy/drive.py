@@ -112,6 +112,11 @@ class Drive:
         Returns
         -------
         bytes
+
+        Raises
+        ------
+        SpotsError
+            If the file cannot be read, or a link leads out of the drive.
         """
         with self._explained(), self._tree.open(path) as file:
             return file.read(size)
@@ -145,6 +150,11 @@ class Drive:
             On the drive; folders on the way are created.
         data : bytes
             The whole content.
+
+        Raises
+        ------
+        SpotsError
+            If the file cannot be written, or a link leads out of the drive.
         """
         with self._explained():
             self._tree.write(path, data)

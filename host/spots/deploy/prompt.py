@@ -192,6 +192,11 @@ class Prompt:
         Returns
         -------
         bytes
+
+        Raises
+        ------
+        SpotsError
+            If the board refuses, or is disconnected.
         """
         self._load_tools()
         return bytes.fromhex(self.run(f"_read({path!r}, {size})"))

@@ -84,6 +84,11 @@ def tell_board(board: Board, line: str) -> None:
         The board.
     line : str
         The command, as for `Board.command`.
+
+    Raises
+    ------
+    SpotsError
+        If the board refuses the command, or is lost.
     """
     if not board.read_only:
         board.command(line)

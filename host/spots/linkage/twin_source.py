@@ -151,6 +151,11 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
     Yields
     ------
     Source
+
+    Raises
+    ------
+    SpotsError
+        If a board cannot be opened.
     """
     with ExitStack() as stack:
         boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]

@@ -29,6 +29,11 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
         Whether nothing is printed.
     judge : Judge, optional
         Compares the readings with a known truth.
+
+    Raises
+    ------
+    SpotsError
+        If the board is closed or refuses a command.
     """
     console = Console()
     drawing = console.is_terminal and not quiet

@@ -81,6 +81,11 @@ class Mapping:
             With its confidence.
         keyboard : KeySink
             Gets both events.
+
+        Raises
+        ------
+        SpotsError
+            If the keyboard no longer takes events.
         """
         if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
             for pressed in (True, False):
@@ -122,6 +127,11 @@ def play(
     Returns
     -------
     list of Gesture
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost, has no calibration, or its readings are too far apart.
     """
     gestures, untrusted, found = Gestures(), Untrusted(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]
