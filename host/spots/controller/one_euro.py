@@ -45,7 +45,7 @@ class OneEuro:
         value : float
             The new value, in the unit of the signal.
         dt_s : float
-            Time since the value before, in seconds; if 0, the value is ignored.
+            Time since the value before, in seconds; a value with 0 or less is ignored.
 
         Returns
         -------
