@@ -63,6 +63,10 @@ def rezero(
     force_mN : float, optional
         What a scale under the strip shows at each press. With it the force is corrected too.
 
+    Returns
+    -------
+    CalibrationFile
+
     Raises
     ------
     SpotsError
@@ -122,7 +126,21 @@ def rezero(
 
 
 def use(setup: Setup, made: file.CalibrationFile, new: file.CalibrationFile) -> str:
-    """Write a re-zeroed calibration to file and board; return its name.
+    """Write a re-zeroed calibration to file and board.
+
+    Parameters
+    ----------
+    setup : Setup
+        The board, and the file's path.
+    made : CalibrationFile
+        The calibration before it.
+    new : CalibrationFile
+        The re-zeroed one.
+
+    Returns
+    -------
+    str
+        The new calibration's name, as ``hello`` reports it.
 
     Raises
     ------
