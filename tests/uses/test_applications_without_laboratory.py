@@ -5,6 +5,7 @@ import sys
 import pytest
 
 import spots.cli
+from spots.cli import arguments as arguments_module
 from spots.link import ports
 
 ARGUMENTS = [
@@ -26,7 +27,7 @@ ARGUMENTS = [
 @pytest.fixture
 def product_alone(monkeypatch):
     """No module and no entry point of the laboratory."""
-    for module in (ports, spots.cli):
+    for module in (ports, spots.cli, arguments_module):
         known = module.entry_points
         monkeypatch.setattr(
             module,
@@ -51,5 +52,5 @@ def test_without_the_laboratory_a_command_answers_in_one_sentence(
     assert said.out == ""
     assert said.err.count("\n") == 1
     assert said.err.startswith("spots: ")
-    assert any(word in said.err for word in ("there is no port virtual", "--linkage", "--port"))
+    assert any(word in said.err for word in ("needs the simulator", "--linkage", "--port"))
     assert list(tmp_path.iterdir()) == []
