@@ -17,7 +17,6 @@ ARGUMENTS = [
     "twin",
     "twin --port virtual",
     "twin --port virtual --port virtual",
-    "twin --json --picture a.png",
     "twin --record a.spots",
     "serve --linkage default --port virtual",
     "serve --linkage default",
