@@ -3,13 +3,12 @@
 import gc
 
 from .as7341 import SensorError
-from .calibration_slot import CalibrationSlot
-from .command import LINE_MAX, Commands, LineReader
+from .calibration import Calibration, CalibrationSlot
+from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .meter import Meter
 from .reconnect import Reconnect
-from .replies import Replies
-from .settings import SETTINGS_FILE, BoardSettings, load_lines, save_lines
+from .settings import SETTINGS_FILE, BoardSettings, checksum, load_lines, save_lines
 from .strip import Strip
 from .uses import Uses, check_layout
 
@@ -223,7 +222,7 @@ class BoardApp:
         reply["id"] = self._uid
         reply["sensors"] = 1
         calibration = self.strip.decode.calibration
-        reply["calibration"] = self.calibration.checksum() if calibration else None
+        reply["calibration"] = checksum(self.calibration.lines) if calibration else None
         reply["length_um"] = calibration and calibration.length_um
         reply["layout"] = self.uses.layout_checksum()
         return reply
@@ -263,7 +262,7 @@ class BoardApp:
         """Load what was saved; return the lines of the layout."""
         self._load_lines(SETTINGS_FILE, "stored settings are", self.settings.change)
         self.calibration.use(
-            self._load_lines(CALIBRATION_FILE, "the stored calibration is", self.calibration.check)
+            self._load_lines(CALIBRATION_FILE, "the stored calibration is", Calibration)
         )
         return self._load_lines(LAYOUT_FILE, "the stored layout is", check_layout)
 

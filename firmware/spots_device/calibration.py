@@ -21,8 +21,8 @@ next in straight lines. Segments follow the ascending coarse contrast.
 """
 
 from array import array
+from collections import namedtuple
 
-from .conditions import Conditions
 from .smux import CHANNELS, PIXELS
 
 ONE_Q13 = 1 << 13
@@ -39,6 +39,11 @@ _STRAIN_Q = 12
 # name: how many integers follow
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
 _MANY = {"segment": 12, "f": 3}
+
+
+# What a reading is taken with, and what a calibration is valid for: the board's unique id, a tuple of
+# the diodes of ADC 0 to 5, the gain's register code, and the current of the LED.
+Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "led_mA"))
 
 
 class CalibrationError(ValueError):
@@ -83,7 +88,7 @@ class Calibration:
 
     Attributes
     ----------
-    conditions : conditions.Conditions
+    conditions : Conditions
         What it was made with.
     """
 
@@ -121,7 +126,7 @@ class Calibration:
 
         Parameters
         ----------
-        conditions : conditions.Conditions
+        conditions : Conditions
         """
         made = self.conditions
         if conditions.board != made.board:
@@ -137,6 +142,56 @@ class Calibration:
                 "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
             )
         return None
+
+
+class CalibrationSlot:
+    """Stores the lines that the host uploaded, and parses them once for each strain.
+
+    Parsing takes 0.2 s and tens of kilobytes of garbage on an RP2040: it must not happen whenever
+    the sensor returns.
+
+    Attributes
+    ----------
+    lines : list of str
+    """
+
+    def __init__(self):
+        self.use([])
+
+    def use(self, lines):
+        """Store lines that were checked, or none."""
+        self.lines = lines
+        self._parsed = None
+        self._strain_ppm = 0
+
+    def choose(self, conditions, strain_ppm):
+        """Find the calibration to use.
+
+        Parameters
+        ----------
+        conditions : Conditions
+            Of the readings.
+        strain_ppm : int
+
+        Returns
+        -------
+        calibration : Calibration or None
+        why_not : str or None
+            Why the one that is stored cannot be used.
+        """
+        if not self.lines:
+            return None, None
+        try:
+            if self._parsed is None or self._strain_ppm != strain_ppm:
+                self._parsed = None  # room for the next one
+                self._parsed = Calibration(self.lines, strain_ppm)
+                self._strain_ppm = strain_ppm
+        except CalibrationError as error:
+            return None, str(error)
+        except MemoryError:
+            return None, "no memory is left for the calibration: save and reboot"
+        why_not = self._parsed.mismatch(conditions)
+        return (None, why_not) if why_not else (self._parsed, None)
 
 
 def _take(line, words, seen, strains):

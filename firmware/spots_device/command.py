@@ -3,14 +3,18 @@
 A bad line changes nothing and is answered with a sentence. Commands allocate; they are rare.
 """
 
+import json
+
 from . import PROTOCOL, __version__
+from .calibration import Calibration
 from .exposure import DONE, TOO_DARK
-from .replies import NO_MEMORY
+from .frame import TEXT_MAX
 from .upload import Upload
 from .uses import check_layout
 
 LINE_MAX = 255
 NAME_MAX = 20  # so much of an unknown name is repeated in the reply
+_NO_MEMORY = "no memory left for this; reboot and try again"
 
 
 class LineReader:
@@ -46,6 +50,62 @@ class LineReader:
         return line.decode()
 
 
+class Replies:
+    """Sends replies, and remembers the one that will follow when its work is done.
+
+    Parameters
+    ----------
+    framer : frame.Framer
+    time : frame.Time32
+    """
+
+    def __init__(self, framer, time):
+        self._framer = framer
+        self._time = time
+        self._claimed = None
+
+    def log(self, level, text):
+        """Send a log line."""
+        self.send({"log": level, "text": text})
+
+    def send(self, reply):
+        """Send a reply, or an error in its place if it is too long or memory does not suffice."""
+        self._time.update()
+        try:
+            data = json.dumps(reply).encode()
+            error = "the reply is too long" if len(data) > TEXT_MAX else None
+        except MemoryError:
+            error = _NO_MEMORY
+        if error:
+            data = json.dumps({"re": reply.get("re"), "error": error}).encode()
+        self._framer.text(data)
+
+    @property
+    def pending(self):
+        """The command whose reply will follow, or None."""
+        return self._claimed
+
+    def check_unclaimed(self):
+        """Raise ValueError while a reply is still to follow."""
+        if self._claimed:
+            raise ValueError("wait for '%s' to end" % self._claimed)
+
+    def claim(self, name):
+        """Record that the reply to a command will follow."""
+        self._claimed = name
+
+    def finish(self, name, reply):
+        """Send the reply that was claimed."""
+        self._claimed = None
+        reply["re"] = name
+        self.send(reply)
+
+    def abandon(self, why):
+        """Answer a request that will not end."""
+        if self._claimed:
+            self.finish(self._claimed, {"error": why + " before this ended"})
+
+
 class Commands:
     """What each command does to the application; `spots command --help` shows this list.
 
@@ -73,7 +133,7 @@ class Commands:
     def __init__(self, app):
         self._app = app
         self._replies = app.replies
-        self._cal = Upload("cal", "calibration", app.calibration.check, app.use_calibration)
+        self._cal = Upload("cal", "calibration", Calibration, app.use_calibration)
         self._layout = Upload("layout", "layout", check_layout, app.use_layout)
         self._table = {
             "hello": self._hello,
@@ -114,7 +174,7 @@ class Commands:
         except MemoryError:
             self._cal.forget()
             self._layout.forget()
-            reply = {"error": NO_MEMORY}
+            reply = {"error": _NO_MEMORY}
         if reply is not None:
             reply["re"] = name
         return reply

@@ -15,7 +15,7 @@ class Reconnect:
     strip : strip.Strip
     clock : object
         ``sleep_us``.
-    replies : replies.Replies
+    replies : command.Replies
     on_found, on_lost : callable
         Called without arguments once the sensor samples, and whenever it does not answer.
 

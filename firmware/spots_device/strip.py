@@ -1,16 +1,15 @@
 """One strip: samples of its sensor in, frames out.
 
 Holds the path of a sample: average, decode, frame. What happens rarely is in modules of its own:
-`dark`, `baseline`, `ambient` and `exposure`. `take` allocates nothing but in the steps that end a
+`dark`, `baseline` and `exposure`. `take` allocates nothing but in the steps that end a
 dark window or a search.
 """
 
 from array import array
 
-from .ambient import OddLight
 from .baseline import Baseline
-from .conditions import Conditions
-from .dark import Dark
+from .calibration import Conditions
+from .dark import Dark, OddLight
 from .decode import DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE, Search
 from .kernel import accumulate
@@ -46,7 +45,7 @@ class Strip:
 
     Attributes
     ----------
-    conditions : conditions.Conditions or None
+    conditions : calibration.Conditions or None
         What readings are taken with; None before the first start.
     """
 
