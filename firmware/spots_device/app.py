@@ -2,6 +2,8 @@
 
 import gc
 
+from micropython import const
+
 from .as7341 import SensorError
 from .calibration import Calibration, CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies
@@ -15,10 +17,10 @@ from .uses import Uses, check_layout
 CALIBRATION_FILE = "calibration.txt"
 LAYOUT_FILE = "layout.txt"
 
-_SLICE_US = 10_000  # longest sleep without reading commands
-_LAST_US = 100_000  # for the host to fetch, at the end, the release of all keys
-_NO_CHARACTER = -1
-_CTRL_C = 3
+_SLICE_US = const(10_000)  # longest sleep without reading commands
+_LAST_US = const(100_000)  # for the host to fetch, at the end, the release of all keys
+_NO_CHARACTER = const(-1)
+_CTRL_C = const(3)
 
 
 def _nothing(*_):

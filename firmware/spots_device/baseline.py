@@ -2,19 +2,21 @@
 
 from array import array
 
+from micropython import const
+
 from .kernel import follow
 from .smux import CHANNELS
 
 # Followed from so long after a touch on. Time constants in readings, as powers of 2: light that
 # grows may be a finger that comes slowly, light that fades cannot.
-SETTLED_US = 200_000
-_UP = 10
-_DOWN = 6
-_Q = 12
-_POOL_SAMPLES = 64
-_POOL_SHIFT = _Q - 6  # from Q12 to sums over so many
+_SETTLED_US = const(200_000)
+_UP = const(10)
+_DOWN = const(6)
+_Q = const(12)
+_POOL_SAMPLES = const(64)
+_POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over so many
 # Times the samples of a reading: keeps the sums of `kernel.estimate` below 2**24.
-_PRODUCT_MAX = 256
+_PRODUCT_MAX = const(256)
 
 
 class Baseline:
@@ -79,7 +81,7 @@ class Baseline:
         if rests or self.wanted:
             self.wanted = False
             up = down = 0
-        elif idle_us >= SETTLED_US:
+        elif idle_us >= _SETTLED_US:
             up = _UP
             down = _DOWN
         else:

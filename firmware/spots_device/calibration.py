@@ -41,8 +41,8 @@ _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
 _MANY = {"segment": 12, "f": 3}
 
 
-# What a reading is taken with, and what a calibration is valid for: the board's unique id, a tuple of
-# the diodes of ADC 0 to 5, the gain's register code, and the current of the LED.
+# What a reading is taken with, and what a calibration is valid for: the board's unique id, a tuple
+# of the diodes of ADC 0 to 5, the gain's register code, exposure and current of the LED.
 Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "led_mA"))
 
 

@@ -1,35 +1,39 @@
 """The dark frame: what the sensor counts while the LED is off, and when to measure it again.
 
 One window of four samples has up to three times the error that the light allows, because counts are
-whole. So the frame is the mean of the last 16 windows. It restarts where a window does not fit the
-others: then the ambient light has changed.
+whole. So the frame is the mean of 16 windows, and from then on each further one weighs an eighth:
+that is as noisy and as late as the mean of the last 16, and needs none of them. It restarts where a
+window does not fit: then the ambient light has changed.
 """
 
 from array import array
+
+from micropython import const
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, TOUCHING
 from .kernel import accumulate
 from .smux import CHANNELS
 
-WINDOW_SAMPLES = 4
-WINDOWS = 16
+WINDOW_SAMPLES = const(4)
+WINDOWS = const(16)
+_WEIGHT = const(8)  # of a further window: its part of the mean
 # A dark window takes six samples: rare enough that the strip is hardly ever blind.
-DARK_EVERY_US = 10_000_000
-DARK_EVERY_SAMPLES = 100
-_REQUEST_US = 2_000_000  # what a pool on request may take
-_EVERY_MAX_US = 500_000_000  # so that the age fits a small integer
+DARK_EVERY_US = const(10_000_000)
+_DARK_EVERY_SAMPLES = const(100)
+_REQUEST_US = const(2_000_000)  # what a pool on request may take
+_EVERY_MAX_US = const(500_000_000)  # so that the age fits a small integer
 # A window whose six sums differ from those expected, squared and over their variance, by more than
 # this in all: chance does that less than once in 1000 windows. The variance of a sum s is taken as
 # s + 4 counts**2, for the noise of light, converter and rounding; of the expected one as well.
-_JUMP = 24
-_JUMP_MAX = 1 << 12  # a difference whose square, times 2**4, fits a small integer
-_Q = 12
-_SUMS_SHIFT = 6  # from Q12 to sums over `decode.DARK_SAMPLES`
+_JUMP = const(24)
+_JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
+_Q = const(12)
+_SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
 # Light that fits no press for so long, or light without a touch that differs from what it was by
 # so many counts in all, asks for a new dark frame, but not more often than this.
-ODD_US = 300_000
-ODD_COUNTS = 24
-ODD_EVERY_US = 2_000_000
+_ODD_US = const(300_000)
+_ODD_COUNTS = const(24)
+_ODD_EVERY_US = const(2_000_000)
 
 
 class Dark:
@@ -51,14 +55,10 @@ class Dark:
     def __init__(self):
         self.mean = array("i", bytes(4 * CHANNELS))
         self._window = array("i", bytes(4 * CHANNELS))
-        self._ring = array("i", bytes(4 * CHANNELS * WINDOWS))
-        self._total = array("i", bytes(4 * CHANNELS))
         self._count = 0  # windows in the pool
-        self._slot = 0  # where the next one goes
         self._taken = 0  # samples in the window
         self._left = 0  # samples until the LED is switched on again
         self._pool_wanted = False
-        self._fresh = True
         self.wanted = True
         self.age_us = 0
         self.every_us = DARK_EVERY_US
@@ -76,7 +76,7 @@ class Dark:
         self.always = every > 0
         self.every_us = min(every * exposure_us, _EVERY_MAX_US)
         if not self.always:
-            self.every_us = max(DARK_EVERY_US, DARK_EVERY_SAMPLES * exposure_us)
+            self.every_us = max(DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
 
     def request(self):
         """Restart the pool with one window, as soon as possible."""
@@ -93,8 +93,7 @@ class Dark:
             if self._pool_wanted:
                 windows = min(max(1, _REQUEST_US // (WINDOW_SAMPLES * exposure_us)), WINDOWS)
             self.wanted = self._pool_wanted = False
-            self._fresh = True
-            self._taken = 0
+            self._count = self._taken = 0
             self._left = WINDOW_SAMPLES * windows
         else:
             self._left = 1 if self.always else WINDOW_SAMPLES
@@ -125,26 +124,15 @@ class Dark:
         return peak
 
     def _pool(self):
-        window, total = self._window, self._total
-        if self._fresh or self._is_jump():
-            self._fresh = False
-            self._count = self._slot = 0
-            for i in range(CHANNELS):
-                total[i] = 0
-        at = CHANNELS * self._slot
-        full = self._count == WINDOWS
-        self._slot = (self._slot + 1) % WINDOWS
-        if not full:
+        if self._is_jump():
+            self._count = 0
+        weight = _WEIGHT
+        if self._count < WINDOWS:
             self._count += 1
-        count = self._count
+            weight = self._count
         for i in range(CHANNELS):
-            if full:
-                total[i] -= self._ring[at + i]
-            total[i] += window[i]
-            self._ring[at + i] = window[i]
-            # In two steps: no product leaves 31 bits.
-            whole = total[i] // count
-            self.mean[i] = (whole << 10) + ((total[i] - whole * count << 10) // count)
+            gap = (self._window[i] << 10) - self.mean[i]
+            self.mean[i] += (gap + (weight >> 1)) // weight
 
     def _is_jump(self):
         score = 0
@@ -174,10 +162,10 @@ class OddLight:
         """Take a reading; return whether the dark frame, of this age, must be measured again."""
         if not self._is_odd(flags, sums, samples):
             self._odd_us = 0
-        elif self._odd_us < ODD_US:
+        elif self._odd_us < _ODD_US:
             self._odd_us += lasted_us
         else:
-            return age_us >= ODD_EVERY_US
+            return age_us >= _ODD_EVERY_US
         return False
 
     def _is_odd(self, flags, sums, samples):
@@ -191,4 +179,4 @@ class OddLight:
         light //= samples
         if self._quiet < 0:
             self._quiet = light
-        return abs(light - self._quiet) > ODD_COUNTS
+        return abs(light - self._quiet) > _ODD_COUNTS

@@ -1,8 +1,10 @@
 """Measures the time that the loop takes for a sample, and predicts the rate of readings."""
 
-_SKIPPED = 2  # passes after a command are late
-_COUNTED = 16
-_LONGEST_US = 1 << 24  # so that their sum fits a small integer
+from micropython import const
+
+_SKIPPED = const(2)  # passes after a command are late
+_COUNTED = const(16)
+_LONGEST_US = const(1 << 24)  # so that their sum fits a small integer
 
 
 class Meter:

@@ -2,9 +2,11 @@
 
 import gc
 
+from micropython import const
+
 from .as7341 import SensorError
 
-_RETRY_US = 100_000
+_RETRY_US = const(100_000)
 
 
 class Reconnect:

@@ -1,26 +1,28 @@
 """One strip: samples of its sensor in, frames out.
 
 Holds the path of a sample: average, decode, frame. What happens rarely is in modules of its own:
-`dark`, `baseline` and `exposure`. `take` allocates nothing but in the steps that end a
+`dark`, `baseline` and `search`. `take` allocates nothing but in the steps that end a
 dark window or a search.
 """
 
 from array import array
 
+from micropython import const
+
 from .baseline import Baseline
 from .calibration import Conditions
 from .dark import Dark, OddLight
 from .decode import DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
-from .exposure import AGAIN, DONE, Search
+from .exposure import AGAIN, DONE
 from .kernel import accumulate
 from .smux import CHANNELS
 
-IDLE_US = 1_000_000  # untouched for so long before the strip may blink
+IDLE_US = const(1_000_000)  # untouched for so long before the strip may blink
 
-_LIT = 0
-_UNKNOWN = 1  # LED on, but without a dark frame: a dark window must come first
-_BLINKING = 2  # LED off, dark samples wanted
-_RISING = 3  # LED on again, a wholly lit sample wanted
+_LIT = const(0)
+_UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
+_BLINKING = const(2)  # LED off, dark samples wanted
+_RISING = const(3)  # LED on again, a wholly lit sample wanted
 
 
 class Strip:
@@ -135,6 +137,8 @@ class Strip:
 
     def request_search(self, done):
         """Search gain, LED current and exposure; then call ``done(outcome)``."""
+        from .search import Search  # rare, and large
+
         s = self.settings.values
         self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
         self._on_search = done
