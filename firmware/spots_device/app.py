@@ -8,7 +8,6 @@ from .as7341 import SensorError
 from .calibration import Calibration, CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
-from .meter import Meter
 from .reconnect import Reconnect
 from .settings import SETTINGS_FILE, BoardSettings, checksum, load_lines, save_lines
 from .strip import Strip
@@ -21,6 +20,43 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _LAST_US = const(100_000)  # for the host to fetch, at the end, the release of all keys
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
+_SKIPPED = const(2)  # passes of the loop after a command are late
+_COUNTED = const(16)
+_LONGEST_US = const(1 << 24)  # so that their sum fits a small integer
+
+
+class Meter:
+    """The mean time of the loop's passes that take a sample. `add` allocates nothing.
+
+    Attributes
+    ----------
+    busy_us : int
+        That time, without sleep; 0 as long as it is not known.
+    """
+
+    def __init__(self):
+        self.busy_us = 0
+        self.restart()
+
+    def restart(self):
+        """Measure again; `busy_us` stays until that is done."""
+        self._sum_us = 0
+        self._passes = -_SKIPPED
+
+    def add(self, lasted_us):
+        """Take a pass; return whether there are enough."""
+        if self._passes >= 0:
+            self._sum_us += min(lasted_us, _LONGEST_US)
+        self._passes += 1
+        if self._passes < _COUNTED:
+            return False
+        self.busy_us = self._sum_us // _COUNTED
+        self.restart()
+        return True
+
+    def rate_mHz(self, exposure_us, average):
+        """Return how many readings come in 1000 s: as the sensor samples, or the loop can."""
+        return 1_000_000_000 // (max(exposure_us, self.busy_us) * average)
 
 
 def _nothing(*_):

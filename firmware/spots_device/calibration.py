@@ -33,7 +33,6 @@ STRAIN_MAX_PPM = 500_000
 FORCE_MAX_MN = 65_535
 # No logarithm or contrast lies farther out; leaves room for the differences of two.
 _LOG_MAX = 1 << 28
-_SMALL = 1 << 30
 _STRAIN_Q = 12
 
 # name: how many integers follow
@@ -259,7 +258,7 @@ def _table(name, knots):
             raise CalibrationError("the knots of '%s' must ascend" % name)
         if a[1] == b[1] or (b[1] > a[1]) != rises:
             raise CalibrationError("the table of '%s' is not monotone" % name)
-        if any(step * (abs(b[i] - a[i]) + 1) >= _SMALL for i in range(1, len(a))):
+        if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
             raise CalibrationError("the knots of '%s' lie too far apart" % name)
     return tuple(array("i", [knot[i] for knot in knots]) for i in range(len(knots[0])))
 

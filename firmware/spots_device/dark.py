@@ -1,4 +1,6 @@
-"""The dark frame: what the sensor counts while the LED is off, and when to measure it again.
+"""What is taken off a reading: the dark frame, and the baseline, light of the untouched strip.
+
+The dark frame is what the sensor counts while the LED is off.
 
 One window of four samples has up to three times the error that the light allows, because counts are
 whole. So the frame is the mean of 16 windows, and from then on each further one weighs an eighth:
@@ -11,7 +13,7 @@ from array import array
 from micropython import const
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, TOUCHING
-from .kernel import accumulate
+from .kernel import accumulate, follow
 from .smux import CHANNELS
 
 WINDOW_SAMPLES = const(4)
@@ -29,6 +31,15 @@ _JUMP = const(24)
 _JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
+# Followed from so long after a touch on. Time constants in readings, as powers of 2: light that
+# grows may be a finger that comes slowly, light that fades cannot.
+_SETTLED_US = const(200_000)
+_UP = const(10)
+_DOWN = const(6)
+_POOL_SAMPLES = const(64)
+_POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over so many
+# Times the samples of a reading: keeps the sums of `kernel.estimate` below 2**24.
+_PRODUCT_MAX = const(256)
 # Light that fits no press for so long, or light without a touch that differs from what it was by
 # so many counts in all, asks for a new dark frame, but not more often than this.
 _ODD_US = const(300_000)
@@ -64,17 +75,17 @@ class Dark:
         self.every_us = DARK_EVERY_US
         self.always = False
 
-    def schedule(self, exposure_us, every):
+    def schedule(self, exposure_us, dark_every):
         """Set how often windows are taken.
 
         Parameters
         ----------
         exposure_us : int
-        every : int
+        dark_every : int
             One dark sample in so many, also while touched; 0 for windows on the untouched strip.
         """
-        self.always = every > 0
-        self.every_us = min(every * exposure_us, _EVERY_MAX_US)
+        self.always = dark_every > 0
+        self.every_us = min(dark_every * exposure_us, _EVERY_MAX_US)
         if not self.always:
             self.every_us = max(DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
 
@@ -180,3 +191,87 @@ class OddLight:
         if self._quiet < 0:
             self._quiet = light
         return abs(light - self._quiet) > _ODD_COUNTS
+
+
+class Baseline:
+    """Follows the untouched strip, and adds it to the dark frame.
+
+    Parameters
+    ----------
+    dark : Dark
+
+    Attributes
+    ----------
+    floor : array of int
+        Dark frame and baseline together, as six sums: what is taken off a reading.
+    samples : int
+        Samples of the readings that `floor` is scaled for.
+    followed : bool
+        Whether there is a baseline.
+    wanted : bool
+        Whether the next reading becomes the baseline as it is.
+    """
+
+    def __init__(self, dark):
+        self._dark = dark
+        self._level = array("i", bytes(4 * CHANNELS))  # counts, Q12
+        self._shift = _Q
+        self.samples = 0
+        self.followed = False
+        self.floor = array("i", bytes(4 * CHANNELS))
+        self.wanted = False
+
+    def sums(self):
+        """Return the baseline as six sums over `decode.DARK_SAMPLES` samples."""
+        return [level >> _POOL_SHIFT for level in self._level]
+
+    def rescale(self, samples):
+        """Scale `floor` for readings of so many samples; return over how many samples it is.
+
+        That is a power of 2: as many as the pool has, if the sums of `kernel.estimate` allow it.
+        """
+        self.samples = samples
+        dark_samples = _POOL_SAMPLES
+        self._shift = _POOL_SHIFT
+        while dark_samples * samples > _PRODUCT_MAX:
+            dark_samples >>= 1
+            self._shift += 1
+        self.update()
+        return dark_samples
+
+    def follow(self, sums, samples, idle_us, rests):
+        """Take a reading with the LED on; allocates nothing.
+
+        Parameters
+        ----------
+        sums : array of int
+            Six sums of counts over `samples` samples.
+        samples : int
+        idle_us : int
+            Time since the last touch.
+        rests : bool
+            Whether what lies on the strip is no finger.
+        """
+        if rests or self.wanted:
+            self.wanted = False
+            up = down = 0
+        elif idle_us >= _SETTLED_US:
+            up = _UP
+            down = _DOWN
+        else:
+            return
+        self.followed = True
+        follow(self._level, self.floor, sums, samples, self._dark.mean, self._shift, up, down)
+
+    def forget(self):
+        """Start from the dark frame alone."""
+        self.followed = False
+        for i in range(CHANNELS):
+            self._level[i] = 0
+        self.update()
+
+    def update(self):
+        """Use a new dark frame."""
+        half = 1 << self._shift >> 1
+        for i in range(CHANNELS):
+            self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift

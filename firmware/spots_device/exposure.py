@@ -18,7 +18,6 @@ DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)  # outcomes of a search for a good 
 
 _STEP_CENTI_US = 278  # one step of integration is 2.78 us
 _ASTEP_MAX = 65_534  # 65535 is reserved
-_COUNT_MAX = 65_535
 
 
 def registers(exposure_us):
@@ -37,7 +36,7 @@ def actual_us(atime, astep):
 
 def full_scale(atime, astep):
     """Return the largest count."""
-    return min(_COUNT_MAX, (atime + 1) * (astep + 1))
+    return min(65_535, (atime + 1) * (astep + 1))
 
 
 def led_code(led_mA):

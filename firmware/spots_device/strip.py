@@ -1,7 +1,7 @@
 """One strip: samples of its sensor in, frames out.
 
-Holds the path of a sample: average, decode, frame. What happens rarely is in modules of its own:
-`dark`, `baseline` and `search`. `take` allocates nothing but in the steps that end a
+Holds the path of a sample: average, decode, frame. What happens rarely is in
+`dark` and `search`. `take` allocates nothing but in the steps that end a
 dark window or a search.
 """
 
@@ -9,9 +9,8 @@ from array import array
 
 from micropython import const
 
-from .baseline import Baseline
 from .calibration import Conditions
-from .dark import Dark, OddLight
+from .dark import Baseline, Dark, OddLight
 from .decode import DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE
 from .kernel import accumulate
@@ -32,7 +31,7 @@ class Strip:
     ----------
     index : int
         Sensor number in the frames.
-    board_id : str
+    uid : str
         Unique id of the board.
     sensor : as7341.AS7341
     framer : frame.Framer
@@ -51,7 +50,7 @@ class Strip:
         What readings are taken with; None before the first start.
     """
 
-    def __init__(self, index, board_id, sensor, framer, time, clock, settings, uses):
+    def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
         self.index = index
         self.sensor = sensor
         self.settings = settings
@@ -61,7 +60,7 @@ class Strip:
         self._baseline = Baseline(self._dark)
         self._odd_light = OddLight()
         self.stream_touch = self.stream_spectrum = False
-        self._board_id = board_id
+        self._uid = uid
         self._pacing = sensor.pacing
         self._framer = framer
         self._uses = uses
@@ -229,7 +228,7 @@ class Strip:
         sensor = self.sensor
         sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
         self.conditions = Conditions(
-            self._board_id, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
+            self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
         self._missed = 0
         self._framer.gap()

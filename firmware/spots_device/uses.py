@@ -11,7 +11,6 @@ INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad")
 # HID usage pages as in layout.py, which is loaded only where it is used.
 _KEYBOARD_PAGE = 7
 _CONSUMER_PAGE = 12
-_WAIT_US = 1_000  # between two offers, when there is nothing else to do
 _NO_MEMORY = "no memory is left for keys: save and reboot"
 
 
@@ -149,7 +148,7 @@ class Uses:
         """Release all and send it to the host; give up at these ticks."""
         self.release()
         while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
-            clock.sleep_us(_WAIT_US)
+            clock.sleep_us(1_000)  # there is nothing else to do
 
     def dropped(self):
         """Return how many reports were never sent."""

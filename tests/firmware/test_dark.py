@@ -7,8 +7,7 @@ import pytest
 from bench import canned
 from smallint import SmallInt, small
 
-from spots_device.baseline import Baseline
-from spots_device.dark import WINDOW_SAMPLES, WINDOWS, Dark
+from spots_device.dark import WINDOW_SAMPLES, WINDOWS, Baseline, Dark
 from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES
 
 EXPOSURE_US = 10_000
