@@ -200,23 +200,9 @@ class Commands:
     def __init__(self, app):
         self._app = app
         self._replies = app.replies
-        self._cal = Upload("cal", "calibration", Calibration, app.use_calibration)
-        self._layout = Upload("layout", "layout", check_layout, app.use_layout)
-        self._table = {
-            "hello": self._hello,
-            "get": self._get,
-            "set": self._set,
-            "stream": self._stream,
-            "keys": self._keys,
-            "gamepad": self._gamepad,
-            "dark": self._dark,
-            "rest": self._rest,
-            "auto": self._auto,
-            "cal": self._cal.take,
-            "layout": self._layout.take,
-            "save": self._save,
-            "sync": self._sync,
-            "reboot": self._reboot,
+        self._uploads = {
+            "cal": Upload("cal", "calibration", Calibration, app.use_calibration),
+            "layout": Upload("layout", "layout", check_layout, app.use_layout),
         }
 
     def handle(self, line):
@@ -231,16 +217,16 @@ class Commands:
         if not words:
             return {"re": "", "error": "an empty line is no command"}
         name = words[0]
-        if name not in self._table:
-            known = ", ".join(sorted(self._table))
+        if name not in self._TABLE:
+            known = ", ".join(sorted(self._TABLE))
             return {"re": name[:NAME_MAX], "error": "no such command; there are " + known}
         try:
-            reply = self._table[name](words[1:])
+            reply = self._TABLE[name](self, words)
         except (ValueError, OSError) as error:
             reply = {"error": str(error)}
         except MemoryError:
-            self._cal.forget()
-            self._layout.forget()
+            for upload in self._uploads.values():
+                upload.forget()
             reply = {"error": _NO_MEMORY}
         if reply is not None:
             reply["re"] = name
@@ -256,10 +242,10 @@ class Commands:
         return self._app.state()
 
     def _set(self, words):
-        if not words:
+        if len(words) == 1:
             raise ValueError("say what to set, as in: set exposure_us=10000 gain=9")
         app = self._app
-        if app.settings.change(words):
+        if app.settings.change(words[1:]):
             app.restart()
         reply = app.settings.reply()
         reply["rate_mHz"] = app.rate_mHz()
@@ -269,7 +255,7 @@ class Commands:
         return reply
 
     def _stream(self, words):
-        kinds = set(words)
+        kinds = set(words[1:])
         if not kinds or kinds - {"touch", "spectrum", "off"} or len(kinds) > 2:
             raise ValueError("stream takes touch, spectrum, both, or off")
         if "off" in kinds and len(kinds) > 1:
@@ -278,19 +264,14 @@ class Commands:
         self._app.measure()
         return {"stream": sorted(kinds)}
 
-    def _keys(self, words):
-        return self._switch("keys", words)
-
-    def _gamepad(self, words):
-        return self._switch("gamepad", words)
-
-    def _switch(self, name, words):
-        if words not in (["on"], ["off"]):
+    def _switch(self, words):
+        name = words[0]
+        if words[1:] not in (["on"], ["off"]):
             raise ValueError("%s takes on or off" % name)
         app = self._app
-        app.settings.change(["%s=%d" % (name, words == ["on"])])
+        app.settings.change(["%s=%d" % (name, words[1] == "on")])
         note = app.apply_calibration()
-        reply = {name: words[0]}
+        reply = {name: words[1]}
         if note:
             reply["note"] = note
         return reply
@@ -342,3 +323,24 @@ class Commands:
         self._app.abandon("the board was rebooted")
         self._app.reboot = True
         return {}
+
+    def _upload(self, words):
+        return self._uploads[words[0]].take(words[1:])
+
+    # What they take are the words of the line, the name too.
+    _TABLE = {
+        "hello": _hello,
+        "get": _get,
+        "set": _set,
+        "stream": _stream,
+        "keys": _switch,
+        "gamepad": _switch,
+        "dark": _dark,
+        "rest": _rest,
+        "auto": _auto,
+        "cal": _upload,
+        "layout": _upload,
+        "save": _save,
+        "sync": _sync,
+        "reboot": _reboot,
+    }

@@ -117,11 +117,10 @@ class Dark:
             self._taken = 0
             self._pool()
         self._left -= 1
-        return self._left <= 0
-
-    def end(self):
-        """End what `begin` began: the LED is on again."""
+        if self._left > 0:
+            return False
         self.age_us = 0
+        return True
 
     def sums(self):
         """Return the dark frame as six sums over `decode.DARK_SAMPLES` samples, rounded."""

@@ -1,8 +1,7 @@
 """One strip: samples of its sensor in, frames out.
 
-Holds the path of a sample: average, decode, frame. What happens rarely is in
-`dark` and `search`. `take` allocates nothing but in the steps that end a
-dark window or a search.
+Holds the path of a sample: average, decode, frame. What happens rarely is in `dark` and `search`.
+`take` allocates nothing but in the steps that end a dark window or a search.
 """
 
 from array import array
@@ -67,8 +66,7 @@ class Strip:
         self._time = time
         self._add = clock.ticks_add
         self._sums = array("i", bytes(4 * CHANNELS))
-        self._samples = 0
-        self._flags = 0
+        self._samples = self._flags = 0
         self._state = _UNKNOWN
         self._idle_us = 0
         self._missed = 0
@@ -219,8 +217,7 @@ class Strip:
                 for i in range(CHANNELS):
                     sums[i] = (sums[i] + (samples >> 1)) // samples
             self._framer.spectrum(self.index, flags, sensor.gain, sums)
-        self._samples = 0
-        self._flags = 0
+        self._samples = self._flags = 0
 
     # What happens rarely.
 
@@ -236,15 +233,11 @@ class Strip:
         self.configure()
         self._baseline.forget()
         self._state = _UNKNOWN
-        self._restart_average()
-
-    def _restart_average(self):
-        self._samples = 0
-        self._flags = 0
+        self._samples = self._flags = 0
 
     def _start_blink(self, sensor):
         sensor.switch_led(False)
-        self._restart_average()
+        self._samples = self._flags = 0
         self._dark.begin(sensor.exposure_us)
         self._state = _BLINKING
 
@@ -264,7 +257,6 @@ class Strip:
             self._end_blink(sensor)
 
     def _end_blink(self, sensor):
-        self._dark.end()
         self._baseline.update()
         self._odd_light.restart()
         sensor.switch_led(True)

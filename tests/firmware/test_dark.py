@@ -20,7 +20,6 @@ def window(dark, counts):
     samples = 1
     while not dark.add(counts() if callable(counts) else counts):
         samples += 1
-    dark.end()
     return samples
 
 
