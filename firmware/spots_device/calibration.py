@@ -220,9 +220,7 @@ def _take(line, words, seen, strains):
         seen[name] = words[1]
     elif name == "plan":
         seen[name] = tuple(words[1:])
-        if len(seen[name]) != CHANNELS or len(set(seen[name])) != CHANNELS:
-            raise CalibrationError("'plan' needs six different diodes")
-        if any(diode not in PIXELS for diode in seen[name]):
+        if len(seen[name]) != CHANNELS or len(set(seen[name]) & set(PIXELS)) != CHANNELS:
             raise CalibrationError("'plan' needs six different diodes")
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
@@ -232,10 +230,10 @@ def _take(line, words, seen, strains):
 
 def _integers(line, count):
     try:
-        values = tuple(int(word) for word in line.split()[1:])
+        values = tuple(map(int, line.split()[1:]))
     except ValueError:
         values = ()
-    if len(values) != count or any(not -_LOG_MAX <= v <= _LOG_MAX for v in values):
+    if len(values) != count or max(map(abs, values)) > _LOG_MAX:
         raise CalibrationError("'%s' needs %d integers up to 2**28" % (line[:40], count))
     return values
 
@@ -243,7 +241,7 @@ def _integers(line, count):
 def _weights(name, weights, total):
     if sum(weights) != total:
         raise CalibrationError("the weights of '%s' must add up to %d" % (name, total))
-    if sum(abs(w) for w in weights) > WEIGHT_SUM_MAX:
+    if sum(map(abs, weights)) > WEIGHT_SUM_MAX:
         raise CalibrationError("the weights of '%s' are too large" % name)
     return weights
 
@@ -269,11 +267,11 @@ def _check_strains(strains, segments):
         raise CalibrationError("'strain' needs ascending values from 0")
     if ppm[-1] > STRAIN_MAX_PPM:
         raise CalibrationError("'strain' ends at %d" % STRAIN_MAX_PPM)
-    sizes = [len(table) for table in strains[0][2]]
+    sizes = list(map(len, strains[0][2]))
     for _, bounds, tables in strains:
         if len(tables) != len(segments) or not segments:
             raise CalibrationError("each 'strain' needs one 'from' for each 'segment'")
-        if [len(table) for table in tables] != sizes:
+        if list(map(len, tables)) != sizes:
             raise CalibrationError("each 'strain' needs the same number of knots")
         if any(b <= a for a, b in zip(bounds, bounds[1:])):
             raise CalibrationError("the values of 'from' must ascend")

@@ -82,11 +82,6 @@ class Replies:
             data = json.dumps({"re": reply.get("re"), "error": error}).encode()
         self._framer.text(data)
 
-    @property
-    def pending(self):
-        """The command whose reply will follow, or None."""
-        return self._claimed
-
     def check_unclaimed(self):
         """Raise ValueError while a reply is still to follow."""
         if self._claimed:
