@@ -226,7 +226,7 @@ class BoardApp:
             What keeps something that is wanted from working.
         """
         notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
-        return "; ".join([note for note in notes if note]) or None
+        return "; ".join(filter(None, notes)) or None
 
     def _use_calibration(self):
         if self.reconnect.lost:

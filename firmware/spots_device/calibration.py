@@ -262,8 +262,8 @@ def _table(name, knots):
 
 
 def _check_strains(strains, segments):
-    ppm = tuple(strain for strain, _, _ in strains)
-    if not ppm or ppm[0] != 0 or any(b <= a for a, b in zip(ppm, ppm[1:])):
+    ppm = [strain for strain, _, _ in strains]
+    if not ppm or ppm[0] != 0 or sorted(set(ppm)) != ppm:
         raise CalibrationError("'strain' needs ascending values from 0")
     if ppm[-1] > STRAIN_MAX_PPM:
         raise CalibrationError("'strain' ends at %d" % STRAIN_MAX_PPM)
@@ -273,7 +273,7 @@ def _check_strains(strains, segments):
             raise CalibrationError("each 'strain' needs one 'from' for each 'segment'")
         if list(map(len, tables)) != sizes:
             raise CalibrationError("each 'strain' needs the same number of knots")
-        if any(b <= a for a, b in zip(bounds, bounds[1:])):
+        if sorted(set(bounds)) != bounds:
             raise CalibrationError("the values of 'from' must ascend")
         for table in tables:
             _table("x", table)

@@ -47,7 +47,7 @@ class LineReader:
         if size > LINE_MAX:
             raise ValueError("a line holds at most %d characters" % LINE_MAX)
         line = bytes(memoryview(self._line)[:size])
-        if any(not 32 <= byte < 127 for byte in line):
+        if min(line) < 32 or max(line) > 126:
             raise ValueError("a line is printable ASCII")
         return line.decode()
 

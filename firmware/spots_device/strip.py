@@ -119,8 +119,12 @@ class Strip:
 
     def streams(self):
         """Return the names of the frames that are streamed."""
-        on = (("spectrum", self.stream_spectrum), ("touch", self.stream_touch))
-        return [name for name, streamed in on if streamed]
+        names = []
+        if self.stream_spectrum:
+            names.append("spectrum")
+        if self.stream_touch:
+            names.append("touch")
+        return names
 
     def stream(self, names):
         """Stream these frames and no others: ``touch``, ``spectrum``."""

@@ -152,7 +152,10 @@ class Uses:
 
     def dropped(self):
         """Return how many reports were never sent."""
-        return sum(output.outbox.dropped for output in self._outputs)
+        dropped = 0
+        for output in self._outputs:
+            dropped += output.outbox.dropped
+        return dropped
 
     def _prepare_keypad(self, length_um):
         """Load the keypad and its layout; return whether memory sufficed."""
