@@ -87,6 +87,13 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
 def write_text(text: str, path: str | Path) -> None:
     """Write a text file, or replace it.
 
+    Parameters
+    ----------
+    text : str
+        The whole content; line ends are written as they are.
+    path : str or Path
+        A link there is replaced and not followed.
+
     Raises
     ------
     SpotsError

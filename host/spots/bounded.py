@@ -39,6 +39,17 @@ def open_regular(path: str | Path) -> BinaryIO:
 def read_bytes(path: str | Path, max_bytes: int) -> bytes:
     """Return the content of a file.
 
+    Parameters
+    ----------
+    path : str or Path
+        Of a regular file.
+    max_bytes : int
+        Largest size that is read, in bytes.
+
+    Returns
+    -------
+    bytes
+
     Raises
     ------
     OSError
@@ -59,6 +70,19 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
 
 def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES, encoding: str = "utf-8") -> str:
     r"""Return the content of a text file, its line ends as ``\n``; see `read_bytes`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of a regular file.
+    max_bytes : int
+        Largest size that is read, in bytes.
+    encoding : str
+        As for `bytes.decode`.
+
+    Returns
+    -------
+    str
 
     Raises
     ------

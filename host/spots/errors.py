@@ -28,7 +28,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     Returns
     -------
     str
-        "did you mean ...?" with the similar names, or all names if there are none.
+        "did you mean ...?" with the similar names, or all names if no name is similar.
     """
     by_case = {name.lower(): name for name in known}
     found = difflib.get_close_matches(word.lower(), by_case, n=3, cutoff=0.7)

@@ -61,7 +61,20 @@ class Guarded:
 
 
 def sentence_of(name: str, error: Exception) -> str:
-    """Return what failed, where and why, as one line."""
+    """Return what failed, where and why, as one line.
+
+    Parameters
+    ----------
+    name : str
+        What failed, as the subject of the sentence: "the reader of a board".
+    error : Exception
+        As it was caught, with its traceback.
+
+    Returns
+    -------
+    str
+        Printable, of bounded length.
+    """
     trace = error.__traceback__
     while trace.tb_next:
         trace = trace.tb_next

@@ -185,6 +185,13 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 def on_console_event(event: int, released: threading.Event) -> bool:
     """Let the main thread end as by Ctrl-C, and wait for it; Windows calls this in a thread.
 
+    Parameters
+    ----------
+    event : int
+        ``dwCtrlType`` of a console control handler.
+    released : threading.Event
+        Set once the main thread has released everything.
+
     Returns
     -------
     bool

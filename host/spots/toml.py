@@ -43,6 +43,20 @@ _STEP = re.compile(r"\.([^.\[]+)|\[[^]]*\]")
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     """Return path and text of a file, by its path or by the name of one in the folder.
 
+    Parameters
+    ----------
+    name : str or Path
+        A path that ends in ``.toml``, or the name of a file in `folder`.
+    folder : Path
+        With the files that come with the package.
+    what : str
+        Kind of file, for the message.
+
+    Returns
+    -------
+    path : Path
+    text : str
+
     Raises
     ------
     SpotsError
@@ -93,6 +107,11 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
     what : str
         Which file, for the sentence that says what is wrong with it.
 
+    Returns
+    -------
+    msgspec.Struct
+        Of type `kind`.
+
     Raises
     ------
     SpotsError
@@ -106,6 +125,18 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
 
 def convert(content: dict, kind: type[_Kind]) -> _Kind:
     """Return a file's content as a `msgspec.Struct`.
+
+    Parameters
+    ----------
+    content : dict
+        As `loads` returns it.
+    kind : type
+        The struct.
+
+    Returns
+    -------
+    msgspec.Struct
+        Of type `kind`.
 
     Raises
     ------

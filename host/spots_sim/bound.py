@@ -51,12 +51,45 @@ class Bound:
         self._pedestal = dark + outside[self._columns]
 
     def counts(self, position_um, force_mN, width_mm=4.0, strain=0.0, bend_deg=0.0):
-        """Return the six expected counts of one sample, without dark and light from outside."""
+        """Return the six expected counts of one sample, without dark counts and ambient light.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            In mN.
+        width_mm : float
+            Width of the press along the strip, in mm.
+        strain : float
+            Elongation over length at rest.
+        bend_deg : float
+            In degrees.
+
+        Returns
+        -------
+        numpy.ndarray, shape (6,)
+        """
         rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg)
         return rates[self._columns] * self._scale * coupling(self._sensor.contact, force_mN)
 
     def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
-        """Return the bounds on position in um and on the logarithm of the light."""
+        """Return the least standard deviations, from the Cramer-Rao bound.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            In mN.
+        **press : float
+            Others of `counts`.
+
+        Returns
+        -------
+        tuple of float
+            Of the position in um, and of the natural logarithm of the light.
+        """
         counts = self.counts(position_um, force_mN, **press)
         step_um = 1000 * _STEP_MM
         ahead = self.counts(position_um + step_um, force_mN, **press)

@@ -92,7 +92,23 @@ class I2CBus:
     def write_read(self, address: int, data: bytes, size: int) -> bytes:
         """Send START, address, data, repeated START, address; read `size` bytes; STOP.
 
-        Parameters and errors are those of `write`.
+        Parameters
+        ----------
+        address : int
+            Of the chip, 7 bits.
+        data : bytes
+            What is written.
+        size : int
+            Number of bytes to read.
+
+        Returns
+        -------
+        bytes
+
+        Raises
+        ------
+        OSError
+            ENODEV, without an acknowledge.
         """
         self._address(address)
         bits, count = 3, 2 + len(data) + size
@@ -106,7 +122,21 @@ class I2CBus:
     def read(self, address: int, size: int) -> bytes:
         """Send START, address; read `size` bytes from the register pointer on; STOP.
 
-        Parameters and errors are those of `write`.
+        Parameters
+        ----------
+        address : int
+            Of the chip, 7 bits.
+        size : int
+            Number of bytes to read.
+
+        Returns
+        -------
+        bytes
+
+        Raises
+        ------
+        OSError
+            ENODEV, without an acknowledge.
         """
         self._address(address)
         self._spend(2, 1 + size)
@@ -117,6 +147,16 @@ class I2CBus:
         """Release (1) or pull (0) the wires by hand, and return the level of SDA.
 
         The chip responds to transfers only and ignores it.
+
+        Parameters
+        ----------
+        scl, sda : int
+            Level that the controller sets: 1 to release, 0 to pull.
+
+        Returns
+        -------
+        int
+            Level of SDA, 0 or 1.
         """
         return sda
 

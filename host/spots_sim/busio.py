@@ -45,14 +45,48 @@ class I2C:
         return [address for address in _ADDRESSES if self._acknowledges(address)]
 
     def writeto(self, address: int, buffer, *, start: int = 0, end: int | None = None) -> None:
-        """Write ``buffer[start:end]``. Raises OSError if nobody acknowledges."""
+        """Write ``buffer[start:end]``.
+
+        Parameters
+        ----------
+        address : int
+            Of the chip, 7 bits.
+        buffer : bytes-like
+            What is written.
+        start, end : int, optional
+            Range of the buffer; all of it, if not given.
+
+        Raises
+        ------
+        OSError
+            ENODEV, without an acknowledge.
+        RuntimeError
+            Without the lock, see `try_lock`.
+        """
         self._need_lock()
         self._bus.write(address, bytes(buffer[start:end]))
 
     def readfrom_into(
         self, address: int, buffer, *, start: int = 0, end: int | None = None
     ) -> None:
-        """Fill ``buffer[start:end]``. Raises OSError if nobody acknowledges."""
+        """Fill ``buffer[start:end]``.
+
+        Parameters
+        ----------
+        address : int
+            Of the chip, 7 bits.
+        buffer : bytearray or memoryview
+            What is filled.
+        start, end : int, optional
+            Range of the buffer; all of it, if not given.
+
+        Raises
+        ------
+        OSError
+            ENODEV, without an acknowledge.
+        RuntimeError
+            Without the lock, see `try_lock`.
+        """
         self._need_lock()
         target = memoryview(buffer)[start:end]
         target[:] = self._bus.read(address, len(target))
@@ -68,7 +102,28 @@ class I2C:
         in_start: int = 0,
         in_end: int | None = None,
     ) -> None:
-        """Write, then read after a repeated START. Raises OSError if nobody acknowledges."""
+        """Write, then read after a repeated START.
+
+        Parameters
+        ----------
+        address : int
+            Of the chip, 7 bits.
+        out_buffer : bytes-like
+            What is written.
+        in_buffer : bytearray or memoryview
+            What is filled.
+        out_start, out_end : int, optional
+            Range of `out_buffer`; all of it, if not given.
+        in_start, in_end : int, optional
+            Range of `in_buffer`; all of it, if not given.
+
+        Raises
+        ------
+        OSError
+            ENODEV, without an acknowledge.
+        RuntimeError
+            Without the lock, see `try_lock`.
+        """
         self._need_lock()
         target = memoryview(in_buffer)[in_start:in_end]
         sent = bytes(out_buffer[out_start:out_end])
@@ -98,6 +153,10 @@ def simulated_time(driver: ModuleType, clock: SimulationClock) -> Iterator[None]
         Where the names were imported to.
     clock : bus.SimulationClock
         Spent by ``sleep(seconds)``, read by ``monotonic()``.
+
+    Yields
+    ------
+    None
     """
     replaced = {
         "sleep": lambda seconds: clock.spend_us(seconds * 1e6),

@@ -95,7 +95,19 @@ class Temperature(msgspec.Struct, **_Struct):
     led_warm_up_s: Annotated[float, msgspec.Meta(gt=0, le=1e6)] = 60.0
 
     def resolved(self, change: Change, led_K: float = 0.0) -> Change:
-        """Return a change with its temperature, and the LED's own, turned into the others."""
+        """Return a change with its temperature, and the LED's own, turned into the others.
+
+        Parameters
+        ----------
+        change : Change
+            Its `temperature_K` is turned into changes of LED, phosphor and filters.
+        led_K : float
+            How much the LED has warmed itself, in K.
+
+        Returns
+        -------
+        Change
+        """
         return change + Change(
             **{
                 name: getattr(self, f"{name}_per_K")

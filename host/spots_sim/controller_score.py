@@ -52,14 +52,30 @@ class ControllerScore:
         self.states = 0
 
     def read(self, touch: Touch, state: State) -> None:
-        """Compare the state made of a reading with the truth at its time."""
+        """Compare the state made of a reading with the truth at its time.
+
+        Parameters
+        ----------
+        touch : Touch
+            The reading.
+        state : State
+            What the controller makes of it.
+        """
         wanted = self._wanted(touch.time_s)
         if touch.trusted and wanted is not None:
             self._squares += (state.x - wanted) ** 2
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare a step of X with the finger's movement since the last state."""
+        """Compare a step of X with the finger's movement since the last state.
+
+        Parameters
+        ----------
+        state : State
+            What the gamepad gets.
+        now_s : float
+            In seconds by the link's clock.
+        """
         start_s = max(self._last_s, now_s - 1) - _BACK_S
         end_s = now_s + (_LIFT_S if state[:3] == REST[:3] else 0)
         count = round((end_s - start_s) / _STEP_S)

@@ -90,7 +90,7 @@ class CPythonBoard:
     ):
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self._folder = Path(self._own.name) if self._own else folder
-        self._config = SimpleNamespace(**device_of("virtual").config)
+        self._config = SimpleNamespace(**device_of("virtual").device)
         self._id, self._usb = board_id, usb
         self._port = port
         self._requests = _Requests(bus, faults)
@@ -141,7 +141,7 @@ class CPythonBoard:
         self._package = _load(self._folder)
         app, as7341 = (sys.modules[f"{self._package}.{name}"] for name in ("app", "as7341"))
         clock = self._requests
-        self._app = app.App(
+        self._app = app.BoardApp(
             self._config,
             f"cpython {platform.python_version()}",
             self._id,

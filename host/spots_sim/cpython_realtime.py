@@ -119,7 +119,20 @@ class NoisyPort:
 
 
 def main(sensor_name: str, scenario_name: str, seed: int) -> None:
-    """Serve a board until standard input closes or the parent ends."""
+    """Serve a board until standard input closes or the parent ends.
+
+    Parameters
+    ----------
+    sensor_name, scenario_name : str
+        Files, by path or name.
+    seed : int
+        Of the noise and of the faults.
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
+    """
     parent, ended = os.getppid(), _end_of_input()
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)

@@ -57,6 +57,11 @@ def demo(
     use : str
         A key of `USES`, or `FIVEBAR`: two boards on a linkage with a path of its own.
 
+    Returns
+    -------
+    dict
+        The run in figures, as JSON can hold it.
+
     Raises
     ------
     SpotsError
@@ -137,7 +142,30 @@ USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dic
 def open_fast(
     sensor: str, truth: Scenario, seed: int, faults: Faults | None = None
 ) -> tuple[Board, hashlib._Hash]:
-    """Return a calibrated virtual board in simulated time, and the SHA-256 of all it sends."""
+    """Return a calibrated virtual board in simulated time, and the SHA-256 of all it sends.
+
+    Parameters
+    ----------
+    sensor : str
+        A file, by path or name.
+    truth : Scenario
+        What happens to the strip.
+    seed : int
+        Of the noise.
+    faults : Faults, optional
+        Between board and host, and on the I2C bus.
+
+    Returns
+    -------
+    board : Board
+    digest : hash object
+        SHA-256, updated while the board is read.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor file is missing or invalid.
+    """
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
     bare = LockstepLink(file, truth, seed, faults=faults)

@@ -33,7 +33,31 @@ _PLAIN_LINES_PER_S = 4
 def play_controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    """Show the controller of a demo on the screen alone; return the run in figures."""
+    """Show the controller of a demo on the screen alone; return the run in figures.
+
+    Parameters
+    ----------
+    board : Board
+        A calibrated one.
+    truth : Scenario
+        What the run is compared with.
+    started_s : float
+        Host time of the scenario's time 0.
+    seconds : float or None
+        End after this time of the link's clock; no limit if None.
+    quiet : bool
+        Whether nothing is shown.
+
+    Returns
+    -------
+    dict
+        See `ControllerScore.summary`.
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost.
+    """
     settings = load_settings()
     controller = controller_for(board, settings)
     score = ControllerScore(settings, controller.length_um, truth, started_s)
@@ -53,6 +77,24 @@ def type_on_board(board: Board, seconds: float | None, quiet: bool) -> dict:
     """Let the board be the keyboard, show what it types, and return the run in figures.
 
     The same engine runs here on the same readings, and its events are compared.
+
+    Parameters
+    ----------
+    board : Board
+        A calibrated one.
+    seconds : float or None
+        End after this time of the link's clock; no limit if None.
+    quiet : bool
+        Whether nothing is shown.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost.
     """
     layout = load_layout(DEMO_LAYOUT)
     typed, here, there = TypedText(), _Events(), _Events()
@@ -94,7 +136,27 @@ class _Events:
 
 
 def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
-    """Show the gestures of a board and return the run in figures."""
+    """Show the gestures of a board and return the run in figures.
+
+    Parameters
+    ----------
+    board : Board
+        A calibrated one.
+    seconds : float or None
+        End after this time of the link's clock; no limit if None.
+    quiet : bool
+        Whether nothing is shown.
+
+    Returns
+    -------
+    dict
+        Names of the gestures, and the least confidence among them.
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost.
+    """
     drawing = Console().is_terminal and not quiet
     mapping = Mapping()
     found: list[Gesture] = []

@@ -124,6 +124,10 @@ def best(length_mm: float, rate_hz: float) -> Design:
     rate_hz : float
         Readings a second.
 
+    Returns
+    -------
+    Design
+
     Raises
     ------
     SpotsError

@@ -236,7 +236,18 @@ class FaultyBus:
         return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Release (1) or pull (0) each wire and return the level of SDA: `bus.I2CBus.lines`."""
+        """Release (1) or pull (0) each wire and return the level of SDA: `bus.I2CBus.lines`.
+
+        Parameters
+        ----------
+        scl, sda : int
+            Level that the controller sets: 1 to release, 0 to pull.
+
+        Returns
+        -------
+        int
+            Level of SDA, 0 or 1.
+        """
         level = self.bus.lines(scl, sda)
         if not self._sda_is_held():
             return level
@@ -366,5 +377,18 @@ class Faults:
 
 
 def of_scenario(file: ScenarioFile, seed: int) -> Faults | None:
-    """Return the faults of a scenario file, or None without faults; `seed` is of their draws."""
+    """Return the faults of a scenario file.
+
+    Parameters
+    ----------
+    file : ScenarioFile
+        The scenario.
+    seed : int
+        Of the moments at which faults happen.
+
+    Returns
+    -------
+    Faults or None
+        None if the file has no faults.
+    """
     return Faults(file.faults, file.seconds, seed) if file.faults else None

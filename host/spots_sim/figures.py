@@ -70,6 +70,18 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 def save(figure, path: Path) -> Path:
     """Write a figure and forget it.
 
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    path : Path
+        Of the PNG file.
+
+    Returns
+    -------
+    Path
+        The same.
+
     Raises
     ------
     SpotsError
@@ -82,7 +94,23 @@ def save(figure, path: Path) -> Path:
 
 
 def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 4.0, **options):
-    """Return a figure and its axes."""
+    """Return a figure and its axes.
+
+    Parameters
+    ----------
+    columns, rows : int
+        How many axes.
+    width, height : float
+        Of the figure, in inches.
+    **options
+        As for `matplotlib.figure.Figure.subplots`.
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+    axes : matplotlib.axes.Axes or ndarray of them
+        Shape as that of `subplots`.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -97,19 +125,53 @@ def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 
 
 
 def label(axis, title: str, x: str, y: str, **limits) -> None:
-    """Give axes their title and what they are of."""
+    """Give axes their title and what they are of.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+        The axes.
+    title : str
+        Above, on the left.
+    x, y : str
+        Labels, with units.
+    **limits
+        As for `matplotlib.axes.Axes.set`.
+    """
     axis.set_title(title, loc="left", fontsize=11)
     axis.set(xlabel=x, ylabel=y, **limits)
 
 
 def line(axis, i: int, x, y, name=None, **options) -> None:
-    """Draw points joined by a line in the i-th colour and marker."""
+    """Draw points joined by a line in the i-th colour and marker.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+        The axes.
+    i : int
+        Number of the colour and marker.
+    x, y : array_like, shape (n,)
+        In the units of the axes.
+    name : str, optional
+        In the legend.
+    **options
+        As for `matplotlib.axes.Axes.plot`.
+    """
     style = {"color": _COLOURS[i], "marker": _MARKERS[i], "markersize": 4, "linewidth": 1.3}
     axis.plot(x, y, label=name, **(style | options))
 
 
 def legend(axis, **options) -> None:
-    """Draw the legend, without a frame over the data."""
+    """Draw the legend, without a frame over the data.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+        The axes.
+    **options
+        As for `matplotlib.axes.Axes.legend`.
+    """
     axis.legend(**({"frameon": False, "fontsize": 9} | options))
 
 

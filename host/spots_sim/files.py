@@ -366,6 +366,11 @@ def changed(sensor: str, change: str | None) -> Iterator[str]:
         A path, or the name of a file that comes with the package.
     change : str or None
         A path; without it the sensor file itself is given.
+
+    Yields
+    ------
+    str
+        A path or name, as `load` takes it.
     """
     if change is None:
         yield sensor
@@ -387,6 +392,11 @@ def load(kind: type[_File], name: str | Path) -> _File:
         `SensorFile`, `ScenarioFile`, `LinkageFile` or `PathFile`.
     name : str or Path
         A path, or the name of a file that comes with the package, such as ``default``.
+
+    Returns
+    -------
+    msgspec.Struct
+        Of type `kind`.
 
     Raises
     ------

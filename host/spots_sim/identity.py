@@ -6,9 +6,23 @@ import hashlib
 
 import msgspec
 
+from .change import Temperature
 from .files import SensorFile
+
+# Keys of later versions, each with the value at which a sensor keeps its earlier id.
+_LATER = {
+    ("temperature", None): msgspec.to_builtins(Temperature()),
+    ("surroundings", "flicker_phase_deg"): 0.0,
+    ("converter", "ratio_noise_ppm"): 0.0,
+}
 
 
 def board_id(sensor: SensorFile) -> str:
     """Return 8 bytes in hexadecimal, the same for the same sensor however it changed."""
-    return hashlib.sha256(msgspec.json.encode(sensor.unchanged())).hexdigest()[:16]
+    keys = msgspec.to_builtins(sensor)
+    del keys["change"]
+    for (table, key), default in _LATER.items():
+        within, name = (keys, table) if key is None else (keys[table], key)
+        if within[name] == default:
+            del within[name]
+    return hashlib.sha256(msgspec.json.encode(keys)).hexdigest()[:16]

@@ -39,6 +39,10 @@ def endless(
     exposure_us : int
         Of both strips.
 
+    Returns
+    -------
+    Endless
+
     Raises
     ------
     SpotsError
@@ -55,7 +59,30 @@ def endless(
 
 
 def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
-    """Show the default linkage on its path, in real time or fast, and return the run in figures."""
+    """Show the default linkage on its path, in real time or fast, and return the run in figures.
+
+    Parameters
+    ----------
+    sensor : str
+        A file, by path or name.
+    seed : int
+        Of the noise.
+    seconds : float or None
+        Length in real time; no limit if None. Without effect when fast.
+    fast : bool
+        Whether time is simulated: the path is followed once.
+    quiet : bool
+        Whether nothing is printed.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    SpotsError
+        If the sensor file is missing or invalid.
+    """
     if fast:
         files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, "default", PATH))]
         if not quiet:
@@ -81,6 +108,11 @@ def compare(options) -> None:
     ----------
     options : argparse.Namespace
         Of ``spots twin``.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or the picture cannot be written.
     """
     picture = options.picture and Path(options.picture)
     names = options.sensor, options.linkage, options.path or PATH

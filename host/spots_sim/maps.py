@@ -56,6 +56,11 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     mechanism : spots_sim.mechanism.Mechanism, optional
         Whose joints' travel bounds the workspace.
 
+    Returns
+    -------
+    Path
+        That of the file.
+
     Raises
     ------
     SpotsError
@@ -103,6 +108,18 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
 def deviation(survey: Survey, path: Path) -> Path:
     """Draw the deviation over the workspace, as Fig. 7C, before and after kinematic calibration.
 
+    Parameters
+    ----------
+    survey : Survey
+        With the deviations in mm.
+    path : Path
+        The PNG file.
+
+    Returns
+    -------
+    Path
+        The same.
+
     Raises
     ------
     SpotsError
@@ -130,6 +147,18 @@ def deviation(survey: Survey, path: Path) -> Path:
 
 def trajectory(run: PathRun, path: Path) -> Path:
     """Draw a path and the twin's estimate of it, as Fig. 7D, and the error over time.
+
+    Parameters
+    ----------
+    run : PathRun
+        Truth and estimate, in mm and s.
+    path : Path
+        The PNG file.
+
+    Returns
+    -------
+    Path
+        The same.
 
     Raises
     ------

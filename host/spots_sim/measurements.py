@@ -83,6 +83,10 @@ def characterize(
     hand : Hand
         How it is re-zeroed then.
 
+    Returns
+    -------
+    Run
+
     Raises
     ------
     SpotsError
@@ -119,7 +123,22 @@ def characterize(
 
 
 def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
-    """Return scatter over bound alone, see `characterize`."""
+    """Return the standard deviation of the position over its Cramer-Rao bound, see `characterize`.
+
+    Parameters
+    ----------
+    rig : Rig
+        A calibrated strip.
+    seed : int
+        Of where presses are placed.
+    jittered : int
+        Number of presses at each place.
+
+    Returns
+    -------
+    float
+        Mean over the places; 1 for an efficient estimator.
+    """
     rng = np.random.default_rng(seed)
     bound, pair = _bound(rig), OnePair(rig.along[0], rig.noise)
     ratios = [

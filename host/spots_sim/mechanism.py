@@ -82,7 +82,12 @@ class Mechanism:
         self.travel_deg = math.degrees((last_mm - self._first_mm) / self._joint.radius_mm)
 
     def angles_deg(self, x_mm, y_mm) -> np.ndarray:
-        """Return what the joints stand at, by their own calibration.
+        """Return the angles of the joints, by their own calibration, for places of the terminal.
+
+        Parameters
+        ----------
+        x_mm, y_mm : array_like
+            Places in mm, in the frame of the base joints; of one shape.
 
         Returns
         -------
@@ -97,7 +102,18 @@ class Mechanism:
         return np.degrees(angles - zero_rad)
 
     def reaches(self, x_mm, y_mm) -> np.ndarray:
-        """Return whether both indenters stay on their travel there."""
+        """Return whether both indenters stay on their travel for places of the terminal.
+
+        Parameters
+        ----------
+        x_mm, y_mm : array_like
+            Places in mm, in the frame of the base joints; of one shape.
+
+        Returns
+        -------
+        numpy.ndarray of bool
+            Shape of `x_mm`.
+        """
         angles_deg = self.angles_deg(x_mm, y_mm)
         return ((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
 
@@ -109,6 +125,11 @@ class Mechanism:
         motion : Motion
         again : bool
             Whether it restarts at its end.
+
+        Returns
+        -------
+        tuple of JointScenario
+            Of joint 1 and joint 2.
 
         Raises
         ------
@@ -126,7 +147,21 @@ class Mechanism:
         return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
     def turn(self, time_s: np.ndarray, angle_deg: np.ndarray, again: bool = False) -> JointScenario:
-        """Return what happens to the strip of a joint that stands at these angles by time."""
+        """Return the scenario of the strip of one joint.
+
+        Parameters
+        ----------
+        time_s : numpy.ndarray, shape (n,)
+            Ascending, in seconds.
+        angle_deg : numpy.ndarray, shape (n,)
+            Angle of the joint at these times, in degrees.
+        again : bool
+            Whether it restarts at its end, instead of staying there.
+
+        Returns
+        -------
+        JointScenario
+        """
         mm_per_deg = math.radians(self._joint.radius_mm)
         lagging_deg = _lag(angle_deg, self._joint.play_deg / 2)
         place_mm = self._first_mm + lagging_deg * mm_per_deg
@@ -170,7 +205,7 @@ class JointScenario:
         return NONE
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
-        """Return nothing: a joint is covered."""
+        """Return 0: a joint is covered."""
         return 0.0
 
 
@@ -182,6 +217,10 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
     file : PathFile
     start_s : float
         When it begins.
+
+    Returns
+    -------
+    Motion
     """
     legs = []
     for i, stroke in enumerate(file.stroke):
@@ -224,6 +263,10 @@ def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motio
         Arrival at the first place.
     dwell_s, move_s : float
         Time at a place, and to the next one.
+
+    Returns
+    -------
+    Motion
     """
     count = len(x_mm)
     begin_s = start_s + (dwell_s + move_s) * np.arange(count)

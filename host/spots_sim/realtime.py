@@ -150,7 +150,24 @@ class PortNoise:
 
 
 def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: str) -> None:
-    """Serve a board until standard input closes or the parent ends."""
+    """Serve a board until standard input closes or the parent ends.
+
+    Parameters
+    ----------
+    sensor_name, scenario_name : str
+        Files, by path or name.
+    seed : int
+        Of the noise and of the faults.
+    board : str
+        A name that ``spots boards`` lists.
+    folder : str
+        The board's file system.
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
+    """
     parent_end = _end_of_parent()
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)

@@ -74,6 +74,11 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     hand : Hand
     seed : int
         Of where the marks are pressed.
+
+    Returns
+    -------
+    str or None
+        None if the hand presses no marks, so that nothing is re-zeroed.
     """
     if not hand.marks:
         rig.stage.held.changed = change

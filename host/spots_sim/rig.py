@@ -83,7 +83,15 @@ class Rig:
         self._use()
 
     def shift(self, place_um, shifts) -> None:
-        """Use the calibration as a re-zero shifts it, see `spots.calibrate.shift`."""
+        """Use the calibration as a re-zero shifts it, see `spots.calibrate.shift`.
+
+        Parameters
+        ----------
+        place_um : sequence of float, length n
+            Marks, in um from the sensor's end.
+        shifts : array_like, shape (n, 6)
+            Of each channel, in units of log2.
+        """
         self._shift = place_um, shifts
         self._use()
 
@@ -102,6 +110,15 @@ class Rig:
 
     def readings(self, position_um: float, force_mN: float, count: int):
         """Press and return readings that began under the press.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            In mN.
+        count : int
+            Number of readings.
 
         Returns
         -------

@@ -87,7 +87,18 @@ class Scenario:
         return found
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
-        """Return the mean irradiance from outside over an interval."""
+        """Return the mean irradiance from outside over an interval.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The interval, in seconds of the scenario.
+
+        Returns
+        -------
+        float
+            In uW/cm2.
+        """
         ambient = self._file.ambient
         if ambient is None:
             return 0.0
@@ -143,7 +154,19 @@ class Held:
 
 
 def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float:
-    """Return the mean over an interval of a lamp's light, which swings about 1."""
+    """Return the mean over an interval of a lamp's light, relative to its mean over all time.
+
+    Parameters
+    ----------
+    lamp : Ambient or Surroundings
+        Its flicker in Hz, per cent and degrees.
+    start_s, end_s : float
+        The interval, in seconds; not empty.
+
+    Returns
+    -------
+    float
+    """
     omega, phase = 2 * math.pi * lamp.flicker_hz, math.radians(lamp.flicker_phase_deg)
     swing = math.sin(omega * end_s + phase) - math.sin(omega * start_s + phase)
     return 1 + lamp.flicker_percent / 100 * swing / (omega * (end_s - start_s))

@@ -38,7 +38,15 @@ class Score:
         self.touches = 0
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading with the scenario's finger at its time, unless there were several."""
+        """Compare a reading with the scenario's finger at its time, unless there were several.
+
+        Parameters
+        ----------
+        touch : Touch
+            The reading.
+        arrived_s : float
+            When it arrived, in seconds by the host's clock.
+        """
         if not self.readings:
             self._first_s = touch.time_s
         self._last_s = touch.time_s
@@ -87,7 +95,20 @@ class Score:
         return {"link": {"rate": f"{self.rate_hz:.1f} Hz", "latency": latency}, "rows": rows}
 
     def summary(self, info: dict, stats: LinkStats) -> dict:
-        """Return the run in figures."""
+        """Return the run in figures.
+
+        Parameters
+        ----------
+        info : dict
+            The board's ``hello``.
+        stats : LinkStats
+            Of the run.
+
+        Returns
+        -------
+        dict
+            Errors in um and mN, latencies in ms.
+        """
         return {
             "runtime": info["runtime"],
             "board": info["board"],

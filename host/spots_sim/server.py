@@ -22,22 +22,22 @@ def read_request(fd: int) -> bytes | None:
 
 def is_reset(request: bytes) -> bool:
     """Return whether the board asks for its own hard reset, which has no answer."""
-    return request[0] == protocol.RESET
+    return request[:1] == bytes([protocol.RESET])
 
 
 def is_poll(request: bytes) -> bool:
     """Return whether the request is a read of registers: most passes of the loop have one."""
-    return request[0] == protocol.READ
+    return request[:1] == bytes([protocol.READ])
 
 
 def reported_free_bytes(request: bytes) -> int | None:
     """Return the free heap that the board reports, which has no answer, or None."""
-    return _number(request) if request[0] == protocol.MEMORY else None
+    return _number(request) if request[:1] == bytes([protocol.MEMORY]) else None
 
 
 def fed_for_us(request: bytes) -> int | None:
     """Return how long a watchdog waits that this request feeds, or None if it feeds none."""
-    return 1000 * _number(request) if request[0] == protocol.FEED else None
+    return 1000 * _number(request) if request[:1] == bytes([protocol.FEED]) else None
 
 
 def _number(request: bytes) -> int:

@@ -56,6 +56,11 @@ def calibrated(
     seed : int
         Of the noise.
     exposure_us : int
+
+    Returns
+    -------
+    CalibrationFile
+        With a joint.
     """
     mechanism = Mechanism(linkage, sensor)
     angles_deg = np.linspace(0, mechanism.travel_deg, _ANGLES)

@@ -76,7 +76,15 @@ class Stage:
         self.reader.set_up()
 
     def press(self, position_um: float, force_mN: float) -> None:
-        """Hold a press there from now on."""
+        """Hold a press there from now on.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            In mN.
+        """
         self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
 
     def release(self) -> None:
@@ -107,7 +115,20 @@ class Stage:
         return Presses(*(np.array(column) for column in zip(*rows)))
 
     def along(self, places: int = PLACES, samples: int = 24) -> Presses:
-        """Press firmly at places along the whole strip."""
+        """Press firmly at places along the whole strip.
+
+        Parameters
+        ----------
+        places : int
+            Number of places, evenly spaced from end to end.
+        samples : int
+            Averaged at each place.
+
+        Returns
+        -------
+        Presses
+            At `FIRM_MN`.
+        """
         return self.read(np.linspace(0, self.length_um, places), [FIRM_MN], samples)
 
     def pressed(self, samples: int = 8) -> Presses:

@@ -89,6 +89,10 @@ def survey(
     pitch_mm : float
         Of the grid.
 
+    Returns
+    -------
+    Survey
+
     Raises
     ------
     SpotsError
@@ -185,8 +189,22 @@ def follow(
 
     Parameters
     ----------
+    sensor : SensorFile
+        Of both strips.
+    linkage : LinkageFile
+        The linkage, as nominal and as built.
+    path : PathFile
+        Strokes of the terminal.
+    seed : int
+        Of the noise.
+    exposure_us : int
+        Integration time of both strips, in us.
     report : callable
         Called with each terminal.
+
+    Returns
+    -------
+    PathRun
 
     Raises
     ------

@@ -24,7 +24,25 @@ _LEVELS = "▁▂▃▄▅▆▇█"
 def picture(
     layout: KeyLayout, engine: KeyEngine, touch: Touch | None, typed: TypedText, stats: LinkStats
 ) -> Panel:
-    """Return the picture as it is now."""
+    """Return the picture as it is now.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+        The keys.
+    engine : KeyEngine
+        For its layer and firm force.
+    touch : Touch or None
+        The latest reading.
+    typed : TypedText
+        What was typed so far.
+    stats : LinkStats
+        Shown below.
+
+    Returns
+    -------
+    rich.panel.Panel
+    """
     keys = layout.layers[engine.layer]
     held = touch is not None and touch.touching and not math.isnan(touch.position_um)
     share = touch.position_um / engine.length_um if held else -1.0
@@ -51,7 +69,20 @@ def picture(
 
 
 def firm_scale(force_mN: int, firm_mN: int) -> Text:
-    """Return the force as a bar whose colour changes where a press is firm."""
+    """Return the force as a bar whose colour changes where a press is firm.
+
+    Parameters
+    ----------
+    force_mN : int
+        The force to show, in mN.
+    firm_mN : int
+        Where a press is firm, in mN.
+
+    Returns
+    -------
+    rich.text.Text
+        One line.
+    """
     columns = 24
     full = round(min(force_mN / _FULL_FORCE_MN, 1) * columns)
     firm = round(min(firm_mN / _FULL_FORCE_MN, 1) * columns)

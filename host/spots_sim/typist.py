@@ -107,7 +107,15 @@ class Typist:
                 self.do(self._rows[layer][key], slot)
 
     def do(self, key, slot: str = "tap") -> None:
-        """Add the finger for one slot of a key, at any place on it."""
+        """Add the finger for one slot of a key, at any place on it.
+
+        Parameters
+        ----------
+        key : PlacedKey
+            With its place, as a share of the strip.
+        slot : str
+            ``tap``, ``hold``, ``firm`` or ``double``.
+        """
         margin = 0.1 * (key.high - key.low)
         share = self._rng.uniform(key.low + margin, key.high - margin)
         limits = self._limits
@@ -129,7 +137,17 @@ class Typist:
         self.seconds += pause_s
 
     def press(self, share: float, held_s: float, force_mN: float) -> None:
-        """Add one finger at a share of the strip, for so long above half of its force."""
+        """Add one finger at a share of the strip, for so long above half of its force.
+
+        Parameters
+        ----------
+        share : float
+            Place as a share of the strip, from 0 at the sensor to 1.
+        held_s : float
+            In seconds.
+        force_mN : float
+            Largest force, in mN.
+        """
         start_s = self.seconds
         x_mm = share * self._length_mm
         times = (0, _RISE_S, held_s, held_s + _RISE_S)
@@ -184,6 +202,10 @@ def typing(
         Of the person's variation.
     start_s : float
         When the first finger comes.
+
+    Returns
+    -------
+    ScenarioFile
 
     Raises
     ------

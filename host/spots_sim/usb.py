@@ -47,6 +47,13 @@ class UsbHost:
     def offer(self, interface: int, report: bytes) -> None:
         """Take a report into its endpoint; an empty one only asks whether there is room.
 
+        Parameters
+        ----------
+        interface : int
+            Number of the HID interface.
+        report : bytes
+            Empty to ask whether there is room.
+
         Raises
         ------
         OSError

@@ -40,12 +40,46 @@ _POLL_S = 0.02
 
 
 def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
-    """Open a virtual board in real time, see `open_virtual`."""
+    """Open a virtual board in real time, see `open_virtual`.
+
+    Parameters
+    ----------
+    rest : str
+        What follows ``virtual`` in the port; ignored.
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    Board
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
+    """
     return open_virtual(sensor, scenario, seed)[0]
 
 
 def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
-    """Raise SpotsError if a file of the virtual board is wrong."""
+    """Check the files of the virtual board.
+
+    Parameters
+    ----------
+    rest : str
+        What follows ``virtual`` in the port; ignored.
+    sensor, scenario : str
+        Files, by path or name.
+    seed : int
+        Of the noise; ignored.
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
+    """
     load(SensorFile, sensor)
     load(ScenarioFile, scenario)
 
@@ -55,6 +89,26 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
 
     It is as it was made with a session or, for `spots rezero`, with a calibration file: then it has
     changed as the sensor file says.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of ``spots calibrate`` or ``spots rezero``.
+    made_with : Session or CalibrationFile
+        What the board was calibrated with.
+    out : Path
+        Of the calibration file.
+    guide : Guide
+        Prints what happens.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
     """
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)
@@ -85,7 +139,19 @@ def flash_place(device: Device) -> Iterator[Place]:
 
 @contextmanager
 def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
-    """Start a virtual board on a file system folder as it is."""
+    """Start a virtual board on a file system folder as it is.
+
+    Parameters
+    ----------
+    folder : Path
+        Its file system; a CircuitPython board's drive.
+    device : Device
+        The board to simulate.
+
+    Yields
+    ------
+    Place
+    """
     start, end = start_simulator("default", "demo", 0, str(folder), device.name)
     try:
         heard = lambda: [start["port"]]  # noqa: E731

@@ -62,7 +62,20 @@ class World:
         self._optics_at = lru_cache(_KEPT)(partial(Optics, sensor))
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
-        """Return the counts at gain 1x by diode that an ideal converter would make."""
+        """Return the counts at gain 1x by diode that an ideal converter would make.
+
+        Parameters
+        ----------
+        start_us, end_us : float
+            Bounds of the integration, in us of simulated time.
+        led_mA : float
+            LED current, in mA; 0 for a dark frame.
+
+        Returns
+        -------
+        dict of str to float
+            Counts by name of the diode.
+        """
         duration_us = end_us - start_us
         steps = 1 if self._scenario.still else math.ceil(duration_us / _STEP_US)
         step_us = duration_us / steps
@@ -79,7 +92,18 @@ class World:
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
     def outside(self, start_us: float, end_us: float) -> float:
-        """Return the mean irradiance from outside, in uW/cm2."""
+        """Return the mean irradiance of ambient light.
+
+        Parameters
+        ----------
+        start_us, end_us : float
+            The interval, in us of simulated time.
+
+        Returns
+        -------
+        float
+            In uW/cm2.
+        """
         return self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
 
     def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
@@ -121,7 +145,21 @@ class World:
 
 
 def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
-    """Return a simulated AS7341 at the end of a strip, with noise from `seed`."""
+    """Return a simulated AS7341 at the end of a strip.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Of strip and converter.
+    scenario : Scenario or Held
+        What happens to the strip.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    AS7341
+    """
     rng = np.random.default_rng(seed)
     c = sensor.converter
     return AS7341(

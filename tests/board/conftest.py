@@ -6,7 +6,7 @@ import pytest
 
 from spots.link.board import Board
 from spots.link.connect import upload
-from spots.link.frames import Spectrum, Touch
+from spots.link.frames import Key, Spectrum, Touch
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 
@@ -35,7 +35,8 @@ class Rig:
         return [next(frames) for _ in range(count)]
 
     def settle(self, seconds=0.15):
-        for _ in self.board.frames(seconds):
+        """Let time pass; unlike `Board.frames`, this starts no stream."""
+        for _ in self.board._start(seconds, Touch, Spectrum, Key, wanted=False):
             pass
 
     def spectra(self, count):

@@ -136,7 +136,7 @@ def watched(start, tmp_path):
     """Return a function that starts a board with a short watchdog, which hangs at a command."""
     (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
     for path, old, new in (
-        ("runtime/micropython.py", "_WATCHDOG_MS = const(8_000)", "_WATCHDOG_MS = const(2_000)"),
+        ("runtime/common.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),
         (
             "app.py",
             "def use_layout(self, lines):\n",
@@ -156,7 +156,7 @@ def test_a_watchdog_starts_a_board_that_hangs(watched):
         assert len([touch for touch, _ in zip(board.touches(), range(250))]) == 250  # > 2 s
         assert board.stats.restarts == 0
         board._link.write(b"layout clear\n")
-        touches = board.frames(DEADLINE_S)
+        touches = board.touches(DEADLINE_S)
         assert any(board.stats.restarts for _ in touches)
 
 

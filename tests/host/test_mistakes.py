@@ -62,7 +62,7 @@ def test_a_device_that_is_none_of_ours(capsys, port):
     path, behind = port
     talker = threading.Thread(target=_chatter, args=(behind,), daemon=True)
     talker.start()
-    assert "not one of our boards" in refused(capsys, "command", "--port", path, "hello")
+    assert "not a SPOTS board" in refused(capsys, "command", "--port", path, "hello")
 
 
 def _chatter(behind):

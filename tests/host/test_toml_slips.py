@@ -34,7 +34,7 @@ SLIPS = [
 KINDS = {
     "board": staging.Device,
     "calibration": calibration_file.CalibrationFile,
-    "controller": controller_settings.Settings,
+    "controller": controller_settings.ControllerSettings,
     "linkage": mounted.Mounted,
     "simulated linkage": files.LinkageFile,
     "sensor": files.SensorFile,

@@ -62,8 +62,8 @@ def test_no_help_names_what_is_simulated(spots, name):
     ("arguments", "says"),
     [
         (("monitor",), "or name recording:FILE or zenoh:ID as port"),
-        (("monitor", "--port", "virtual"), "there is no port virtual"),
-        (("twin",), "name a linkage file with --linkage, or boards with --port"),
+        (("monitor", "--port", "virtual"), "port 'virtual' needs the simulator"),
+        (("twin",), "port 'virtual' needs the simulator"),
     ],
 )
 def test_a_mistake_is_one_sentence(spots, arguments, says):

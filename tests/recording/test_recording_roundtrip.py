@@ -121,7 +121,7 @@ def test_frames_come_at_the_recorded_pace(monkeypatch, tmp_path, speed):
 def test_a_slow_reader_loses_nothing_of_a_recording(monkeypatch, tmp_path):
     time = Time()
     monkeypatch.setattr(replay, "time", time)
-    monkeypatch.setattr("spots.link.board._QUEUE_FRAMES", 1000)
+    monkeypatch.setattr("spots.link.readers.FRAMES_MAX", 1000)
     frames, _ = record(tmp_path / "a.spots", stream(3000), step_s=1e-4)
     got = []
     with spots.open_recording(tmp_path / "a.spots") as board:

@@ -178,7 +178,7 @@ class CdcSerial:
         return sent == size or (sent > 0 and self._finish(view[1], sent))
 
     def read(self):
-        """Return the next byte, or -1 if there is none."""
+        """Return the next byte, or -1 if no byte waits."""
         if self._port.readinto(self._byte) == 1:
             return self._byte[0]
         return -1

@@ -103,7 +103,7 @@ class StdioSerial:
         return False
 
     def read(self):
-        """Return the next byte, or -1 if there is none.
+        """Return the next byte, or -1 if no byte waits.
 
         USB ports interrupt at Ctrl-C by themselves; where one does not, it comes here.
         """

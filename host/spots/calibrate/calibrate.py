@@ -48,6 +48,16 @@ def opened(options: argparse.Namespace, made, out: Path, guide: Guide) -> Iterat
         What the board was calibrated with: ``conditions`` and ``length_um``.
     out : Path
     guide : Guide
+
+    Yields
+    ------
+    Setup
+        Board, presser and session; the board is closed at the end.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or the board cannot be opened.
     """
     with ExitStack() as stack:
         set_up = offered(options.port, "calibration_setup") or _by_hand

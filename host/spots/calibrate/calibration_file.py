@@ -173,6 +173,10 @@ class CalibrationFile(_Struct, kw_only=True):
         residuals : list of Residual
         joint : Joint, optional
         marks : Marks, optional
+
+        Returns
+        -------
+        CalibrationFile
         """
         return cls(
             date=now(),

@@ -62,6 +62,11 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     full_scale : float
         Largest count.
 
+    Returns
+    -------
+    Choice
+        The plan, and what it is expected to give.
+
     Raises
     ------
     SpotsError

@@ -37,6 +37,10 @@ def described(place_um, logs, shifts, plan) -> str:
         the dye cannot be named.
     plan : sequence of str
         Channels.
+
+    Returns
+    -------
+    str
     """
     known = [i for i, name in enumerate(plan) if name in _CENTRE_NM]
     nm = np.array([_CENTRE_NM[plan[i]] for i in known])

@@ -50,6 +50,10 @@ def fit(
         Of the sensor at these conditions.
     conditions : Conditions
 
+    Returns
+    -------
+    list of str
+
     Raises
     ------
     SpotsError

@@ -98,7 +98,15 @@ class Guide:
         self._draw()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
-        """Show that a press was taken."""
+        """Show that a press was taken.
+
+        Parameters
+        ----------
+        wanted : Wanted
+            The press.
+        reading : Reading
+            Its counts are shown.
+        """
         self._done += 1
         counts = " ".join(f"{count:.0f}" for count in reading.counts)
         self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
@@ -139,6 +147,10 @@ class Guide:
         question : str
         lowest, highest : float
             The range, both included.
+
+        Returns
+        -------
+        float
         """
         while True:
             answer = self.ask(question)

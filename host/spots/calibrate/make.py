@@ -29,6 +29,10 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     say : callable
         Given a line that says so.
 
+    Returns
+    -------
+    CalibrationFile
+
     Raises
     ------
     SpotsError

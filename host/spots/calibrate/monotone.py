@@ -14,6 +14,11 @@ def monotone(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
         Points, both coordinates ascending, n at least 3.
     at : numpy.ndarray
         Where, within the points.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape of `at`.
     """
     step = np.diff(x)
     secant = np.diff(y) / step

@@ -27,7 +27,15 @@ class Presser(Protocol):
     steady: int
 
     def stretch(self, strain_ppm: int, length_um: float) -> None:
-        """Stretch the strip to this length, and touch nothing."""
+        """Stretch the strip to this length, and touch nothing.
+
+        Parameters
+        ----------
+        strain_ppm : int
+            Elongation over length at rest, in millionths.
+        length_um : float
+            Length of the strip at that strain, in um.
+        """
 
     def press(self, wanted: Wanted) -> None:
         """Begin a press."""
@@ -36,10 +44,36 @@ class Presser(Protocol):
         """End it."""
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
-        """Find a force, as small as may be, under which every channel sees light there."""
+        """Find a force, as small as may be, under which every channel sees light there.
+
+        Parameters
+        ----------
+        wanted : Wanted
+            A press at the place, with the largest force allowed.
+        reader : SpectrumReader
+            Reads the light meanwhile.
+
+        Returns
+        -------
+        float
+            The force in mN, with a margin.
+        """
 
     def turn(self, direction: int, share: float) -> Wanted:
-        """Turn the joint on; `share` of the way up from its lowest angle."""
+        """Turn the joint on; `share` of the way up from its lowest angle.
+
+        Parameters
+        ----------
+        direction : int
+            1 up, -1 down.
+        share : float
+            From 0 to 1.
+
+        Returns
+        -------
+        Wanted
+            A press of the joint's indenter, with the angle in degrees.
+        """
 
 
 class PersonPresser:

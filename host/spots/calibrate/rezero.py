@@ -63,6 +63,10 @@ def rezero(
     force_mN : float, optional
         What a scale under the strip shows at each press. With it the force is corrected too.
 
+    Returns
+    -------
+    CalibrationFile
+
     Raises
     ------
     SpotsError
@@ -88,7 +92,7 @@ def rezero(
     setup.guide.say("dark frames: touch nothing")
     setup.reader.set_up(darks=DARKS)
     setup.taker.given_up = "nothing has changed"
-    setup.guide.begin("re-zero", presses * len(place_um), table.plan, setup.length_um)
+    setup.guide.begin("re-zero", presses * len(place_um), setup.plan(), setup.length_um)
     shifts = np.array(
         [
             _pressed(
@@ -113,7 +117,7 @@ def rezero(
         date=file.now(),
         place_um=place_um,
         shifts=tuple(map(tuple, shifts.round(6).tolist())),
-        drift=described(place_um, logs[at], shifts, table.plan),
+        drift=described(place_um, logs[at], shifts, setup.plan()),
     )
     lines = tuple(shifted(original, place_um, shifts))
     return msgspec.structs.replace(
@@ -122,7 +126,21 @@ def rezero(
 
 
 def use(setup: Setup, made: file.CalibrationFile, new: file.CalibrationFile) -> str:
-    """Write a re-zeroed calibration to file and board; return its name.
+    """Write a re-zeroed calibration to file and board.
+
+    Parameters
+    ----------
+    setup : Setup
+        The board, and the file's path.
+    made : CalibrationFile
+        The calibration before it.
+    new : CalibrationFile
+        The re-zeroed one.
+
+    Returns
+    -------
+    str
+        The new calibration's name, as ``hello`` reports it.
 
     Raises
     ------

@@ -96,6 +96,10 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
     conditions : Conditions
     **measured
         Other fields of `Point`.
+
+    Returns
+    -------
+    Point
     """
     return Point(
         **msgspec.structs.asdict(wanted),
@@ -161,7 +165,20 @@ class Session:
         self.points.append(taken)
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
-        """Return the points of a kind at a strain."""
+        """Return the points of a kind at a strain.
+
+        Parameters
+        ----------
+        kind : str
+            As `Wanted.kind`, for example ``position``.
+        strain_ppm : int
+            Elongation over length at rest, in millionths.
+
+        Returns
+        -------
+        list of Point
+            In the order in which they were taken.
+        """
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
     def has(self, wanted: Wanted, plan: tuple[str, ...]) -> bool:
@@ -172,6 +189,10 @@ class Session:
         wanted : Wanted
         plan : tuple of str
             The channels that it has to have been read with.
+
+        Returns
+        -------
+        bool
         """
         return any(
             abs(p.place_um - wanted.place_um) < _SAME_UM
@@ -238,7 +259,20 @@ class Session:
             )
 
     def presses(self, kind: str, strain_ppm: int = 0) -> Presses:
-        """Return the points of a kind at a strain, by place and force."""
+        """Return the points of a kind at a strain as arrays, sorted by force and then place.
+
+        Parameters
+        ----------
+        kind : str
+            As `Wanted.kind`, for example ``position``.
+        strain_ppm : int
+            Elongation over length at rest, in millionths.
+
+        Returns
+        -------
+        Presses
+            Arrays over the points.
+        """
         return presses(self.of(kind, strain_ppm))
 
 

@@ -31,6 +31,10 @@ def shifted(lines, place_um, shifts) -> list[str]:
     shifts : array_like, shape (n, 6)
         log2 of each channel now, less that at the calibration.
 
+    Returns
+    -------
+    list of str
+
     Raises
     ------
     SpotsError

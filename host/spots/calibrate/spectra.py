@@ -62,7 +62,20 @@ class SpectrumReader:
         self.set_up()
 
     def set_up(self, line: str = "", darks: int = 1) -> None:
-        """`set` something, if given; then read the settings and the mean of so many dark frames."""
+        """`set` something, if given; then read the settings and the mean of so many dark frames.
+
+        Parameters
+        ----------
+        line : str
+            Arguments of the board's ``set``, for example ``gain=9``; empty for no change.
+        darks : int
+            How many dark frames are averaged. More of them lower the noise of all counts.
+
+        Raises
+        ------
+        SpotsError
+            If the board refuses a setting, or is lost.
+        """
         if line:
             self.board.command("set " + line)
         self.info = self.board.command("hello")

@@ -70,6 +70,10 @@ class Taker:
         as_it_is : bool
             Whether a reading with channels that are saturated or dark will do.
 
+        Returns
+        -------
+        Reading
+
         Raises
         ------
         SpotsError
@@ -196,7 +200,20 @@ def judge_place(known: Presses, place_um: float, counts: np.ndarray, noise: Nois
 
 
 def judge_force(known: Presses, force_mN: float, counts: np.ndarray, noise: Noise, window: int):
-    """Judge a press among others at one place, with other forces; arguments as `judge_place`.
+    """Judge a press among others at one place, all with other forces.
+
+    Parameters
+    ----------
+    known : Presses
+        Those that were taken.
+    force_mN : float
+        Force of the new press, in mN.
+    counts : numpy.ndarray, shape (6,)
+        Its dark-subtracted counts.
+    noise : Noise
+        Of the sensor.
+    window : int
+        Samples in a reading.
 
     Raises
     ------

@@ -63,15 +63,14 @@ def controller(parser: Parser):
 
 
 def twin(parser: Parser):
-    """Show the digital twin of a five-bar linkage, real or simulated.
+    """Show the digital twin of a five-bar linkage.
 
     examples:
-      spots twin --port virtual
       spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
     """
     parser.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
     arguments.add_seconds(parser)
-    parser.add_argument("--json", action="store_true", help="a line each; simulated: the errors")
+    parser.add_argument("--json", action="store_true", help="one object a line")
     arguments.add_ports(parser)
     parser.add_argument(
         "--record", action="append", default=[], metavar="FILE.spots", help="once for each board"

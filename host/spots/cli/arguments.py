@@ -49,14 +49,30 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
 
 
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Add the options of packages that simulate a ``board`` or a ``linkage``, and the defaults."""
+    """Add the options of packages that simulate a ``board`` or a ``linkage``, and the defaults.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        The options are added to it.
+    what : str
+        ``board`` or ``linkage``.
+    """
     parser.set_defaults(**_SIMULATED[what])
     for entry in entry_points(group=_OPTIONS, name=what):
         entry.load()(parser)
 
 
 def add_seconds(parser: argparse.ArgumentParser, text: str = "stop after this time") -> None:
-    """Add the option that limits how long a command runs."""
+    """Add the option that limits how long a command runs.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        The option is added to it.
+    text : str
+        Its help.
+    """
     parser.add_argument("--seconds", type=seconds, metavar="S", help=text)
 
 
@@ -78,6 +94,11 @@ def number(what: str, low: float, high: float, kind: type = float):
         The range, both included.
     kind : type
         `float`, or `int` for whole numbers.
+
+    Returns
+    -------
+    callable
+        ``convert(text)``; raises ArgumentTypeError for a text that is no such number.
     """
 
     def convert(text: str) -> float:

@@ -20,7 +20,7 @@ def monitor(parser: Parser):
 
     examples:
       spots monitor
-      spots monitor --port virtual --seconds 10
+      spots monitor --seconds 10
     """
     arguments.add_port(parser)
     arguments.add_seconds(parser)
@@ -32,7 +32,7 @@ def serve(parser: Parser):
 
     examples:
       spots serve
-      spots serve --port virtual --http-port 8080
+      spots serve --http-port 8080
     """
     arguments.add_ports(parser)
     parser.add_argument("--linkage", metavar="FILE.toml", help="the linkage whose joints these are")

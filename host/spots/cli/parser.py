@@ -23,6 +23,11 @@ def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
         As "module:function".
     *names : str
         The options that it takes, in its order. Without names it takes all of them as one.
+
+    Returns
+    -------
+    callable
+        Takes the parsed options.
     """
 
     def run(options: argparse.Namespace) -> None:
@@ -43,7 +48,22 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {printable(message)}{hint}\n")
 
     def parse_known_args(self, args=None, namespace=None):
-        """Refuse what is left over here: the parser of a command knows its options."""
+        """Refuse what is left over here: the parser of a command knows its options.
+
+        Parameters
+        ----------
+        args : sequence of str, optional
+            The command line; that of the process, if not given.
+        namespace : argparse.Namespace, optional
+            Filled and returned; a new one, if not given.
+
+        Returns
+        -------
+        namespace : argparse.Namespace
+            The options.
+        unknown : list of str
+            Always empty; the process exits with code 2 otherwise.
+        """
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = [name for name in self._option_string_actions if name.startswith("--")]

@@ -57,10 +57,26 @@ class Watcher(Protocol):
     """Sees each reading and each state while a controller is played."""
 
     def read(self, touch: Touch, state: State) -> None:
-        """Take a reading and the state after it."""
+        """Take a reading and the state after it.
+
+        Parameters
+        ----------
+        touch : Touch
+            The reading.
+        state : State
+            What the controller makes of it.
+        """
 
     def sent(self, state: State, now_s: float) -> None:
-        """Take a state that is sent at a time of the link's clock."""
+        """Take a state that is sent at a time of the link's clock.
+
+        Parameters
+        ----------
+        state : State
+            What the gamepad gets.
+        now_s : float
+            In seconds.
+        """
 
 
 def play(
@@ -114,6 +130,10 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     ----------
     board : Board
     settings : ControllerSettings
+
+    Returns
+    -------
+    Controller
 
     Raises
     ------

@@ -139,6 +139,13 @@ def load(path: str | Path = DEFAULT) -> ControllerSettings:
 def save(settings: ControllerSettings, path: str | Path) -> None:
     """Write a settings file, without comments; see `atomic.write_text`.
 
+    Parameters
+    ----------
+    settings : ControllerSettings
+        Written whole, defaults included.
+    path : str or Path
+        A file there is replaced.
+
     Raises
     ------
     SpotsError

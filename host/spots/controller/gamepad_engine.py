@@ -181,12 +181,40 @@ class _Axis:
 
 
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
-    """Return the value of an axis at a deflection."""
+    """Return the value of an axis at a deflection.
+
+    Parameters
+    ----------
+    u : float
+        Deflection, from -1 to 1.
+    settings : PositionAxis or ForceAxis
+        With deadband, expo and inversion.
+
+    Returns
+    -------
+    int
+        From ``-AXIS_MAX`` to ``AXIS_MAX``.
+    """
     return round(AXIS_MAX * shaped(u, settings.deadband, settings.expo, settings.invert))
 
 
 def span(settings: PositionAxis | ForceAxis, length_um: float) -> tuple[str, float, float, float]:
-    """Return which field of a reading an axis follows, and the field at rest, low and high."""
+    """Return which field of a reading an axis follows, and the field at rest, low and high.
+
+    Parameters
+    ----------
+    settings : PositionAxis or ForceAxis
+        Position is in per cent of the strip there, force in mN.
+    length_um : float
+        Length of the strip, in um.
+
+    Returns
+    -------
+    field : str
+        ``position_um`` or ``force_mN``.
+    rest, low, high : float
+        In the unit of the field: um or mN. For force, `low` is minus infinity.
+    """
     if isinstance(settings, ForceAxis):
         return "force_mN", settings.rest_mN, -math.inf, settings.max_mN
     percent = (settings.rest_percent, settings.min_percent, settings.max_percent)

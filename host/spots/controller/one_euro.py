@@ -35,7 +35,23 @@ class OneEuro:
         self._per_s = 0.0
 
     def take(self, value: float, dt_s: float) -> float:
-        """Take a value that comes `dt_s` after the one before, and return the filtered one."""
+        """Filter one value.
+
+        Low-pass filter whose cutoff is ``min_cutoff_hz + beta * |speed|`` (Casiez et al. 2012, "1
+        Euro Filter", CHI '12).
+
+        Parameters
+        ----------
+        value : float
+            The new value, in the unit of the signal.
+        dt_s : float
+            Time since the value before, in seconds; a value with 0 or less is ignored.
+
+        Returns
+        -------
+        float
+            The filtered value; the first value as it is.
+        """
         if self._value is None:
             self._value = value
         elif dt_s > 0:

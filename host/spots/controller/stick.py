@@ -29,6 +29,10 @@ def picture(
         How many to show.
     title, facts : str
         Above, and below.
+
+    Returns
+    -------
+    rich.panel.Panel
     """
     numbers = Table.grid(padding=(0, 1))
     numbers.add_column(justify="right", width=9)

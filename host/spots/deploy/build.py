@@ -73,6 +73,10 @@ def build(board: str, root: Path = Path("build")) -> Path:
     root : Path
         The folder of all builds.
 
+    Returns
+    -------
+    Path
+
     Raises
     ------
     SpotsError

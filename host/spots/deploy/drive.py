@@ -100,7 +100,24 @@ class Drive:
         return {path: size for path, size in sizes.items() if size is not None}
 
     def read(self, path: str, size: int) -> bytes:
-        """Return the first bytes of a file, at most `size` of them."""
+        """Return the first bytes of a file, at most `size` of them.
+
+        Parameters
+        ----------
+        path : str
+            On the drive, with ``/`` between its parts.
+        size : int
+            Largest number of bytes.
+
+        Returns
+        -------
+        bytes
+
+        Raises
+        ------
+        SpotsError
+            If the file cannot be read, or a link leads out of the drive.
+        """
         with self._explained(), self._tree.open(path) as file:
             return file.read(size)
 
@@ -125,7 +142,20 @@ class Drive:
             pass  # it holds files of the user
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under a temporary name, and rename it once it is on the drive."""
+        """Write a file under a temporary name, and rename it once it is on the drive.
+
+        Parameters
+        ----------
+        path : str
+            On the drive; folders on the way are created.
+        data : bytes
+            The whole content.
+
+        Raises
+        ------
+        SpotsError
+            If the file cannot be written, or a link leads out of the drive.
+        """
         with self._explained():
             self._tree.write(path, data)
 

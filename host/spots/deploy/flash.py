@@ -278,7 +278,15 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 
 def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
-    """Remove the folders of removed files, as far as nothing else is in them."""
+    """Remove the folders of removed files, as far as nothing else is in them.
+
+    Parameters
+    ----------
+    target : Prompt or Drive
+        The board's file system.
+    removed : iterable of str
+        Paths of the removed files.
+    """
     folders = {str(parent) for path in removed for parent in PurePosixPath(path).parents} - {"."}
     for folder in sorted(folders, reverse=True):  # what is inside a folder sorts after it
         target.remove_folder(folder)

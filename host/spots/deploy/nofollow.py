@@ -76,7 +76,22 @@ class Tree:
             yield file
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under a temporary name, and rename it once it is on the disk."""
+        """Write a file under a temporary name, and rename it once it is on the disk.
+
+        Parameters
+        ----------
+        path : str
+            Below the folder; folders on the way are created.
+        data : bytes
+            The whole content.
+
+        Raises
+        ------
+        OSError
+            If the file system fails.
+        SpotsError
+            If the path meets a link, a device, or a folder where the file should be.
+        """
         with self._parent(path, make=True) as (parent, name):
             part = name + ".part"
             with contextlib.suppress(FileNotFoundError):

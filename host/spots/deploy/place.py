@@ -44,6 +44,11 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     port : str, optional
         A serial port, or the folder of a CircuitPython drive; found if not given.
 
+    Yields
+    ------
+    Place
+        The board's file system and ports.
+
     Raises
     ------
     SpotsError

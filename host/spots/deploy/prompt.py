@@ -180,7 +180,24 @@ class Prompt:
         return found
 
     def read(self, path: str, size: int) -> bytes:
-        """Return the first bytes of a file, at most `size` of them."""
+        """Return the first bytes of a file, at most `size` of them.
+
+        Parameters
+        ----------
+        path : str
+            On the board.
+        size : int
+            Largest number of bytes.
+
+        Returns
+        -------
+        bytes
+
+        Raises
+        ------
+        SpotsError
+            If the board refuses, or is disconnected.
+        """
         self._load_tools()
         return bytes.fromhex(self.run(f"_read({path!r}, {size})"))
 
@@ -197,7 +214,20 @@ class Prompt:
         self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under a temporary name, and rename it once its hash is verified."""
+        """Write a file under a temporary name, and rename it once its hash is verified.
+
+        Parameters
+        ----------
+        path : str
+            On the board; folders on the way are created.
+        data : bytes
+            The whole content.
+
+        Raises
+        ------
+        SpotsError
+            If the content arrives damaged, the file system is full, or the board is disconnected.
+        """
         folder = path.rpartition("/")[0]
         parts = folder.split("/") if folder else []
         for i in range(len(parts)):

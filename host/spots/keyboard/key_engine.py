@@ -48,7 +48,15 @@ class KeyEngine:
         return self._names[self._pad.layer]
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Take a reading; `now_s` by the clock of `tick`."""
+        """Take a reading and send the key events that follow from it.
+
+        Parameters
+        ----------
+        touch : Touch
+            The readings of one strip, in order.
+        now_s : float
+            When it arrived, in seconds by the clock of `tick`.
+        """
         self.tick(now_s)
         t = touch.t_us // TICK_US % TICKS
         flags = touch.flags & ~DROPPED  # the board's own engine has seen every sample

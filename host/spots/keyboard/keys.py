@@ -34,6 +34,13 @@ def show(name: str) -> None:
 def push(board: Board, layout: KeyLayout) -> str | None:
     """Upload a layout, switch the keys on, and save both on the board.
 
+    Parameters
+    ----------
+    board : Board
+        With a calibration.
+    layout : KeyLayout
+        The layout to upload.
+
     Returns
     -------
     str or None
@@ -64,7 +71,20 @@ def picture(layout: KeyLayout) -> Panel:
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
-    """Return a row of keys, the sensor's end left, with one of them lit."""
+    """Return a row of keys, the sensor's end left, with one of them lit.
+
+    Parameters
+    ----------
+    keys : list of PlacedKey
+        The keys of one layer.
+    lit : int, optional
+        Index of the key that is lit; none, if not given.
+
+    Returns
+    -------
+    rich.text.Text
+        One line.
+    """
     line = Text()
     for i, key in enumerate(keys):
         begin, end = round(key.low * COLUMNS), round(key.high * COLUMNS)
@@ -76,7 +96,20 @@ def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
 
 
 def say(layout: KeyLayout, action: int) -> str:
-    """Return an action in the words of a layout file."""
+    """Return an action in the words of a layout file.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+        For the names of its layers.
+    action : int
+        As the board encodes it: kind << 20 | modifiers << 12 | number; 0 for no action.
+
+    Returns
+    -------
+    str
+        Modifiers and key joined by ``+``, or a verb and a layer; empty for no action.
+    """
     if not action:
         return ""
     kind, number = action >> 20, action & 0xFFF

@@ -250,7 +250,18 @@ def _written(action: str) -> str:
 
 
 def typed(page: int, usage: int) -> str:
-    """Return the character that a key types, as it stands on the key; empty if it types none."""
+    """Return the character that a key types, as printed on its cap.
+
+    Parameters
+    ----------
+    page, usage : int
+        HID usage page and usage.
+
+    Returns
+    -------
+    str
+        Empty if it types no character.
+    """
     known = USAGES.get((page, usage))
     character = (known and known.pynput) or ""
     return character.upper() if len(character) == 1 else ""

@@ -51,6 +51,10 @@ def hello_often(
     remedy : str, optional
         What to do about a board that is slower.
 
+    Returns
+    -------
+    Hello
+
     Raises
     ------
     SpotsError
@@ -72,7 +76,20 @@ def length_of(board: Board) -> int:
 
 
 def tell_board(board: Board, line: str) -> None:
-    """Send a command, unless the board is read-only."""
+    """Send a command, unless the board is read-only.
+
+    Parameters
+    ----------
+    board : Board
+        The board.
+    line : str
+        The command, as for `Board.command`.
+
+    Raises
+    ------
+    SpotsError
+        If the board refuses the command, or is lost.
+    """
     if not board.read_only:
         board.command(line)
 

@@ -69,20 +69,60 @@ class ClockMap:
     def resume(
         cls, last_us: int, low_s: float, high_s: float, at_us: int = 0, slope: float = 0.0
     ) -> ClockMap:
-        """Return a map with the `state` of another one."""
+        """Return a map with the `state` of another one.
+
+        Parameters
+        ----------
+        last_us : int
+            Latest board time, unwrapped, in us.
+        low_s, high_s : float
+            Bounds on host time minus board time at `at_us`, in seconds.
+        at_us : int
+            Board time of the latest round trip, unwrapped, in us.
+        slope : float
+            Drift of the offset, in seconds a second of board time.
+
+        Returns
+        -------
+        ClockMap
+            Maps later times to the same floats as that map.
+        """
         clock = cls()
         clock._last_us, clock._low_s, clock._high_s = last_us, low_s, high_s
         clock._at_us, clock._slope = at_us, slope
         return clock
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:
-        """Return a board's frame with its host time; a text has none."""
+        """Return a board's frame with its host time; a text is returned unchanged.
+
+        Parameters
+        ----------
+        frame : Touch, Spectrum, Key or Text
+            As decoded.
+        arrived_s : float
+            When it arrived, by the host's clock, in seconds.
+
+        Returns
+        -------
+        Touch, Spectrum, Key or Text
+            With `time_s`, unless it is a text.
+        """
         if isinstance(frame, Text):
             return frame
         return frame._replace(time_s=self.host_s(frame.t_us, arrived_s))
 
     def round_trip(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Learn from a round trip."""
+        """Narrow the bounds by a round trip.
+
+        Parameters
+        ----------
+        sent_s : float
+            Host time at which the question was sent, in seconds.
+        t_us : int
+            Board time at which it was answered, modulo 2**32, in us.
+        received_s : float
+            Host time at which the answer was there, in seconds.
+        """
         board_us = self._unwrap(t_us, received_s)
         board_s = board_us * 1e-6
         self._trips.append((board_us, sent_s - board_s, received_s - board_s))
@@ -91,7 +131,20 @@ class ClockMap:
         self._low_s, self._high_s = self._bounds(self._slope)
 
     def host_s(self, t_us: int, arrived_s: float) -> float | None:
-        """Return the host time of a board time that came then; None before any round trip."""
+        """Return the host time of a board time.
+
+        Parameters
+        ----------
+        t_us : int
+            Board time modulo 2**32, in us.
+        arrived_s : float
+            Host time at which it arrived, in seconds; it resolves the wrap of `t_us`.
+
+        Returns
+        -------
+        float or None
+            In seconds; None before any round trip.
+        """
         board_us = self._unwrap(t_us, arrived_s)
         if self._high_s == float("inf"):
             return None
@@ -106,6 +159,11 @@ class ClockMap:
             Board times modulo 2**32.
         arrived_s : ndarray of float64
             When each of them came.
+
+        Returns
+        -------
+        ndarray of float64
+            Host times, in seconds; NaN before any round trip.
         """
         half = _WRAP // 2
         steps = (np.diff(t_us, prepend=self._last_us) + half) % _WRAP - half
@@ -118,7 +176,22 @@ class ClockMap:
         return host_s
 
     def began_anew(self, sent_s: float, t_us: int, received_s: float) -> bool:
-        """Return whether a time between two moments shows that the board restarted."""
+        """Return whether a round trip shows that the board has restarted.
+
+        Parameters
+        ----------
+        sent_s : float
+            Host time at which the question was sent, in seconds.
+        t_us : int
+            Board time at which it was answered, modulo 2**32, in us.
+        received_s : float
+            Host time at which the answer was there, in seconds.
+
+        Returns
+        -------
+        bool
+            Always False before the first round trip.
+        """
         if self._high_s == float("inf"):
             return False
         told_s = t_us * 1e-6

@@ -42,7 +42,17 @@ class ClockSync:
         self.due_s = now_s + next(self._waits)
 
     def begin_anew(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Forget all but this round trip; more are due soon."""
+        """Forget all round trips but this one and schedule more of them soon.
+
+        Parameters
+        ----------
+        sent_s : float
+            Host time at which the question was sent, in seconds.
+        t_us : int
+            Board time at which it was answered, modulo 2**32, in us.
+        received_s : float
+            Host time at which the answer was there, in seconds.
+        """
         self.clock = ClockMap()
         self.clock.round_trip(sent_s, t_us, received_s)
         self._sent_s = self._answer = None
@@ -59,7 +69,15 @@ class ClockSync:
         return b"sync\n"
 
     def answered(self, t_us: int, now_s: float) -> None:
-        """Take the answer to some question, which comes after the first one without any."""
+        """Record the board time of an answer; ignored unless a question is open.
+
+        Parameters
+        ----------
+        t_us : int
+            Board time, modulo 2**32, in us.
+        now_s : float
+            Host time at which the answer was there, in seconds.
+        """
         if self._sent_s is not None:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 

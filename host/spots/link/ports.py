@@ -79,5 +79,18 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
 
 
 def offered(port: str | None, what: str) -> Any:
-    """Return a function that a port's scheme may have, or None."""
+    """Return a function that a port's scheme may have, or None.
+
+    Parameters
+    ----------
+    port : str or None
+        A port as `spots.open` takes it.
+    what : str
+        Name of the function in the module of the port's scheme.
+
+    Returns
+    -------
+    callable or None
+        None if the scheme does not have it.
+    """
     return getattr(scheme(port)[0], what, None)

@@ -44,7 +44,15 @@ class FrameLog:
             self._frames.clear()
 
     def append(self, frame: Reading, stats: LinkStats) -> None:
-        """Add a frame, and count those that are dropped because nobody took them in time."""
+        """Add a frame, and count frames that are dropped because no reader took them in time.
+
+        Parameters
+        ----------
+        frame : Touch, Spectrum or Key
+            The latest frame.
+        stats : LinkStats
+            Its `overrun` is increased.
+        """
         with self._lock:
             self._frames.append(frame)
             least = min([reader.place for reader in self._readers], default=self._taken)

@@ -140,6 +140,11 @@ def validated(name: str, reply: dict[str, Any]) -> dict[str, Any]:
     reply : dict
         Unknown keys stay as they are.
 
+    Returns
+    -------
+    dict
+        The reply, its known values converted and printable.
+
     Raises
     ------
     msgspec.ValidationError

@@ -37,7 +37,20 @@ WHO_TRIES = 5
 
 
 def silent_s(least_s: float, every_s: float) -> float:
-    """Return a timeout for a board with so much time from one reading to the next."""
+    """Return a timeout for a board with so much time from one reading to the next.
+
+    Parameters
+    ----------
+    least_s : float
+        Least timeout, in seconds.
+    every_s : float
+        Time from one reading to the next, in seconds.
+
+    Returns
+    -------
+    float
+        In seconds.
+    """
     return max(least_s, _SILENT_READINGS * every_s)
 
 
@@ -86,7 +99,19 @@ class LinkLoss:
         return STALLED if self.silent(now_s, STALLED_S) else CONNECTED
 
     def silent(self, now_s: float, least_s: float) -> bool:
-        """Return whether no reading has come for `least_s`, or three readings if that is more."""
+        """Return whether no reading has come for `least_s`, or three readings if that is more.
+
+        Parameters
+        ----------
+        now_s : float
+            In seconds.
+        least_s : float
+            Least timeout, in seconds.
+
+        Returns
+        -------
+        bool
+        """
         return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
@@ -130,6 +155,10 @@ class LinkLoss:
         now_s : float
         refused : bool
             Whether another board is in its place.
+
+        Returns
+        -------
+        bool
         """
         newly, self._refused = refused and not self._refused, refused
         self.is_open = False

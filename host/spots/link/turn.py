@@ -35,6 +35,10 @@ class Turn:
             How long to wait for it; for ever, if not given.
         unless : callable
             Ends the wait when it returns True; called when the lock changes hands.
+
+        Returns
+        -------
+        bool
         """
         me = threading.get_ident()
         if self._owner == me:

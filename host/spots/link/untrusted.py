@@ -44,7 +44,15 @@ class Untrusted:
         self._since_s: float | None = None
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Take a reading, and the time of the link's clock at which it came."""
+        """Take a reading and update `sentence`.
+
+        Parameters
+        ----------
+        touch : Touch
+            The readings of one strip, in order.
+        now_s : float
+            When it arrived, in seconds by the link's clock.
+        """
         cause = next((text for flag, text in _CAUSES.items() if touch.flags & flag), None)
         if cause is None:
             self.sentence, self._since_s = "", None
@@ -54,7 +62,15 @@ class Untrusted:
             self.sentence = f"every reading is untrusted, because {cause}"
 
     def warn(self, touch: Touch, now_s: float) -> None:
-        """Take a reading; print the sentence to stderr when it begins to hold."""
+        """Take a reading; print `sentence` to stderr when it becomes non-empty.
+
+        Parameters
+        ----------
+        touch : Touch
+            The readings of one strip, in order.
+        now_s : float
+            When it arrived, in seconds by the link's clock.
+        """
         before = self.sentence
         self.take(touch, now_s)
         if self.sentence and not before:

@@ -319,10 +319,33 @@ class Linkage:
 
 
 def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
-    """Return the terminal at two angles; the square of the elbows' distance; and `off2`.
+    """Return the terminal at two angles, the square of the elbows' distance, and `off2`.
 
-    `off2` is negative where the linkage cannot be closed. There the terminal is the one of the
-    value `least`, which keeps a fit smooth that passes through such angles.
+    The terminal is where two circles about the elbows meet, as in the paper's Eqs. 3 and 4.
+
+    Parameters
+    ----------
+    bar_mm : sequence of float, length 4
+        Lengths of the bars from base joint 1 over the terminal to base joint 2.
+    base_mm : float
+        Distance of the base joints.
+    side : int
+        1 or -1: on which side of the line from elbow to elbow the terminal is.
+    theta1, theta2 : array_like
+        Angles of the base joints, in rad from +y towards the other joint; they broadcast.
+    least : float
+        Least `off2` that is used, which keeps a fit smooth that passes through angles where the
+        linkage cannot be closed.
+
+    Returns
+    -------
+    x, y : numpy.ndarray
+        Place of the terminal, in mm.
+    apart2 : numpy.ndarray
+        Square of the elbows' distance, in mm**2.
+    off2 : numpy.ndarray
+        Square of the terminal's distance from the elbows' line, as a share of `apart2`; negative
+        where the linkage cannot be closed.
     """
     a1, b1, b2, a2 = bar_mm
     x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)

@@ -280,7 +280,20 @@ class _Fit:
 
 
 def framed(values, x_mm, y_mm):
-    """Return places by the frame of the base joints as the measuring frame has them."""
+    """Transform places from the frame of the base joints into the measuring frame.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        ``frame_scale``, ``frame_rad``, ``frame_x_mm`` and ``frame_y_mm``.
+    x_mm, y_mm : array_like
+        Places in the frame of the base joints, in mm.
+
+    Returns
+    -------
+    tuple of array_like
+        x and y in the measuring frame, in mm.
+    """
     cos = values["frame_scale"] * np.cos(values["frame_rad"])
     sin = values["frame_scale"] * np.sin(values["frame_rad"])
     return (

@@ -94,6 +94,15 @@ def show(
         lines elsewhere.
     played : bool
         Whether it is a recording, which is paced for a picture, else read as fast as possible.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    SpotsError
+        If a board is lost, or recordings that are played give no terminal.
     """
     console = Console()
     drawing = console.is_terminal and on_terminal is None
@@ -148,7 +157,20 @@ class Lines:
 
 
 def line(terminal: Terminal, began_s: float) -> str:
-    """Return a terminal as a line of text."""
+    """Return a terminal as a line of text.
+
+    Parameters
+    ----------
+    terminal : Terminal
+        An estimate.
+    began_s : float
+        Where its time counts from, in seconds by the clock of the readings.
+
+    Returns
+    -------
+    str
+        Time in s, joints in degrees, place and standard errors in mm.
+    """
     theta = "  ".join(f"{math.degrees(angle):8.2f}" for angle in terminal.theta_rad)
     text = f"{terminal.time_s - began_s:7.2f} s  joints {theta} deg"
     if not terminal.limit:

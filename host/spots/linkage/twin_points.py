@@ -40,6 +40,10 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     out : Path or None
         The linkage file to write.
 
+    Returns
+    -------
+    str
+
     Raises
     ------
     SpotsError

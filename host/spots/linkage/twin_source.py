@@ -70,6 +70,10 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     record : list of str
         Recordings to make, one for each board.
 
+    Yields
+    ------
+    Source
+
     Raises
     ------
     SpotsError
@@ -97,6 +101,12 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     linkage : str or Path
     ports : list of str
         Two, or one of a board with two sensors, or none.
+
+    Returns
+    -------
+    twin : Twin
+    strips : list of CalibrationFile
+        Of joint 1 and joint 2.
 
     Raises
     ------
@@ -137,6 +147,15 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
     machine : DrivenLinkage
     record : list of str
         Recordings to make, one for each board.
+
+    Yields
+    ------
+    Source
+
+    Raises
+    ------
+    SpotsError
+        If a board cannot be opened.
     """
     with ExitStack() as stack:
         boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]
@@ -165,7 +184,24 @@ def paced(pairs: _Readings) -> _Readings:
 
 
 def check(strip: CalibrationFile, info: dict, number: int, name: str) -> None:
-    """Raise SpotsError unless a board, by its ``hello``, is that of a joint's calibration."""
+    """Check that a board is that of a joint's calibration.
+
+    Parameters
+    ----------
+    strip : CalibrationFile
+        Of the joint.
+    info : dict
+        The board's ``hello``.
+    number : int
+        Of the joint, 1 or 2.
+    name : str
+        Of the port, for the message.
+
+    Raises
+    ------
+    SpotsError
+        If it is another board.
+    """
     if info["id"] != strip.board:
         raise SpotsError(
             f"joint {number}, {name}: this is board {info['id']}, and the calibration of the joint "
@@ -174,7 +210,14 @@ def check(strip: CalibrationFile, info: dict, number: int, name: str) -> None:
 
 
 def give(board: Board, strip: CalibrationFile) -> None:
-    """Give a board its joint's calibration.
+    """Upload a joint's calibration to its board.
+
+    Parameters
+    ----------
+    board : Board
+        The joint's board.
+    strip : CalibrationFile
+        Of the joint.
 
     Raises
     ------

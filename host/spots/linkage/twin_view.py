@@ -41,7 +41,19 @@ class TwinView:
         self._low, self._high = (math.inf, math.inf), (-math.inf, -math.inf)
 
     def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
-        """Return the picture as it is at a time by the clock of the readings."""
+        """Return the picture at a time.
+
+        Parameters
+        ----------
+        stats : list of LinkStats
+            One for each board.
+        now_s : float
+            In seconds by the clock of the readings.
+
+        Returns
+        -------
+        rich.panel.Panel
+        """
         trail = self._twin.trail
         last = trail[-1] if trail else None
         path = [(t.x_mm, t.y_mm) for t in trail if not t.limit]

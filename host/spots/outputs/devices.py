@@ -93,7 +93,17 @@ class KeySink(Protocol):
     """What key events go to."""
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Take an event: HID usage page and usage, bits of modifiers, down or up."""
+        """Take a key event.
+
+        Parameters
+        ----------
+        page, usage : int
+            As in the HID Usage Tables, see `usages.usage_of`.
+        modifiers : int
+            Bits as in a USB keyboard report.
+        pressed : bool
+            Whether the key goes down, not up.
+        """
 
 
 class Keyboard(Output):

@@ -88,7 +88,17 @@ def usage_of(name: str) -> tuple[int, int]:
 
 
 def name_of(page: int, usage: int) -> str:
-    """Return a key's name, or its numbers if it has none here."""
+    """Return a key's name, or its numbers if it has none here.
+
+    Parameters
+    ----------
+    page, usage : int
+        HID usage page and usage.
+
+    Returns
+    -------
+    str
+    """
     found = USAGES.get((page, usage))
     return found.name if found else f"{page:#04x}:{usage:#04x}"
 

@@ -38,7 +38,22 @@ def schema(table: Table) -> dict:
 
 
 def log_message(time_ns: int, content: str, name: str) -> dict:
-    """Return a board's text as a log message; the reply to a command is one for debugging."""
+    """Return a board's text as a log message; the reply to a command is one for debugging.
+
+    Parameters
+    ----------
+    time_ns : int
+        When it was received, in ns since 1970.
+    content : str
+        JSON, as the board sent it.
+    name : str
+        Of the board.
+
+    Returns
+    -------
+    dict
+        A ``foxglove.Log``.
+    """
     text = json.loads(content)
     is_log = isinstance(text.get("log"), str)
     return {

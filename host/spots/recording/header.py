@@ -94,6 +94,10 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     blocks : iterable of bytes
         Its content from the start.
 
+    Returns
+    -------
+    Header
+
     Raises
     ------
     SpotsError

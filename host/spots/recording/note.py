@@ -25,6 +25,10 @@ def note(since_us: int, content: dict | None = None) -> bytes:
         Host time since the recording began, 0 to 2**48 - 1.
     content : dict, optional
         At most `spots_device.frame.TEXT_MAX` bytes as JSON.
+
+    Returns
+    -------
+    bytes
     """
     low, high, sequence = (since_us >> shift & 0xFFFF for shift in (0, 16, 32))
     payload = _HEADER.pack(NOTE, sequence, low, high)

@@ -196,7 +196,19 @@ def _bounds(clock: dict) -> tuple:
 
 
 def part_path(path: Path, part: int) -> Path:
-    """Return the name of a file of a set: FILE.spots, FILE-001.spots, ..."""
+    """Return the name of a file of a set: FILE.spots, FILE-001.spots, ...
+
+    Parameters
+    ----------
+    path : Path
+        Of the first file.
+    part : int
+        Number of the file, from 0.
+
+    Returns
+    -------
+    Path
+    """
     return path if part == 0 else path.with_name(f"{path.stem}-{part:03d}{path.suffix}")
 
 

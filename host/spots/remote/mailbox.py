@@ -55,7 +55,7 @@ class Mailbox:
             self.changed.notify_all()
 
     def take(self) -> tuple[Any, bytes]:
-        """Return the oldest message; IndexError if there is none."""
+        """Return the oldest message; IndexError if the mailbox is empty."""
         with self.changed:
             return self._take()
 

@@ -70,7 +70,19 @@ class Remote(Board):
 
 
 def open_port(rest: str, **simulated) -> Remote:
-    """Open the port ``zenoh:ID``, see `link.ports`."""
+    """Open the port ``zenoh:ID``, see `link.ports`.
+
+    Parameters
+    ----------
+    rest : str
+        The board's id.
+    **simulated
+        Options of virtual boards; ignored.
+
+    Returns
+    -------
+    Remote
+    """
     return open_remote(rest)
 
 

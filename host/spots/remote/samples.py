@@ -19,6 +19,10 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
     frame : Touch, Spectrum or Key
     utc_s : float
         When it was measured, since 1970.
+
+    Returns
+    -------
+    dict
     """
     first = {"utc_s": utc_s, "sensor": frame.sensor, "sequence": frame.sequence, "t_us": frame.t_us}
     if isinstance(frame, Spectrum):

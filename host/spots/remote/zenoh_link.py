@@ -83,7 +83,20 @@ class ZenohLink:
         """Write nothing: see `ask`."""
 
     def ask(self, command: str, timeout_s: float) -> dict | None:
-        """Return the publisher's reply to a command that changes nothing; None if none comes."""
+        """Ask the publisher for the reply to a command that changes nothing.
+
+        Parameters
+        ----------
+        command : str
+            A key of `READ_ONLY`.
+        timeout_s : float
+            How long to wait for replies, in seconds.
+
+        Returns
+        -------
+        dict or None
+            None if no valid reply is received.
+        """
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
             if reply.err is not None:

@@ -25,7 +25,19 @@ _FOUND_MAX = 16  # boards that are looked at; anyone may publish thousands of na
 
 
 def key(board_id: str, *rest: str | int) -> str:
-    """Return the name of something of a board: ``spots/<board>/…``."""
+    """Return the name of something of a board: ``spots/<board>/…``.
+
+    Parameters
+    ----------
+    board_id : str
+        The board's id.
+    *rest : str or int
+        Further parts of the name.
+
+    Returns
+    -------
+    str
+    """
     return "/".join(("spots", board_id, *map(str, rest)))
 
 
@@ -69,6 +81,10 @@ def find(session: zenoh.Session, wanted: str) -> str:
     session : zenoh.Session
     wanted : str
         The id; empty for the only board that there is.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -121,7 +137,19 @@ def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
 
 
 def is_published(session: zenoh.Session, board_id: str) -> bool:
-    """Return whether someone publishes a board, as far as the session knows yet."""
+    """Return whether someone publishes a board, as far as the session knows yet.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    board_id : str
+        The board's id.
+
+    Returns
+    -------
+    bool
+    """
     return any(reply.ok for reply in session.liveliness().get(key(board_id, "alive")))
 
 

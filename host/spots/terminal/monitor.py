@@ -18,6 +18,22 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
     """Show a board's readings until the time is over or Ctrl-C.
 
     A live picture on a terminal, plain lines elsewhere.
+
+    Parameters
+    ----------
+    board : Board
+        Its streams are set to what is shown.
+    seconds : float or None
+        End after this time of the link's clock; no limit if None.
+    quiet : bool
+        Whether nothing is printed.
+    judge : Judge, optional
+        Compares the readings with a known truth.
+
+    Raises
+    ------
+    SpotsError
+        If the board is closed or refuses a command.
     """
     console = Console()
     drawing = console.is_terminal and not quiet

@@ -44,7 +44,15 @@ class Judge(Protocol):
     """Who knows the truth of a run and compares readings with it."""
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading, which arrived at this time of the link's clock."""
+        """Compare a reading, which arrived at this time of the link's clock.
+
+        Parameters
+        ----------
+        touch : Touch
+            The reading.
+        arrived_s : float
+            In seconds.
+        """
 
     def facts(self) -> dict:
         """Return what to show: ``link``, more of the link's row, and ``rows``, more rows."""
@@ -84,7 +92,19 @@ class StripView:
             self._spectrum = frame
 
     def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
-        """Return the picture, with how good the run is where that is known."""
+        """Return the picture.
+
+        Parameters
+        ----------
+        stats : LinkStats
+            Shown below the strip.
+        judge : Judge, optional
+            Adds the errors of the run, where the truth is known.
+
+        Returns
+        -------
+        rich.panel.Panel
+        """
         judged = judge.facts() if judge else {"link": {}, "rows": []}
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
@@ -164,6 +184,10 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
     counts : sequence of float
     least : float
         The count of the longest bar, if no channel has more.
+
+    Returns
+    -------
+    rich.table.Table
     """
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
@@ -211,7 +235,20 @@ def flag_words(touch: Touch) -> list[str]:
 
 
 def plain(touch: Touch, started_s: float) -> str:
-    """Return a reading as a line of text, its time counted from `started_s`."""
+    """Return a reading as a line of text, its time counted from `started_s`.
+
+    Parameters
+    ----------
+    touch : Touch
+        With host time.
+    started_s : float
+        Where its time counts from, in seconds by the link's clock.
+
+    Returns
+    -------
+    str
+        Time in s, place in mm, force in N, flags.
+    """
     time_s = touch.time_s - started_s
     words = " ".join(flag_words(touch))
     if not _is_felt(touch):

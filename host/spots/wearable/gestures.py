@@ -93,7 +93,19 @@ class Gestures:
         return self._path is not None
 
     def take(self, touch: Touch, now_s: float) -> list[Gesture]:
-        """Take a reading and return the gestures that it decided; `now_s` as in `tick`."""
+        """Take a reading and return the gestures that are complete.
+
+        Parameters
+        ----------
+        touch : Touch
+            The readings of one strip, in order.
+        now_s : float
+            When it arrived, in seconds by the clock of `tick`.
+
+        Returns
+        -------
+        list of Gesture
+        """
         self.tick(now_s)
         if not touch.flags & LED_OFF:  # a reading with the LED off sees no finger
             self._heard_s = now_s
@@ -121,12 +133,30 @@ class Gestures:
     # Called by the contact.
 
     def down(self, x_um: int, t: int) -> None:
+        """Take the start of a contact, as `spots_device.contact.Contact` reports it.
+
+        Parameters
+        ----------
+        x_um : int
+            Place on the strip, in um.
+        t : int
+            Time in ticks of the contact.
+        """
         self._path = _Path(self._now_s, x_um)
         self._decided = False
         self._hard_since_s = None
         self.at(x_um, t)
 
     def at(self, x_um: int, t: int) -> None:
+        """Take a place of a contact that lasts.
+
+        Parameters
+        ----------
+        x_um : int
+            Place on the strip, in um.
+        t : int
+            Time in ticks of the contact.
+        """
         self._path.extend(self._now_s, x_um, self._contact.force_mN)
         if not self._decided:
             self._decide_early()
@@ -135,6 +165,15 @@ class Gestures:
         pass
 
     def next(self, x_um: int, t: int) -> None:
+        """Take another finger: the contact ends, and the next one begins.
+
+        Parameters
+        ----------
+        x_um : int
+            Place on the strip, in um.
+        t : int
+            Time in ticks of the contact.
+        """
         self.up(t)
         self.down(x_um, t)
 

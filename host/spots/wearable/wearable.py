@@ -73,7 +73,20 @@ class Mapping:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
-        """Press and release the key of a gesture if its confidence suffices."""
+        """Press and release the key of a gesture if its confidence suffices.
+
+        Parameters
+        ----------
+        gesture : Gesture
+            With its confidence.
+        keyboard : KeySink
+            Gets both events.
+
+        Raises
+        ------
+        SpotsError
+            If the keyboard no longer takes events.
+        """
         if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
             for pressed in (True, False):
                 keyboard.key(*self.keys[gesture.name], pressed)
@@ -110,6 +123,15 @@ def play(
     drawing : bool
         Whether to show a picture, with what `mapping` says.
     mapping : Mapping
+
+    Returns
+    -------
+    list of Gesture
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost, has no calibration, or its readings are too far apart.
     """
     gestures, untrusted, found = Gestures(), Untrusted(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]

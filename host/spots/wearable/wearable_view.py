@@ -38,7 +38,25 @@ def picture(
     does: Mapping[str, str],
     stats: LinkStats,
 ) -> Panel:
-    """Return the picture as it is now."""
+    """Return the picture as it is now.
+
+    Parameters
+    ----------
+    touch : Touch or None
+        The latest reading.
+    length_um : int
+        Length of the strip, in um.
+    found : sequence of Gesture
+        Gestures so far, oldest first.
+    does : mapping of str to str
+        By gesture, the name of its key.
+    stats : LinkStats
+        Shown below.
+
+    Returns
+    -------
+    rich.panel.Panel
+    """
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for name in ("", "gesture", "sure", "where", "does"):
         table.add_column(name, min_width=6)

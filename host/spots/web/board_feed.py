@@ -244,7 +244,21 @@ class _Health:
 def finder(
     port: str | None, sensor: str = "default", scenario: str = "demo", seed: int = 0
 ) -> Callable[[str | None], Board]:
-    """Return a function as `BoardReader` takes it; arguments as for `spots.open`.
+    """Return a function that opens a board, as `BoardReader` takes it.
+
+    Parameters
+    ----------
+    port : str or None
+        As for `spots.open`; found if None.
+    sensor, scenario : str
+        Files of the virtual board, by path or name.
+    seed : int
+        Of the virtual board's noise.
+
+    Returns
+    -------
+    callable
+        ``open_board(board_id)``: opens the board of that id, or any board for None.
 
     Raises
     ------

@@ -56,7 +56,15 @@ class Feel:
         self._show()
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Take a reading."""
+        """Take a reading and update the state.
+
+        Parameters
+        ----------
+        touch : Touch
+            The readings of one strip, in order.
+        now_s : float
+            When it arrived, in seconds by the link's clock.
+        """
         self._state.put("touch", _message(touch, now_s))
         self._untrusted.take(touch, now_s)
         for engine in self._engines:

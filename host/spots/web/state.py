@@ -48,7 +48,15 @@ class PageState:
         self._added = 0
 
     def put(self, name: str, value: Any) -> None:
-        """Replace a part; None takes it away from the page."""
+        """Replace a part; None takes it away from the page.
+
+        Parameters
+        ----------
+        name : str
+            Of the part, see docs/page.md.
+        value : object
+            What JSON can hold, or None.
+        """
         with self._lock:
             self._version += 1
             self._parts[name] = self._version, value

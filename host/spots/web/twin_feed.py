@@ -49,7 +49,15 @@ class TwinFeed:
         self._wait("waiting for readings of both joints")
 
     def take(self, joint: int, touch: Touch) -> None:
-        """Take a reading of a joint, 0 or 1."""
+        """Take a reading of a joint.
+
+        Parameters
+        ----------
+        joint : int
+            0 or 1; others are ignored.
+        touch : Touch
+            The readings of one strip, in order.
+        """
         if joint >= len(self._away):
             return  # a third sensor
         with self._lock:
@@ -68,7 +76,15 @@ class TwinFeed:
                 self._wait("".join(self._away) or silence)
 
     def lost(self, joint: int, why: str) -> None:
-        """Report why a joint cannot be read."""
+        """Report why a joint cannot be read.
+
+        Parameters
+        ----------
+        joint : int
+            0 or 1.
+        why : str
+            Shown in the web UI.
+        """
         with self._lock:
             self._away[joint] = f"joint {joint + 1}: {why}"
             self._wait(self._away[joint])
@@ -114,6 +130,10 @@ def linkage_readers(
     layout : KeyLayout
     state : PageState
 
+    Returns
+    -------
+    list of BoardReader
+
     Raises
     ------
     SpotsError
@@ -152,6 +172,10 @@ def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -
     driven : DrivenLinkage
     layout : KeyLayout
     state : PageState
+
+    Returns
+    -------
+    list of BoardReader
     """
     feed = TwinFeed(Twin(driven.linkage, driven.encoders()), state)
     return _readers(feed, lambda joint, board_id: driven.open(joint), layout, state)

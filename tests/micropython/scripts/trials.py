@@ -13,7 +13,7 @@ from spots_device.pacing import Pacing
 _BURST_US = 390
 _CLEAR_US = 73
 
-_encoded = bytearray(620)
+_encoded = bytearray(660)
 _scratch = array("i", bytes(4 * kernel.SCRATCH))
 _reading = array("i", bytes(4 * 4))
 _clock = Clock()
