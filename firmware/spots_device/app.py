@@ -262,7 +262,7 @@ class BoardApp:
         calibration = self.strip.decode.calibration
         reply["calibration"] = checksum(self.calibration.lines) if calibration else None
         reply["length_um"] = calibration and calibration.length_um
-        reply["layout"] = self.uses.layout_checksum()
+        reply["layout"] = checksum(self.uses.layout_lines) if self.uses.layout_lines else None
         return reply
 
     def state(self):

@@ -47,6 +47,8 @@ class Strip:
     ----------
     conditions : calibration.Conditions or None
         What readings are taken with; None before the first start.
+    baseline : dark.Baseline
+        Its `floor` is taken off a reading: six sums over `Decode.dark_samples` samples.
     """
 
     def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
@@ -56,7 +58,7 @@ class Strip:
         self.conditions = None
         self.decode = Decode()
         self._dark = Dark()
-        self._baseline = Baseline(self._dark)
+        self.baseline = Baseline(self._dark)
         self._odd_light = OddLight()
         self.stream_touch = self.stream_spectrum = False
         self._uid = uid
@@ -94,7 +96,7 @@ class Strip:
     def report(self, reply):
         """Put what ``get`` returns of this strip and its sensor into a reply."""
         reply["dark"] = self.dark_frame()
-        reply["rest"] = self._baseline.sums()
+        reply["rest"] = self.baseline.sums()
         self.sensor.report(reply)
 
     def saturation(self):
@@ -107,11 +109,6 @@ class Strip:
     def dark_frame(self):
         """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples."""
         return self._dark.sums()
-
-    @property
-    def floor(self):
-        """What is taken off a reading: six sums over `Decode.dark_samples` samples."""
-        return self._baseline.floor
 
     def configure(self):
         """Apply settings that need no restart of the sensor."""
@@ -147,7 +144,7 @@ class Strip:
 
     def request_rest(self):
         """Use what lies on the strip now as its baseline."""
-        self._baseline.wanted = True
+        self.baseline.wanted = True
 
     def forget_requests(self):
         """Drop what was requested and is not done yet."""
@@ -196,7 +193,7 @@ class Strip:
         lasted_us = samples * sensor.exposure_us
         flags |= DARK_SUBTRACTED if sensor.led_on else LED_OFF
         decode = self.decode
-        baseline = self._baseline
+        baseline = self.baseline
         if samples != baseline.samples and sensor.led_on:
             decode.dark_samples = baseline.rescale(samples)
         decode.update(sums, samples, baseline.floor, flags)
@@ -235,7 +232,7 @@ class Strip:
         self._framer.gap()
         self._dark.request()
         self.configure()
-        self._baseline.forget()
+        self.baseline.forget()
         self._state = _UNKNOWN
         self._samples = self._flags = 0
 
@@ -261,7 +258,7 @@ class Strip:
             self._end_blink(sensor)
 
     def _end_blink(self, sensor):
-        self._baseline.update()
+        self.baseline.update()
         self._odd_light.restart()
         sensor.switch_led(True)
         sensor.check()

@@ -4,8 +4,6 @@ The settings choose; a board without USB HID sends keys as frames alone. What is
 loaded, which saves memory.
 """
 
-from .settings import checksum
-
 # USB interface, and the setting that wants it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
 # HID usage pages as in layout.py, which is loaded only where it is used.
@@ -64,10 +62,6 @@ class Uses:
         """Take lines of a layout that were checked, or none; `apply` has to follow."""
         self.layout_lines = lines
         self._layout = None
-
-    def layout_checksum(self):
-        """Return the checksum of the layout, or None without one."""
-        return checksum(self.layout_lines) if self.layout_lines else None
 
     def apply(self, calibration):
         """Release all keys, then follow the settings and this calibration, or None."""

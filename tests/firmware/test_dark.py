@@ -181,5 +181,5 @@ def test_the_reading_is_scaled_to_the_average():
         board.run(2.0)
         strip = board.app.strip
         assert strip.decode.dark_samples * average <= 256
-        mean = [one / strip.decode.dark_samples for one in strip.floor]
+        mean = [one / strip.decode.dark_samples for one in strip.baseline.floor]
         assert mean == pytest.approx([1, 0, 2, 1, 0, 1], abs=0.01)
