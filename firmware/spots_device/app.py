@@ -230,7 +230,11 @@ class BoardApp:
 
     def _use_calibration(self):
         if self.reconnect.lost:
-            found, why_not = None, self._why_lost()
+            found = why_not = None
+            if self.calibration.lines:
+                why_not = "the calibration is not in use until the sensor answers"
+                if self.reconnect.fault:
+                    why_not += ": " + self.reconnect.fault
         else:
             found, why_not = self.calibration.choose(
                 self.strip.conditions, self.settings.values["strain_ppm"]
@@ -245,12 +249,6 @@ class BoardApp:
     def _sensor_lost(self):
         self.let_go()
         self.abandon("the sensor was lost")
-
-    def _why_lost(self):
-        if not self.calibration.lines:
-            return None
-        why_not = "the calibration is not in use until the sensor answers"
-        return "%s: %s" % (why_not, self.reconnect.fault) if self.reconnect.fault else why_not
 
     def identity(self):
         """Return what the board is, as ``hello`` returns it."""
