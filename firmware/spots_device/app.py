@@ -2,24 +2,61 @@
 
 import gc
 
+from micropython import const
+
 from .as7341 import SensorError
-from .calibration_slot import CalibrationSlot
-from .command import LINE_MAX, Commands, LineReader
+from .calibration import Calibration, CalibrationSlot
+from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
-from .meter import Meter
 from .reconnect import Reconnect
-from .replies import Replies
-from .settings import SETTINGS_FILE, BoardSettings, load_lines, save_lines
+from .settings import SETTINGS_FILE, BoardSettings, checksum, load_lines, save_lines
 from .strip import Strip
 from .uses import Uses, check_layout
 
 CALIBRATION_FILE = "calibration.txt"
 LAYOUT_FILE = "layout.txt"
 
-_SLICE_US = 10_000  # longest sleep without reading commands
-_LAST_US = 100_000  # for the host to fetch, at the end, the release of all keys
-_NO_CHARACTER = -1
-_CTRL_C = 3
+_SLICE_US = const(10_000)  # longest sleep without reading commands
+_LAST_US = const(100_000)  # for the host to fetch, at the end, the release of all keys
+_NO_CHARACTER = const(-1)
+_CTRL_C = const(3)
+_SKIPPED = const(2)  # passes of the loop after a command are late
+_COUNTED = const(16)
+_LONGEST_US = const(1 << 24)  # so that their sum fits a small integer
+
+
+class Meter:
+    """The mean time of the loop's passes that take a sample. `add` allocates nothing.
+
+    Attributes
+    ----------
+    busy_us : int
+        That time, without sleep; 0 as long as it is not known.
+    """
+
+    def __init__(self):
+        self.busy_us = 0
+        self.restart()
+
+    def restart(self):
+        """Measure again; `busy_us` stays until that is done."""
+        self._sum_us = 0
+        self._passes = -_SKIPPED
+
+    def add(self, lasted_us):
+        """Take a pass; return whether there are enough."""
+        if self._passes >= 0:
+            self._sum_us += min(lasted_us, _LONGEST_US)
+        self._passes += 1
+        if self._passes < _COUNTED:
+            return False
+        self.busy_us = self._sum_us // _COUNTED
+        self.restart()
+        return True
+
+    def rate_mHz(self, exposure_us, average):
+        """Return how many readings come in 1000 s: as the sensor samples, or the loop can."""
+        return 1_000_000_000 // (max(exposure_us, self.busy_us) * average)
 
 
 def _nothing(*_):
@@ -189,11 +226,15 @@ class BoardApp:
             What keeps something that is wanted from working.
         """
         notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
-        return "; ".join([note for note in notes if note]) or None
+        return "; ".join(filter(None, notes)) or None
 
     def _use_calibration(self):
         if self.reconnect.lost:
-            found, why_not = None, self._why_lost()
+            found = why_not = None
+            if self.calibration.lines:
+                why_not = "the calibration is not in use until the sensor answers"
+                if self.reconnect.fault:
+                    why_not += ": " + self.reconnect.fault
         else:
             found, why_not = self.calibration.choose(
                 self.strip.conditions, self.settings.values["strain_ppm"]
@@ -209,12 +250,6 @@ class BoardApp:
         self.let_go()
         self.abandon("the sensor was lost")
 
-    def _why_lost(self):
-        if not self.calibration.lines:
-            return None
-        why_not = "the calibration is not in use until the sensor answers"
-        return "%s: %s" % (why_not, self.reconnect.fault) if self.reconnect.fault else why_not
-
     def identity(self):
         """Return what the board is, as ``hello`` returns it."""
         reply = self.settings.reply()
@@ -223,9 +258,9 @@ class BoardApp:
         reply["id"] = self._uid
         reply["sensors"] = 1
         calibration = self.strip.decode.calibration
-        reply["calibration"] = self.calibration.checksum() if calibration else None
+        reply["calibration"] = checksum(self.calibration.lines) if calibration else None
         reply["length_um"] = calibration and calibration.length_um
-        reply["layout"] = self.uses.layout_checksum()
+        reply["layout"] = checksum(self.uses.layout_lines) if self.uses.layout_lines else None
         return reply
 
     def state(self):
@@ -263,7 +298,7 @@ class BoardApp:
         """Load what was saved; return the lines of the layout."""
         self._load_lines(SETTINGS_FILE, "stored settings are", self.settings.change)
         self.calibration.use(
-            self._load_lines(CALIBRATION_FILE, "the stored calibration is", self.calibration.check)
+            self._load_lines(CALIBRATION_FILE, "the stored calibration is", Calibration)
         )
         return self._load_lines(LAYOUT_FILE, "the stored layout is", check_layout)
 

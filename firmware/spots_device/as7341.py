@@ -125,7 +125,7 @@ class AS7341:
         self._write(_CFG6, _SMUX_WRITE)
         self._bus.write(b"\x00" + image)
         self._write(_ENABLE, _PON | _SMUXEN)
-        self._await_clear(_ENABLE, _SMUXEN, _SMUX_US)
+        self._await_smux()
         self.plan = tuple(plan)
         self.gain = gain
         self.exposure_us = exposure.actual_us(atime, astep)
@@ -138,7 +138,9 @@ class AS7341:
             self.check()
         self._written[0] = _PON | _SP_EN
         self.switch_led(True)
-        self._sleep_until(began, _START_US)
+        left_us = _START_US - self._clock.ticks_diff(self._clock.ticks_us(), began)
+        if left_us > 0:
+            self._clock.sleep_us(left_us)
         self._bus.write(self._clear)
         self._write(_ENABLE, _PON | _SP_EN)
         now = self._clock.ticks_us()
@@ -190,7 +192,7 @@ class AS7341:
             if burst[0] & _AINT:
                 self._bus.write(self._clear)
         except OSError:
-            self.recover()
+            self._bus.recover()
             if self._overdue(now):
                 raise
             self.retries += 1
@@ -238,10 +240,6 @@ class AS7341:
         if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
             raise SensorError("the AS7341 does not hold its settings; check its supply and wiring")
 
-    def recover(self):
-        """Free the wires after a transfer that failed."""
-        self._bus.recover()
-
     def saturation(self):
         """Return 'analog', 'digital' or None for the sample last taken (STATUS2)."""
         self._bus.read_into(_STATUS2, self._byte)
@@ -283,7 +281,7 @@ class AS7341:
             try:
                 self._ask_id()
             except OSError:
-                self.recover()
+                self._bus.recover()
                 raise SensorError("no chip answers at 0x39; check wiring and supply")
         if self._byte[0] >> 2 != 9:
             raise SensorError("the chip at 0x39 is no AS7341 (ID 0x%02x)" % self._byte[0])
@@ -292,19 +290,14 @@ class AS7341:
         self._write(_CFG0, 0)  # a transfer that failed may have left bank 1 selected
         self._bus.read_into(_ID, self._byte)
 
-    def _sleep_until(self, began, duration_us):
-        left_us = duration_us - self._clock.ticks_diff(self._clock.ticks_us(), began)
-        if left_us > 0:
-            self._clock.sleep_us(left_us)
-
-    def _await_clear(self, register, bit, timeout_us):
+    def _await_smux(self):
         clock = self._clock
         began = clock.ticks_us()
         while True:
-            self._bus.read_into(register, self._byte)
-            if not self._byte[0] & bit:
+            self._bus.read_into(_ENABLE, self._byte)
+            if not self._byte[0] & _SMUXEN:
                 return
-            if clock.ticks_diff(clock.ticks_us(), began) > timeout_us:
+            if clock.ticks_diff(clock.ticks_us(), began) > _SMUX_US:
                 raise SensorError("the AS7341 did not finish a SMUX command; power it off and on")
             clock.sleep_us(100)
 

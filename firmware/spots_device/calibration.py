@@ -21,8 +21,8 @@ next in straight lines. Segments follow the ascending coarse contrast.
 """
 
 from array import array
+from collections import namedtuple
 
-from .conditions import Conditions
 from .smux import CHANNELS, PIXELS
 
 ONE_Q13 = 1 << 13
@@ -33,12 +33,16 @@ STRAIN_MAX_PPM = 500_000
 FORCE_MAX_MN = 65_535
 # No logarithm or contrast lies farther out; leaves room for the differences of two.
 _LOG_MAX = 1 << 28
-_SMALL = 1 << 30
 _STRAIN_Q = 12
 
 # name: how many integers follow
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
 _MANY = {"segment": 12, "f": 3}
+
+
+# What a reading is taken with, and what a calibration is valid for: the board's unique id, a tuple
+# of the diodes of ADC 0 to 5, the gain's register code, exposure and current of the LED.
+Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "led_mA"))
 
 
 class CalibrationError(ValueError):
@@ -83,7 +87,7 @@ class Calibration:
 
     Attributes
     ----------
-    conditions : conditions.Conditions
+    conditions : Conditions
         What it was made with.
     """
 
@@ -121,7 +125,7 @@ class Calibration:
 
         Parameters
         ----------
-        conditions : conditions.Conditions
+        conditions : Conditions
         """
         made = self.conditions
         if conditions.board != made.board:
@@ -137,6 +141,56 @@ class Calibration:
                 "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
             )
         return None
+
+
+class CalibrationSlot:
+    """Stores the lines that the host uploaded, and parses them once for each strain.
+
+    Parsing takes 0.2 s and tens of kilobytes of garbage on an RP2040: it must not happen whenever
+    the sensor returns.
+
+    Attributes
+    ----------
+    lines : list of str
+    """
+
+    def __init__(self):
+        self.use([])
+
+    def use(self, lines):
+        """Store lines that were checked, or none."""
+        self.lines = lines
+        self._parsed = None
+        self._strain_ppm = 0
+
+    def choose(self, conditions, strain_ppm):
+        """Find the calibration to use.
+
+        Parameters
+        ----------
+        conditions : Conditions
+            Of the readings.
+        strain_ppm : int
+
+        Returns
+        -------
+        calibration : Calibration or None
+        why_not : str or None
+            Why the one that is stored cannot be used.
+        """
+        if not self.lines:
+            return None, None
+        try:
+            if self._parsed is None or self._strain_ppm != strain_ppm:
+                self._parsed = None  # room for the next one
+                self._parsed = Calibration(self.lines, strain_ppm)
+                self._strain_ppm = strain_ppm
+        except CalibrationError as error:
+            return None, str(error)
+        except MemoryError:
+            return None, "no memory is left for the calibration: save and reboot"
+        why_not = self._parsed.mismatch(conditions)
+        return (None, why_not) if why_not else (self._parsed, None)
 
 
 def _take(line, words, seen, strains):
@@ -166,9 +220,7 @@ def _take(line, words, seen, strains):
         seen[name] = words[1]
     elif name == "plan":
         seen[name] = tuple(words[1:])
-        if len(seen[name]) != CHANNELS or len(set(seen[name])) != CHANNELS:
-            raise CalibrationError("'plan' needs six different diodes")
-        if any(diode not in PIXELS for diode in seen[name]):
+        if len(seen[name]) != CHANNELS or len(set(seen[name]) & set(PIXELS)) != CHANNELS:
             raise CalibrationError("'plan' needs six different diodes")
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
@@ -178,10 +230,10 @@ def _take(line, words, seen, strains):
 
 def _integers(line, count):
     try:
-        values = tuple(int(word) for word in line.split()[1:])
+        values = tuple(map(int, line.split()[1:]))
     except ValueError:
         values = ()
-    if len(values) != count or any(not -_LOG_MAX <= v <= _LOG_MAX for v in values):
+    if len(values) != count or max(map(abs, values)) > _LOG_MAX:
         raise CalibrationError("'%s' needs %d integers up to 2**28" % (line[:40], count))
     return values
 
@@ -189,7 +241,7 @@ def _integers(line, count):
 def _weights(name, weights, total):
     if sum(weights) != total:
         raise CalibrationError("the weights of '%s' must add up to %d" % (name, total))
-    if sum(abs(w) for w in weights) > WEIGHT_SUM_MAX:
+    if sum(map(abs, weights)) > WEIGHT_SUM_MAX:
         raise CalibrationError("the weights of '%s' are too large" % name)
     return weights
 
@@ -204,24 +256,24 @@ def _table(name, knots):
             raise CalibrationError("the knots of '%s' must ascend" % name)
         if a[1] == b[1] or (b[1] > a[1]) != rises:
             raise CalibrationError("the table of '%s' is not monotone" % name)
-        if any(step * (abs(b[i] - a[i]) + 1) >= _SMALL for i in range(1, len(a))):
+        if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
             raise CalibrationError("the knots of '%s' lie too far apart" % name)
     return tuple(array("i", [knot[i] for knot in knots]) for i in range(len(knots[0])))
 
 
 def _check_strains(strains, segments):
-    ppm = tuple(strain for strain, _, _ in strains)
-    if not ppm or ppm[0] != 0 or any(b <= a for a, b in zip(ppm, ppm[1:])):
+    ppm = [strain for strain, _, _ in strains]
+    if not ppm or ppm[0] != 0 or sorted(set(ppm)) != ppm:
         raise CalibrationError("'strain' needs ascending values from 0")
     if ppm[-1] > STRAIN_MAX_PPM:
         raise CalibrationError("'strain' ends at %d" % STRAIN_MAX_PPM)
-    sizes = [len(table) for table in strains[0][2]]
+    sizes = list(map(len, strains[0][2]))
     for _, bounds, tables in strains:
         if len(tables) != len(segments) or not segments:
             raise CalibrationError("each 'strain' needs one 'from' for each 'segment'")
-        if [len(table) for table in tables] != sizes:
+        if list(map(len, tables)) != sizes:
             raise CalibrationError("each 'strain' needs the same number of knots")
-        if any(b <= a for a, b in zip(bounds, bounds[1:])):
+        if sorted(set(bounds)) != bounds:
             raise CalibrationError("the values of 'from' must ascend")
         for table in tables:
             _table("x", table)

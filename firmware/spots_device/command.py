@@ -3,14 +3,20 @@
 A bad line changes nothing and is answered with a sentence. Commands allocate; they are rare.
 """
 
+import json
+
 from . import PROTOCOL, __version__
+from .calibration import Calibration
 from .exposure import DONE, TOO_DARK
-from .replies import NO_MEMORY
-from .upload import Upload
+from .frame import TEXT_MAX
+from .settings import checksum
 from .uses import check_layout
 
 LINE_MAX = 255
+_LINES_MAX = 400  # of an upload
+_BYTES_MAX = 16_000
 NAME_MAX = 20  # so much of an unknown name is repeated in the reply
+_NO_MEMORY = "no memory left for this; reboot and try again"
 
 
 class LineReader:
@@ -41,9 +47,125 @@ class LineReader:
         if size > LINE_MAX:
             raise ValueError("a line holds at most %d characters" % LINE_MAX)
         line = bytes(memoryview(self._line)[:size])
-        if any(not 32 <= byte < 127 for byte in line):
+        if min(line) < 32 or max(line) > 126:
             raise ValueError("a line is printable ASCII")
         return line.decode()
+
+
+class Replies:
+    """Sends replies, and remembers the one that will follow when its work is done.
+
+    Parameters
+    ----------
+    framer : frame.Framer
+    time : frame.Time32
+    """
+
+    def __init__(self, framer, time):
+        self._framer = framer
+        self._time = time
+        self._claimed = None
+
+    def log(self, level, text):
+        """Send a log line."""
+        self.send({"log": level, "text": text})
+
+    def send(self, reply):
+        """Send a reply, or an error in its place if it is too long or memory does not suffice."""
+        self._time.update()
+        try:
+            data = json.dumps(reply).encode()
+            error = "the reply is too long" if len(data) > TEXT_MAX else None
+        except MemoryError:
+            error = _NO_MEMORY
+        if error:
+            data = json.dumps({"re": reply.get("re"), "error": error}).encode()
+        self._framer.text(data)
+
+    def check_unclaimed(self):
+        """Raise ValueError while a reply is still to follow."""
+        if self._claimed:
+            raise ValueError("wait for '%s' to end" % self._claimed)
+
+    def claim(self, name):
+        """Record that the reply to a command will follow."""
+        self._claimed = name
+
+    def finish(self, name, reply):
+        """Send the reply that was claimed."""
+        self._claimed = None
+        reply["re"] = name
+        self.send(reply)
+
+    def abandon(self, why):
+        """Answer a request that will not end."""
+        if self._claimed:
+            self.finish(self._claimed, {"error": why + " before this ended"})
+
+
+class Upload:
+    """What ``cal`` and ``layout`` share: begin, lines, end with a checksum; or clear.
+
+    Parameters
+    ----------
+    command, what : str
+        The command, and what its lines are.
+    check : callable
+        Raises ValueError if lines must not be used.
+    use : callable
+        Takes lines that were checked, or none; returns what keeps them from working, or None.
+    """
+
+    def __init__(self, command, what, check, use):
+        self._command = command
+        self._what = what
+        self._check = check
+        self._use = use
+        self.forget()
+
+    def forget(self):
+        """Drop the lines received so far."""
+        self._lines = None
+        self._bytes = 0
+
+    def take(self, words):
+        """Carry a command out and return its reply; ValueError if it is refused."""
+        verb = words[0] if words else ""
+        if verb == "begin":
+            self.forget()
+            self._lines = []
+            return {}
+        if verb == "clear":
+            self.forget()
+            return self._reply({}, self._use([]))
+        if self._lines is None:
+            raise ValueError("begin with '%s begin'" % self._command)
+        if verb != "end":
+            return self._keep(" ".join(words))
+        lines = self._lines
+        self.forget()
+        if words[1:] != [checksum(lines)]:
+            raise ValueError("the checksum differs; send the %s again" % self._what)
+        self._check(lines)
+        return self._reply({self._what: checksum(lines)}, self._use(lines))
+
+    def _reply(self, reply, note):
+        if note:
+            reply["note"] = note
+        return reply
+
+    def _keep(self, line):
+        if not line:
+            raise ValueError("say a line of the %s after '%s'" % (self._what, self._command))
+        self._bytes += len(line) + 1
+        if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
+            self.forget()
+            raise ValueError(
+                "a %s has at most %d lines of %d bytes in all; this one is dropped"
+                % (self._what, _LINES_MAX, _BYTES_MAX)
+            )
+        self._lines.append(line)
+        return {"lines": len(self._lines)}
 
 
 class Commands:
@@ -73,23 +195,9 @@ class Commands:
     def __init__(self, app):
         self._app = app
         self._replies = app.replies
-        self._cal = Upload("cal", "calibration", app.calibration.check, app.use_calibration)
-        self._layout = Upload("layout", "layout", check_layout, app.use_layout)
-        self._table = {
-            "hello": self._hello,
-            "get": self._get,
-            "set": self._set,
-            "stream": self._stream,
-            "keys": self._keys,
-            "gamepad": self._gamepad,
-            "dark": self._dark,
-            "rest": self._rest,
-            "auto": self._auto,
-            "cal": self._cal.take,
-            "layout": self._layout.take,
-            "save": self._save,
-            "sync": self._sync,
-            "reboot": self._reboot,
+        self._uploads = {
+            "cal": Upload("cal", "calibration", Calibration, app.use_calibration),
+            "layout": Upload("layout", "layout", check_layout, app.use_layout),
         }
 
     def handle(self, line):
@@ -104,17 +212,17 @@ class Commands:
         if not words:
             return {"re": "", "error": "an empty line is no command"}
         name = words[0]
-        if name not in self._table:
-            known = ", ".join(sorted(self._table))
+        if name not in self._TABLE:
+            known = ", ".join(sorted(self._TABLE))
             return {"re": name[:NAME_MAX], "error": "no such command; there are " + known}
         try:
-            reply = self._table[name](words[1:])
+            reply = self._TABLE[name](self, words)
         except (ValueError, OSError) as error:
             reply = {"error": str(error)}
         except MemoryError:
-            self._cal.forget()
-            self._layout.forget()
-            reply = {"error": NO_MEMORY}
+            for upload in self._uploads.values():
+                upload.forget()
+            reply = {"error": _NO_MEMORY}
         if reply is not None:
             reply["re"] = name
         return reply
@@ -129,10 +237,10 @@ class Commands:
         return self._app.state()
 
     def _set(self, words):
-        if not words:
+        if len(words) == 1:
             raise ValueError("say what to set, as in: set exposure_us=10000 gain=9")
         app = self._app
-        if app.settings.change(words):
+        if app.settings.change(words[1:]):
             app.restart()
         reply = app.settings.reply()
         reply["rate_mHz"] = app.rate_mHz()
@@ -142,7 +250,7 @@ class Commands:
         return reply
 
     def _stream(self, words):
-        kinds = set(words)
+        kinds = set(words[1:])
         if not kinds or kinds - {"touch", "spectrum", "off"} or len(kinds) > 2:
             raise ValueError("stream takes touch, spectrum, both, or off")
         if "off" in kinds and len(kinds) > 1:
@@ -151,19 +259,14 @@ class Commands:
         self._app.measure()
         return {"stream": sorted(kinds)}
 
-    def _keys(self, words):
-        return self._switch("keys", words)
-
-    def _gamepad(self, words):
-        return self._switch("gamepad", words)
-
-    def _switch(self, name, words):
-        if words not in (["on"], ["off"]):
+    def _switch(self, words):
+        name = words[0]
+        if words[1:] not in (["on"], ["off"]):
             raise ValueError("%s takes on or off" % name)
         app = self._app
-        app.settings.change(["%s=%d" % (name, words == ["on"])])
+        app.settings.change(["%s=%d" % (name, words[1] == "on")])
         note = app.apply_calibration()
-        reply = {name: words[0]}
+        reply = {name: words[1]}
         if note:
             reply["note"] = note
         return reply
@@ -215,3 +318,24 @@ class Commands:
         self._app.abandon("the board was rebooted")
         self._app.reboot = True
         return {}
+
+    def _upload(self, words):
+        return self._uploads[words[0]].take(words[1:])
+
+    # What they take are the words of the line, the name too.
+    _TABLE = {
+        "hello": _hello,
+        "get": _get,
+        "set": _set,
+        "stream": _stream,
+        "keys": _switch,
+        "gamepad": _switch,
+        "dark": _dark,
+        "rest": _rest,
+        "auto": _auto,
+        "cal": _upload,
+        "layout": _upload,
+        "save": _save,
+        "sync": _sync,
+        "reboot": _reboot,
+    }

@@ -1,4 +1,4 @@
-"""Exposure, gain and LED current: what the registers can do, and the search for a good setting.
+"""Exposure, gain and LED current: what the registers can do.
 
 Source: DS000504, sections 10.2.2 (ATIME, ASTEP), 10.2.6 (gain) and 10.2.4 (LED). Below 182 ms
 full scale grows with the exposure as the counts do, so the exposure does not change how full the
@@ -14,9 +14,10 @@ LED_MIN_MA = 4
 LED_MAX_MA = 258
 DEFAULT_LED_MA = 20
 
+DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)  # outcomes of a search for a good setting
+
 _STEP_CENTI_US = 278  # one step of integration is 2.78 us
 _ASTEP_MAX = 65_534  # 65535 is reserved
-_COUNT_MAX = 65_535
 
 
 def registers(exposure_us):
@@ -35,7 +36,7 @@ def actual_us(atime, astep):
 
 def full_scale(atime, astep):
     """Return the largest count."""
-    return min(_COUNT_MAX, (atime + 1) * (astep + 1))
+    return min(65_535, (atime + 1) * (astep + 1))
 
 
 def led_code(led_mA):
@@ -46,89 +47,3 @@ def led_code(led_mA):
 def actual_mA(led_mA):
     """Return the current that the driver makes of `led_mA`; 0 is off."""
     return LED_MIN_MA + 2 * led_code(led_mA) if led_mA else 0
-
-
-# The search aims between these, in 1/1024 of full scale: 60 % to 90 %. The least LED current
-# grows by half in its first step, so the band must not be narrower than a factor of 1.5.
-_FULL = 1024
-_LOW, _AIM, _HIGH = 615, 768, 921
-# From below this a step of the gain does not overshoot: it is 2.05 at most, not 2.
-_STEP_FROM = 440
-DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)
-
-
-class Search:
-    """Find the setting that puts the brightest channel at 60-90 % of full scale.
-
-    Gain first (factors of 2), then LED current for the rest; a longer exposure only when both
-    are spent, where full scale no longer grows with it.
-
-    Parameters
-    ----------
-    gain, led_mA, exposure_us : int
-        The setting to begin with.
-    led_max_mA : int
-        Largest current of the LED.
-    """
-
-    def __init__(self, gain, led_mA, exposure_us, led_max_mA):
-        self.gain = gain
-        self.led_mA = actual_mA(max(LED_MIN_MA, led_mA))
-        self.exposure_us = exposure_us
-        self._led_max_mA = actual_mA(led_max_mA)
-        self._tries = 24
-
-    def step(self, peak, full_scale, saturated):
-        """Judge a sample taken at the present setting and choose the next one.
-
-        Parameters
-        ----------
-        peak : int
-            Dark-subtracted count of the brightest channel.
-        full_scale : int
-            Largest count at this exposure.
-        saturated : bool
-            Whether the sensor reported saturation.
-
-        Returns
-        -------
-        int
-            `DONE`, `AGAIN` with the new setting in the attributes, `TOO_DARK` or `TOO_BRIGHT`.
-        """
-        level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
-        if _LOW <= level < _HIGH:
-            return DONE
-        self._tries -= 1
-        if level < _LOW:
-            return self._brighter(max(level, 1)) if self._tries else TOO_DARK
-        return self._darker(saturated) if self._tries else TOO_BRIGHT
-
-    def _brighter(self, level):
-        if self.gain < GAIN_MAX and level < _STEP_FROM:
-            while self.gain < GAIN_MAX and level < _STEP_FROM:
-                self.gain += 1
-                level *= 2
-        elif self.led_mA < self._led_max_mA:
-            wanted_mA = actual_mA(self.led_mA * _AIM // level)
-            self.led_mA = min(self._led_max_mA, max(self.led_mA + 2, wanted_mA))
-        elif self.gain < GAIN_MAX:
-            self.gain += 1  # a step too much, taken back by the LED
-            self.led_mA = actual_mA(self.led_mA * _AIM // (2 * level))
-        elif self.exposure_us < MAX_US:
-            self.exposure_us = min(MAX_US, max(self.exposure_us, 182_000) * _AIM // level)
-        else:
-            return TOO_DARK
-        return AGAIN
-
-    def _darker(self, saturated):
-        if saturated and self.gain > 0:
-            self.gain -= 1
-        elif self.led_mA > LED_MIN_MA:
-            factor = _FULL // 2 if saturated else _AIM
-            wanted_mA = actual_mA(self.led_mA * factor // _FULL)
-            self.led_mA = max(LED_MIN_MA, min(self.led_mA - 2, wanted_mA))
-        elif self.gain > 0:
-            self.gain -= 1
-        else:
-            return TOO_BRIGHT
-        return AGAIN

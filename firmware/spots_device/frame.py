@@ -22,7 +22,6 @@ SPECTRUM_BODY = "BB6H"  # flags, gain, counts
 KEY_BODY = "BHBB"  # usage page, usage, modifiers, pressed
 TEXT_MAX = 640  # the longest reply is that to `get`, 602
 
-_DELIMITER = b"\0"
 _TOUCH_FRAME = HEADER + TOUCH_BODY
 _TOUCH_SIZE = HEADER_SIZE + 15
 _SPECTRUM_FRAME = HEADER + SPECTRUM_BODY
@@ -159,7 +158,7 @@ class Framer:
             length += 1
         self._sequence = (self._sequence + 1) & 0xFFFF
         # A dropped frame may be out in part: without a delimiter this one would be lost too.
-        if (not self._gap or self._write(_DELIMITER, 1)) and self._write(self._encoded, length):
+        if (not self._gap or self._write(b"\0", 1)) and self._write(self._encoded, length):
             self._gap = gap_after
             return True
         self._gap = DROPPED

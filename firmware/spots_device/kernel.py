@@ -173,6 +173,7 @@ def _crc_tables():
 
 
 _LOWS, _HIGHS = _crc_tables()
+del _crc_tables  # room on a board
 
 
 def crc32(data, size, crc):

@@ -18,31 +18,31 @@ _STEPS = 1 << _STEPS_LOG2
 _GUARD = 4  # the table holds Q24
 
 
-def _exact_q24(step):
-    # Bit by bit: squaring the mantissa doubles its logarithm. Needs 62-bit
-    # products, so it allocates on a board; it runs once, at import.
-    mantissa = (_STEPS + step) << (30 - _STEPS_LOG2)
-    bits = 0
-    for _ in range(Q + _GUARD + 1):
-        mantissa = (mantissa * mantissa) >> 30
-        bits <<= 1
-        if mantissa >> 31:
-            mantissa >>= 1
-            bits |= 1
-    return (bits + 1) >> 1
-
-
 def _table():
+    def exact_q24(step):
+        # Bit by bit: squaring the mantissa doubles its logarithm. Needs 62-bit
+        # products, so it allocates on a board; it runs once, at import.
+        mantissa = (_STEPS + step) << (30 - _STEPS_LOG2)
+        bits = 0
+        for _ in range(Q + _GUARD + 1):
+            mantissa = (mantissa * mantissa) >> 30
+            bits <<= 1
+            if mantissa >> 31:
+                mantissa >>= 1
+                bits |= 1
+        return (bits + 1) >> 1
+
     table = array("i", bytes(4 * (_STEPS + 1)))
     for step in range(_STEPS):
         # Half of h**2 / (8 ln 2 m**2) in Q24, with h = 1/512, m = 1 + step/512.
         half_chord_error = 1512537 // (_STEPS + step) ** 2
-        table[step] = _exact_q24(step) + half_chord_error
+        table[step] = exact_q24(step) + half_chord_error
     table[_STEPS] = (ONE << _GUARD) + 1512537 // (2 * _STEPS) ** 2
     return table
 
 
 TABLE = _table()
+del _table  # room on a board
 
 
 def log2_q20(n):

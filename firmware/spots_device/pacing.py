@@ -10,14 +10,16 @@ that it finds is the newest: it ended within the last period. It is used with th
 samples that ended unread are counted by the chip's period.
 """
 
-RETRY_US = 200
-_WIDE_US = 2_000  # a wider bracket is no lock while narrower ones can be had
+from micropython import const
+
+RETRY_US = const(200)
+_WIDE_US = const(2_000)  # a wider bracket is no lock while narrower ones can be had
 # A sample that cannot be dated is dropped once, and dated only if the next one cannot either. Up to
 # this period it is used at once: the error is small, and the loop is short of samples.
-_SHORT_US = 6_000
-_TRUST = 16  # the oscillator may run a sixteenth fast
-_FRESH = 64  # samples after which a bound may replace a higher one
-_RENEW = 256  # samples after which the reference moves on, to follow temperature
+_SHORT_US = const(6_000)
+_TRUST = const(16)  # the oscillator may run a sixteenth fast
+_FRESH = const(64)  # samples after which a bound may replace a higher one
+_RENEW = const(256)  # samples after which the reference moves on, to follow temperature
 
 
 class Pacing:

@@ -2,9 +2,11 @@
 
 import gc
 
+from micropython import const
+
 from .as7341 import SensorError
 
-_RETRY_US = 100_000
+_RETRY_US = const(100_000)
 
 
 class Reconnect:
@@ -15,7 +17,7 @@ class Reconnect:
     strip : strip.Strip
     clock : object
         ``sleep_us``.
-    replies : replies.Replies
+    replies : command.Replies
     on_found, on_lost : callable
         Called without arguments once the sensor samples, and whenever it does not answer.
 

@@ -95,7 +95,7 @@ class BoardSettings:
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         self.values.update(checked)
-        return any(name not in _AFTER_THE_SENSOR for name in checked)
+        return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
     def reply(self):
         """Return the settings as replies contain them."""
@@ -197,7 +197,7 @@ def _lines_of(path):
     """Return the lines of a file, or None if there is no whole one."""
     try:
         with open(path) as file:
-            lines = [line for line in file.read().split("\n") if line]
+            lines = list(filter(None, file.read().split("\n")))
     except (OSError, ValueError):  # none; or bytes that are no text
         return None
     if lines and lines[-1] == "crc " + checksum(lines[:-1]):

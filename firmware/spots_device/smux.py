@@ -17,7 +17,6 @@ PIXELS = {
     "NIR": (38,),
     "DARK": (37,),
 }
-BYTES = 20
 CHANNELS = 6
 
 
@@ -36,7 +35,7 @@ def smux_map(plan):
     """
     if len(plan) != CHANNELS or len(set(plan)) != CHANNELS:
         raise ValueError("a channel plan needs six different diodes")
-    image = bytearray(BYTES)
+    image = bytearray(20)
     for adc in range(CHANNELS):
         if plan[adc] not in PIXELS:
             raise ValueError("no diode is called " + plan[adc])

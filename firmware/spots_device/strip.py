@@ -1,27 +1,26 @@
 """One strip: samples of its sensor in, frames out.
 
-Holds the path of a sample: average, decode, frame. What happens rarely is in modules of its own:
-`dark`, `baseline`, `ambient` and `exposure`. `take` allocates nothing but in the steps that end a
-dark window or a search.
+Holds the path of a sample: average, decode, frame. What happens rarely is in `dark` and `search`.
+`take` allocates nothing but in the steps that end a dark window or a search.
 """
 
 from array import array
 
-from .ambient import OddLight
-from .baseline import Baseline
-from .conditions import Conditions
-from .dark import Dark
+from micropython import const
+
+from .calibration import Conditions
+from .dark import Baseline, Dark, OddLight
 from .decode import DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
-from .exposure import AGAIN, DONE, Search
+from .exposure import AGAIN, DONE
 from .kernel import accumulate
 from .smux import CHANNELS
 
-IDLE_US = 1_000_000  # untouched for so long before the strip may blink
+IDLE_US = const(1_000_000)  # untouched for so long before the strip may blink
 
-_LIT = 0
-_UNKNOWN = 1  # LED on, but without a dark frame: a dark window must come first
-_BLINKING = 2  # LED off, dark samples wanted
-_RISING = 3  # LED on again, a wholly lit sample wanted
+_LIT = const(0)
+_UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
+_BLINKING = const(2)  # LED off, dark samples wanted
+_RISING = const(3)  # LED on again, a wholly lit sample wanted
 
 
 class Strip:
@@ -31,7 +30,7 @@ class Strip:
     ----------
     index : int
         Sensor number in the frames.
-    board_id : str
+    uid : str
         Unique id of the board.
     sensor : as7341.AS7341
     framer : frame.Framer
@@ -46,29 +45,30 @@ class Strip:
 
     Attributes
     ----------
-    conditions : conditions.Conditions or None
+    conditions : calibration.Conditions or None
         What readings are taken with; None before the first start.
+    baseline : dark.Baseline
+        Its `floor` is taken off a reading: six sums over `Decode.dark_samples` samples.
     """
 
-    def __init__(self, index, board_id, sensor, framer, time, clock, settings, uses):
+    def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
         self.index = index
         self.sensor = sensor
         self.settings = settings
         self.conditions = None
         self.decode = Decode()
         self._dark = Dark()
-        self._baseline = Baseline(self._dark)
+        self.baseline = Baseline(self._dark)
         self._odd_light = OddLight()
         self.stream_touch = self.stream_spectrum = False
-        self._board_id = board_id
+        self._uid = uid
         self._pacing = sensor.pacing
         self._framer = framer
         self._uses = uses
         self._time = time
         self._add = clock.ticks_add
         self._sums = array("i", bytes(4 * CHANNELS))
-        self._samples = 0
-        self._flags = 0
+        self._samples = self._flags = 0
         self._state = _UNKNOWN
         self._idle_us = 0
         self._missed = 0
@@ -96,7 +96,7 @@ class Strip:
     def report(self, reply):
         """Put what ``get`` returns of this strip and its sensor into a reply."""
         reply["dark"] = self.dark_frame()
-        reply["rest"] = self._baseline.sums()
+        reply["rest"] = self.baseline.sums()
         self.sensor.report(reply)
 
     def saturation(self):
@@ -110,19 +110,18 @@ class Strip:
         """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples."""
         return self._dark.sums()
 
-    @property
-    def floor(self):
-        """What is taken off a reading: six sums over `Decode.dark_samples` samples."""
-        return self._baseline.floor
-
     def configure(self):
         """Apply settings that need no restart of the sensor."""
         self._dark.schedule(self.sensor.exposure_us, self.settings.values["dark_every"])
 
     def streams(self):
         """Return the names of the frames that are streamed."""
-        on = (("spectrum", self.stream_spectrum), ("touch", self.stream_touch))
-        return [name for name, streamed in on if streamed]
+        names = []
+        if self.stream_spectrum:
+            names.append("spectrum")
+        if self.stream_touch:
+            names.append("touch")
+        return names
 
     def stream(self, names):
         """Stream these frames and no others: ``touch``, ``spectrum``."""
@@ -136,6 +135,8 @@ class Strip:
 
     def request_search(self, done):
         """Search gain, LED current and exposure; then call ``done(outcome)``."""
+        from .search import Search  # rare, and large
+
         s = self.settings.values
         self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
         self._on_search = done
@@ -143,7 +144,7 @@ class Strip:
 
     def request_rest(self):
         """Use what lies on the strip now as its baseline."""
-        self._baseline.wanted = True
+        self.baseline.wanted = True
 
     def forget_requests(self):
         """Drop what was requested and is not done yet."""
@@ -192,7 +193,7 @@ class Strip:
         lasted_us = samples * sensor.exposure_us
         flags |= DARK_SUBTRACTED if sensor.led_on else LED_OFF
         decode = self.decode
-        baseline = self._baseline
+        baseline = self.baseline
         if samples != baseline.samples and sensor.led_on:
             decode.dark_samples = baseline.rescale(samples)
         decode.update(sums, samples, baseline.floor, flags)
@@ -217,8 +218,7 @@ class Strip:
                 for i in range(CHANNELS):
                     sums[i] = (sums[i] + (samples >> 1)) // samples
             self._framer.spectrum(self.index, flags, sensor.gain, sums)
-        self._samples = 0
-        self._flags = 0
+        self._samples = self._flags = 0
 
     # What happens rarely.
 
@@ -226,23 +226,19 @@ class Strip:
         sensor = self.sensor
         sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
         self.conditions = Conditions(
-            self._board_id, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
+            self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
         self._missed = 0
         self._framer.gap()
         self._dark.request()
         self.configure()
-        self._baseline.forget()
+        self.baseline.forget()
         self._state = _UNKNOWN
-        self._restart_average()
-
-    def _restart_average(self):
-        self._samples = 0
-        self._flags = 0
+        self._samples = self._flags = 0
 
     def _start_blink(self, sensor):
         sensor.switch_led(False)
-        self._restart_average()
+        self._samples = self._flags = 0
         self._dark.begin(sensor.exposure_us)
         self._state = _BLINKING
 
@@ -262,8 +258,7 @@ class Strip:
             self._end_blink(sensor)
 
     def _end_blink(self, sensor):
-        self._dark.end()
-        self._baseline.update()
+        self.baseline.update()
         self._odd_light.restart()
         sensor.switch_led(True)
         sensor.check()

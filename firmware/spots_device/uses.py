@@ -4,14 +4,11 @@ The settings choose; a board without USB HID sends keys as frames alone. What is
 loaded, which saves memory.
 """
 
-from .settings import checksum
-
 # USB interface, and the setting that wants it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
 # HID usage pages as in layout.py, which is loaded only where it is used.
 _KEYBOARD_PAGE = 7
 _CONSUMER_PAGE = 12
-_WAIT_US = 1_000  # between two offers, when there is nothing else to do
 _NO_MEMORY = "no memory is left for keys: save and reboot"
 
 
@@ -65,10 +62,6 @@ class Uses:
         """Take lines of a layout that were checked, or none; `apply` has to follow."""
         self.layout_lines = lines
         self._layout = None
-
-    def layout_checksum(self):
-        """Return the checksum of the layout, or None without one."""
-        return checksum(self.layout_lines) if self.layout_lines else None
 
     def apply(self, calibration):
         """Release all keys, then follow the settings and this calibration, or None."""
@@ -149,11 +142,14 @@ class Uses:
         """Release all and send it to the host; give up at these ticks."""
         self.release()
         while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
-            clock.sleep_us(_WAIT_US)
+            clock.sleep_us(1_000)  # there is nothing else to do
 
     def dropped(self):
         """Return how many reports were never sent."""
-        return sum(output.outbox.dropped for output in self._outputs)
+        dropped = 0
+        for output in self._outputs:
+            dropped += output.outbox.dropped
+        return dropped
 
     def _prepare_keypad(self, length_um):
         """Load the keypad and its layout; return whether memory sufficed."""

@@ -26,11 +26,11 @@ from spots_device.exposure import (
     DONE,
     MAX_US,
     MIN_US,
-    Search,
     actual_us,
     full_scale,
     registers,
 )
+from spots_device.search import Search
 from spots_device.settings import DEFAULT_PLAN
 
 from . import figures

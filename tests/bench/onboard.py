@@ -72,7 +72,7 @@ class Spots:
         touch = self._touch
         decode = self._decode
         counts = self.app.strip.sensor.counts
-        dark = self.app.strip.floor
+        dark = self.app.strip.baseline.floor
         for _ in range(samples):
             update(counts, 1, dark, 0)
             touch(0, decode)

@@ -28,8 +28,7 @@ from spots.calibrate.presses import FULL_MN
 from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
-from spots_device.calibration import Calibration
-from spots_device.conditions import Conditions
+from spots_device.calibration import Calibration, Conditions
 from spots_device.decode import DARK_SAMPLES, Decode
 from spots_device.settings import checksum
 from spots_sim.bound import Bound
@@ -332,7 +331,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
         ("exposure_us", 20_000, "exposure_us=10000"),
     ):
         with pytest.raises(SpotsError, match=re.escape(says)):
-            session.check(Conditions(**vars(made) | {name: value}))
+            session.check(Conditions(**made._asdict() | {name: value}))
     session.check(made)
     other = tmp_path / "other.toml"
     text = (DATA / "sensors" / "default.toml").read_text()

@@ -8,9 +8,9 @@ from bench import canned
 from spots_device import layout as layout_module
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SAMPLES
-from spots_device.exposure import Search
 from spots_device.frame import TEXT_MAX
 from spots_device.layout import default_lines
+from spots_device.search import Search
 from spots_device.settings import LIMITS, checksum, save_lines
 
 LINES = """\

@@ -5,8 +5,7 @@ from array import array
 import pytest
 from smallint import SmallInt
 
-from spots_device.calibration import Calibration, CalibrationError
-from spots_device.conditions import Conditions
+from spots_device.calibration import Calibration, CalibrationError, Conditions
 
 GOOD = """\
 board 00ff
@@ -141,8 +140,13 @@ def test_every_accepted_number_is_a_small_int(calibration):
 )
 def test_a_mismatch_says_what_to_do(board, plan, gain, exposure_us, led_mA, says):
     made = Calibration(GOOD)
-    assert says in made.mismatch(Conditions(board, plan.split()[1:], gain, exposure_us, led_mA))
+    assert says in made.mismatch(
+        Conditions(board, tuple(plan.split()[1:]), gain, exposure_us, led_mA)
+    )
 
 
 def test_a_match_says_nothing():
-    assert Calibration(GOOD).mismatch(Conditions("00ff", GOOD[1].split()[1:], 9, 10000, 20)) is None
+    assert (
+        Calibration(GOOD).mismatch(Conditions("00ff", tuple(GOOD[1].split()[1:]), 9, 10000, 20))
+        is None
+    )

@@ -1,4 +1,4 @@
-"""The dark frame: the mean of the last sixteen windows, restarted where the light has changed."""
+"""The dark frame: a mean of windows, restarted where the light has changed."""
 
 import random
 from array import array
@@ -7,8 +7,7 @@ import pytest
 from bench import canned
 from smallint import SmallInt, small
 
-from spots_device.baseline import Baseline
-from spots_device.dark import WINDOW_SAMPLES, WINDOWS, Dark
+from spots_device.dark import WINDOW_SAMPLES, WINDOWS, Baseline, Dark
 from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES
 
 EXPOSURE_US = 10_000
@@ -21,7 +20,6 @@ def window(dark, counts):
     samples = 1
     while not dark.add(counts() if callable(counts) else counts):
         samples += 1
-    dark.end()
     return samples
 
 
@@ -45,14 +43,25 @@ def test_a_pool_is_nearer_to_the_truth_than_a_window():
     assert sum(errors[WINDOWS]) < 0.4 * sum(errors[1])
 
 
-def test_only_the_last_sixteen_windows_count():
+def test_a_full_pool_forgets_as_fast_as_the_mean_of_its_windows_would():
     dark = Dark()
-    for level in (4, 5):
-        for _ in range(WINDOWS):
-            window(dark, [level] * 6)
-    assert mean(dark) == [5] * 6
-    window(dark, [4] * 6)
-    assert mean(dark) == pytest.approx([5 - 1 / WINDOWS] * 6, abs=0.01)
+    for _ in range(WINDOWS):
+        window(dark, [4] * 6)
+    for _ in range(WINDOWS):
+        window(dark, [5] * 6)
+    assert mean(dark) == pytest.approx([5 - (7 / 8) ** WINDOWS] * 6, abs=0.01)
+
+
+def test_a_full_pool_stays_as_near_to_the_truth():
+    rng = random.Random(4)
+    errors = {WINDOWS: [], 5 * WINDOWS: []}
+    for _ in range(40):
+        dark = Dark()
+        for windows in range(1, 5 * WINDOWS + 1):
+            window(dark, noisy(rng, 5.5))
+            if windows in errors:
+                errors[windows] += [(one - 5.5) ** 2 for one in mean(dark)]
+    assert sum(errors[5 * WINDOWS]) < 1.5 * sum(errors[WINDOWS])
 
 
 @pytest.mark.parametrize(("before", "after"), [(5, 40), (40, 5), (0, 20_000), (FULL, 0)])
@@ -119,8 +128,7 @@ def test_single_samples_make_a_window():
 
 def test_the_largest_counts_fit_small_integers():
     dark = Dark()
-    dark._window, dark._total = small([0] * 6), small([0] * 6)
-    dark.mean, dark._ring = small([0] * 6), small([0] * 6 * WINDOWS)
+    dark._window, dark.mean = small([0] * 6), small([0] * 6)
     for level in (FULL, FULL, 0, FULL):
         for _ in range(WINDOWS + 1):
             window(dark, small([level] * 6))
@@ -173,5 +181,5 @@ def test_the_reading_is_scaled_to_the_average():
         board.run(2.0)
         strip = board.app.strip
         assert strip.decode.dark_samples * average <= 256
-        mean = [one / strip.decode.dark_samples for one in strip.floor]
+        mean = [one / strip.decode.dark_samples for one in strip.baseline.floor]
         assert mean == pytest.approx([1, 0, 2, 1, 0, 1], abs=0.01)

@@ -5,6 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from spots_device import exposure
+from spots_device.search import Search
 
 STEP_US = 2.78  # DS000504
 
@@ -54,7 +55,7 @@ LED_MAX_MA = 100
 
 
 def search(strip, gain=9, led_mA=20, exposure_us=10_000):
-    made = exposure.Search(gain, led_mA, exposure_us, LED_MAX_MA)
+    made = Search(gain, led_mA, exposure_us, LED_MAX_MA)
     for _ in range(40):
         outcome = made.step(*strip.read(made))
         if outcome != exposure.AGAIN:

@@ -139,7 +139,7 @@ class Board:
     def summed(self, line):
         """Return a line with the checksum of what was uploaded so far in its place."""
         commands = self.app._commands
-        upload = commands._layout if line.startswith(b"layout") else commands._cal
+        upload = commands._uploads["layout" if line.startswith(b"layout") else "cal"]
         return line.replace(b"CHECKSUM", checksum(upload._lines or []).encode())
 
     def said(self):
@@ -154,7 +154,7 @@ class Board:
         """Let it end what was asked of it."""
         for _ in range(_SETTLE_STEPS):
             self.app.step()
-            if not self.app.replies.pending:
+            if not self.app.replies._claimed:
                 return
 
     def state(self):

@@ -17,7 +17,7 @@ from spots.link.frames import Spectrum, Touch
 from spots.recording.header import Clock, Header, encoded
 from spots.recording.note import note
 from spots.terminal.view import plain
-from spots_device.conditions import Conditions
+from spots_device.calibration import Conditions
 from test_frames import stream
 
 

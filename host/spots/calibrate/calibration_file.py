@@ -14,8 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from spots_device.calibration import Calibration, CalibrationError
-from spots_device.conditions import Conditions
+from spots_device.calibration import Calibration, CalibrationError, Conditions
 from spots_device.settings import checksum
 
 from .. import atomic, toml
@@ -125,7 +124,7 @@ class CalibrationFile(_Struct, kw_only=True):
     date : datetime
         UTC.
     board, plan, gain, exposure_us, led_mA
-        See `spots_device.conditions.Conditions`.
+        See `spots_device.calibration.Conditions`.
     residuals : list of Residual
         One for each strain.
     joint : Joint or None

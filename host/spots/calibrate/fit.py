@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from spots_device.calibration import ONE_Q13
-from spots_device.conditions import Conditions
+from spots_device.calibration import ONE_Q13, Conditions
 from spots_device.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError

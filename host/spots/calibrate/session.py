@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from spots_device.conditions import Conditions
+from spots_device.calibration import Conditions
 
 from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
@@ -62,7 +62,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     length_um : float or None
         Of the strip in this session; None in files of older versions.
     board, plan, gain, exposure_us, led_mA
-        See `spots_device.conditions.Conditions`.
+        See `spots_device.calibration.Conditions`.
     time : str
         UTC.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spots_device.conditions import Conditions
+from spots_device.calibration import Conditions
 from spots_device.decode import DARK_SAMPLES, LED_OFF, SATURATED
 
 from ..errors import SpotsError

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from os import PathLike, fspath
 from typing import Any
 
-from spots_device.calibration import Calibration, CalibrationError
-from spots_device.conditions import Conditions
+from spots_device.calibration import Calibration, CalibrationError, Conditions
 from spots_device.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import SpotsError
@@ -144,7 +143,7 @@ def upload(board: Board, calibration: Sequence[str]) -> None:
     """
     made = _checked(calibration)
     i = board.command("hello")
-    now = Conditions(i["id"], i["plan"], i["gain"], i["exposure_us"], i["led_mA"])
+    now = Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
     reason = made.mismatch(now)
     if reason is not None:
         raise SpotsError(reason)
