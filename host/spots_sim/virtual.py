@@ -204,7 +204,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     calibration = calibrate(load(SensorFile, sensor))
     start, end = start_simulator(sensor, scenario, seed)
     try:
-        board = Board(SerialLink(start["port"]))
+        board = _opened(start["port"])
     except BaseException:
         end()
         raise
@@ -215,6 +215,17 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         board.close()
         raise
     return board, start["started_s"]
+
+
+def _opened(port: str) -> Board:
+    """Open a board that is starting, which takes a busy machine longer than a board that runs."""
+    end_s = time.monotonic() + _START_S
+    while True:
+        try:
+            return Board(SerialLink(port))
+        except SpotsError:
+            if time.monotonic() > end_s:
+                raise
 
 
 def start_simulator(
