@@ -304,7 +304,7 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
 
     with (
         Drifted(sensor, made, tmp_path / "a.toml", Away) as strip,
-        pytest.raises(SpotsError, match=r"no press is felt; nothing has changed$"),
+        pytest.raises(SpotsError, match=r"no press is seen; nothing has changed$"),
     ):
         rezero(strip.setup, made)
 
@@ -342,7 +342,7 @@ def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
             def write(self, text):
                 if found := re.search(r"press at ([\d.]+) mm with ([\d.]+) N and hold", text):
                     held.press = Press(float(found[1]), 1000 * float(found[2]), 4.0)
-                elif "let go" in text:
+                elif text.startswith("release"):
                     held.press = None
                 return super().write(text)
 
@@ -448,7 +448,7 @@ def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
 
 def test_other_settings_are_refused(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        strip.setup.set_up("gain=8")
+        strip.setup.reader.set_up("gain=8")
         with pytest.raises(SpotsError, match=r"a\.toml: .*made at gain=9 "):
             rezero(strip.setup, made)
 
