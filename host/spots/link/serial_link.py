@@ -12,6 +12,7 @@ import serial
 from serial.tools import list_ports
 
 from ..errors import PortLostError, RefusedError, SpotsError
+from .ports import no_port
 
 try:
     import termios
@@ -173,7 +174,7 @@ class SerialLink:
             return names
         if self.name in numbers:
             raise RefusedError(f"another device is on {self.name} now")
-        raise SpotsError(f"there is no port {self.name}; 'spots ports' lists those that there are")
+        raise SpotsError(no_port(self.name))
 
     def _open(self) -> None:
         try:
@@ -256,7 +257,9 @@ def _why_not(port: str, error: Exception) -> str:
     number = getattr(error, "errno", None)
     text = str(error).lower()
     if number == errno.ENOENT or "no such file" in text or "cannot find" in text:
-        return f"there is no port {port}; 'spots ports' lists those that there are"
+        return no_port(port)
+    if number == errno.EISDIR:
+        return f"{port} is a directory, not a serial port: 'spots ports' lists the ports"
     # Windows denies access to a port that another program has open.
     denied = number == errno.EACCES or "permission" in text or "access is denied" in text
     busy = number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text

@@ -36,6 +36,8 @@ class Disk:
             self._file = open(path, "xb", buffering=0)
         except FileExistsError:
             raise SpotsError(f"{path} exists: choose another name or remove it") from None
+        except FileNotFoundError:
+            raise SpotsError(f"there is no folder {path.parent}: make it first") from None
         except OSError as error:
             raise SpotsError(f"{path} cannot be written: {error.strerror}") from None
         self._synced = 0

@@ -163,6 +163,8 @@ def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
             while block := file.read(size):
                 yield block
     except FileNotFoundError:
-        raise SpotsError(f"there is no file {path}") from None
+        raise SpotsError(f"there is no file {path}: 'spots record' makes recordings") from None
+    except IsADirectoryError:
+        raise SpotsError(f"{path} is a directory: name a recording in it") from None
     except OSError as error:
         raise SpotsError(f"{path} cannot be read: {error.strerror}") from None

@@ -129,6 +129,8 @@ def open_port(rest: str, **simulated) -> Replay:
     Replay
         At the original pace.
     """
+    if not rest:
+        raise SpotsError("the port recording: names no file: write recording:FILE.spots")
     return open_recording(rest)
 
 

@@ -56,7 +56,10 @@ def _check_config(path: str) -> None:
     try:
         text = read_bytes(path, ZENOH_MAX_BYTES)
     except OSError:
-        raise SpotsError(f"there is no Zenoh configuration {path}") from None
+        raise SpotsError(
+            f"there is no Zenoh configuration {path}: --zenoh-config or the variable ZENOH_CONFIG "
+            "names one"
+        ) from None
     if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
         raise SpotsError(f"{path} is no Zenoh configuration: it is nested too deep")
 
