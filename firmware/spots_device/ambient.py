@@ -1,4 +1,4 @@
-"""Ambient light: where the light is no press, a lamp may have been switched on."""
+"""Ambient light: detects light whose spectrum does not fit a press, such as a lamp."""
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, TOUCHING
 from .smux import CHANNELS
@@ -33,7 +33,7 @@ class OddLight:
 
     def _is_odd(self, flags, sums, samples):
         if flags & NOT_CALIBRATED:
-            return False  # nobody knows what a press looks like
+            return False  # without a calibration, the spectrum of a press is unknown
         if flags & (TOUCHING | LED_OFF):
             return flags & MISFIT
         light = 0

@@ -34,19 +34,19 @@ class CalibrationSlot:
         return checksum(self.lines)
 
     def choose(self, conditions, strain_ppm):
-        """Find the calibration to use.
+        """Return the stored calibration if it can be used at the present settings.
 
         Parameters
         ----------
         conditions : conditions.Conditions
-            Of the readings.
+            The settings at which readings are taken.
         strain_ppm : int
 
         Returns
         -------
         calibration : calibration.Calibration or None
         why_not : str or None
-            Why the one that is stored cannot be used.
+            Why the stored calibration cannot be used.
         """
         if not self.lines:
             return None, None

@@ -106,7 +106,7 @@ def sync(file: IO) -> None:
 
 @contextmanager
 def folder(parent: Path) -> Iterator[Path]:
-    """Make a folder within another one, to fill it and rename what is whole; remove it on exit.
+    """Make a staging directory in a folder; it is removed on exit.
 
     Raises
     ------

@@ -49,28 +49,28 @@ class Link(Protocol):
         """Send bytes."""
 
     def sleep(self, duration_s: float) -> None:
-        """Let time pass by its clock while its port is away; only of links that `reopen`."""
+        """Wait by the link's clock while its port is unplugged; only for links that `reopen`."""
 
     def reopen(self) -> None:
-        """Open again the port that raised PortLostError; only of links that do.
+        """Reopen the port after a PortLostError; only for links that raise it.
 
         Raises
         ------
         RefusedError
-            If another device has its name, and it is nowhere else.
+            If another device has its name, and no other port has the board.
         SpotsError
             If it is not there, or cannot be opened.
         """
 
-    def let_go(self) -> None:
-        """Close it until it is opened again; only of links that `reopen`."""
+    def close_port(self) -> None:
+        """Close the port until `reopen`; only for links that have it."""
 
     def close(self) -> None:
-        """Let the port go."""
+        """Close the port."""
 
 
-class Through:
-    """A link in front of another one, which it is in all that a subclass does not change.
+class LinkWrapper:
+    """Delegates to another link; the base class of wrappers.
 
     Parameters
     ----------
@@ -99,14 +99,14 @@ class Through:
     def reopen(self) -> None:
         self._link.reopen()
 
-    def let_go(self) -> None:
-        self._link.let_go()
+    def close_port(self) -> None:
+        self._link.close_port()
 
     def close(self) -> None:
         self._link.close()
 
 
-class Tap(Through):
+class Tap(LinkWrapper):
     """Shows what is read from another link.
 
     Parameters
@@ -156,13 +156,13 @@ class SerialLink:
 
     def reopen(self) -> None:
         """Open the port again, under whichever name its device has now."""
-        self.let_go()
+        self.close_port()
         names = self._names()
         self._turn += 1  # of several ports of the device, the next one
         self.name = names[self._turn % len(names)]
         self._open()
 
-    def let_go(self) -> None:
+    def close_port(self) -> None:
         self.close()
 
     def _names(self) -> list[str]:

@@ -88,7 +88,7 @@ def usage_of(name: str) -> tuple[int, int]:
 
 
 def name_of(page: int, usage: int) -> str:
-    """Return a key's name, or its numbers if it has none here."""
+    """Return a key's name, or its page and usage as numbers if the table has no name for it."""
     found = USAGES.get((page, usage))
     return found.name if found else f"{page:#04x}:{usage:#04x}"
 

@@ -46,7 +46,7 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Raises SpotsError if the medium takes no more; what it took is there to stay."""
+        """Append bytes. Raises SpotsError if the medium is full; what was appended stays."""
         view = memoryview(data)
         try:
             while view:
@@ -76,5 +76,5 @@ class Disk:
             try:
                 os.fsync(self._file.fileno())
             except OSError:
-                pass  # a pipe, or a medium that is gone: `append` reports it
+                pass  # a pipe, or a removed medium: `append` reports it
             self._synced = written

@@ -145,7 +145,7 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
         try:
             header = _header(file)
         except SpotsError:
-            continue  # whatever it is, it says of itself that it does not belong here
+            continue  # not a recording, so not a part of this set
         if header.set == first.set:
             found[part] = (file, header)
     for part in range(1, max(found, default=0)):

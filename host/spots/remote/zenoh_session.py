@@ -15,7 +15,7 @@ from ..guarded import Guarded
 
 # Zenoh's own name for where its configuration is.
 CONFIG_VARIABLE = "ZENOH_CONFIG"
-# What is asked of a board from afar, and under which name its publisher answers.
+# The remote queries, and the key of each.
 READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 
 _NESTED_MAX = 1000  # tables and lists of a configuration; the longest one has some 150
