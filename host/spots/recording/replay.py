@@ -128,6 +128,11 @@ def open_port(rest: str, **simulated) -> Replay:
     -------
     Replay
         At the original pace.
+
+    Raises
+    ------
+    SpotsError
+        If `rest` is empty, or the file cannot be read.
     """
     if not rest:
         raise SpotsError("the port recording: names no file: write recording:FILE.spots")
