@@ -1,9 +1,9 @@
-"""Close a robot's gripper by pressing the strip: python examples/gripper.py [PORT].
+"""Close a robot's gripper by pressing the strip.
 
-The harder the press, the narrower the gripper; let go, and it opens.
+A harder press closes it further. It opens when nothing presses the strip.
 """
 
-import sys
+import argparse
 
 import spots
 
@@ -22,11 +22,14 @@ def move(to_mm: float) -> None:
     print(f"gripper to {to_mm:5.1f} mm", flush=True)
 
 
-port = sys.argv[1] if len(sys.argv) > 1 else "virtual"  # a simulated board; None finds yours
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("port", nargs="?", default="virtual", help="a simulated board if not given")
+options = parser.parse_args()
+
 at_mm = OPEN_MM
-move(at_mm)
 try:
-    with spots.open(port) as board:
+    move(at_mm)
+    with spots.open(options.port) as board:  # spots.open() finds the board on USB
         for touch in board.touches():
             if touch.touching and not touch.trusted:
                 continue  # saturated, or not one press: the gripper stays where it is
@@ -34,5 +37,9 @@ try:
             if abs(wanted_mm - at_mm) >= STEP_MM:
                 at_mm = wanted_mm
                 move(at_mm)
+except KeyboardInterrupt:
+    pass  # Ctrl-C ends it
+except spots.SpotsError as error:
+    parser.error(str(error))
 finally:
-    move(OPEN_MM)  # whatever ended this
+    move(OPEN_MM)  # on every exit path

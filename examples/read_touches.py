@@ -1,12 +1,20 @@
-"""Print where the strip is pressed and how hard: python examples/read_touches.py [PORT]."""
+"""Print where the strip is pressed and how hard."""
 
-import sys
+import argparse
 
 import spots
 
-port = sys.argv[1] if len(sys.argv) > 1 else "virtual"  # a simulated board; None finds yours
-with spots.open(port) as board:
-    for touch in board.touches():
-        if touch.trusted:
-            place_mm, force_N = touch.position_um / 1000, touch.force_mN / 1000
-            print(f"{touch.time_s:10.3f} s  {place_mm:7.3f} mm  {force_N:6.3f} N")
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("port", nargs="?", default="virtual", help="a simulated board if not given")
+options = parser.parse_args()
+
+try:
+    with spots.open(options.port) as board:  # spots.open() finds the board on USB
+        for touch in board.touches():
+            if touch.trusted:
+                place_mm, force_N = touch.position_um / 1000, touch.force_mN / 1000
+                print(f"{touch.time_s:10.3f} s  {place_mm:7.3f} mm  {force_N:6.3f} N", flush=True)
+except KeyboardInterrupt:
+    pass  # Ctrl-C ends it
+except spots.SpotsError as error:
+    parser.error(str(error))

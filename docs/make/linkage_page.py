@@ -254,7 +254,7 @@ the twin knows the true lengths. Seeds {min(SEEDS)} to {max(SEEDS)}, in mm:
     return (
         text
         + f"""
-What is expected is what the twin says of itself as it goes: the noise of the strips, their
+The expected error is what the twin reports with each terminal: the noise of the strips, their
 joints' straight lines and the play, through the Jacobian. Two things are not in it: what the
 terminal did between two readings, and the error of the dark frame. The board takes one at its
 start, and never again as long as the strip is pressed, which a joint's strip always is; beside the

@@ -247,7 +247,7 @@ class BoardApp:
         return why_not
 
     def _sensor_lost(self):
-        self.let_go()
+        self.release_keys()
         self.abandon("the sensor was lost")
 
     def identity(self):
@@ -278,7 +278,7 @@ class BoardApp:
         s = self.settings.values
         return self.meter.rate_mHz(s["exposure_us"], s["average"])
 
-    def let_go(self):
+    def release_keys(self):
         """Release all keys: no reading may come for a while."""
         self._time.update()
         self.uses.release()

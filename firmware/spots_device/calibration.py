@@ -111,7 +111,9 @@ class Calibration:
         self.brightnesses, self.forces_mN, self.tolerances = _table("f", seen["f"])
         self.columns = self.forces_mN, self.tolerances
         if not 0 <= self.forces_mN[0] < self.forces_mN[-1] <= FORCE_MAX_MN:
-            raise CalibrationError("the forces of 'f' must rise from 0 or more to 65535 or less")
+            raise CalibrationError(
+                "the forces of 'f' must lie within 0 to 65535 mN, last above first"
+            )
         _check_strains(strains, seen["segment"])
         bounds, tables = _between(strains, strain_ppm)
         self.bounds = array("i", bounds)
@@ -283,7 +285,9 @@ def _between(strains, strain_ppm):
     """Return bounds and knots at a strain."""
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:
-        raise CalibrationError("the calibration goes up to strain_ppm=%d" % strains[last][0])
+        raise CalibrationError(
+            "the calibration covers strain_ppm=0 to %d: set it within" % strains[last][0]
+        )
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:
         i += 1

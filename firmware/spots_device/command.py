@@ -288,7 +288,7 @@ class Commands:
 
     def _auto(self, words):
         self._replies.check_unclaimed()
-        self._app.let_go()
+        self._app.release_keys()
         self._app.strip.request_search(self._auto_done)
         self._replies.claim("auto")
         return None

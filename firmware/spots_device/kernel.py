@@ -27,15 +27,15 @@ def accumulate(sums, counts, samples):
 
 
 def follow(rest, floor, sums, samples, dark, shift, up, down):
-    """Move the baseline, the light of the untouched strip, towards a reading.
+    """Move the baseline (the counts of the untouched strip) towards a reading.
 
     Parameters
     ----------
     rest : sequence of int
-        Six counts in Q12, without the dark; moved a part of the way, a half to the power of `up`
-        or `down`.
+        The baseline: six counts in Q12, dark subtracted. It moves by 2**-`up` of the difference
+        where the reading is above it, by 2**-`down` where below.
     floor : sequence of int
-        Gets the sum of dark and rest, which `estimate` takes off, rounded to Q12 - `shift`.
+        Output: dark + rest, rounded to Q12 - `shift`; `estimate` subtracts it.
     sums : sequence of int
         Six sums of counts over `samples` samples.
     dark : sequence of int

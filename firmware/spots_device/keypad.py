@@ -74,7 +74,7 @@ class Keypad:
 
     def release(self):
         """Release all; a finger that is still there presses nothing until it was lifted."""
-        self._let_go()
+        self._release_held()
         self._state = _IDLE
         self._clear()
         self.contact.spend()
@@ -146,7 +146,7 @@ class Keypad:
             else:
                 self._click(self._action(TAP))
         elif self._state == _PRESSED:
-            self._let_go()
+            self._release_held()
             self._tapped, self._tapped_at = t, self._row
         self._state = _IDLE
 
@@ -168,7 +168,7 @@ class Keypad:
         self._give_back(held)
 
     def stuck(self):
-        self._let_go()
+        self._release_held()
         self._state = _IDLE
         self._stuck()
 
@@ -241,7 +241,7 @@ class Keypad:
         elif kind >= KEYBOARD:
             self._key(kind, number, action >> 12 & 0xFF, True)
 
-    def _let_go(self):
+    def _release_held(self):
         if self._state == _PRESSED:
             # In this order: what interrupts it must not hide that a key is down.
             self._give_back(self._held)
@@ -259,7 +259,7 @@ class Keypad:
         """Press and release, whatever the finger goes on to do."""
         state, held = self._state, self._held
         self._press(action)
-        self._let_go()
+        self._release_held()
         self._state, self._held = state, held
 
     def _age_tap(self, t):

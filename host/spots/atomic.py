@@ -76,6 +76,8 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
             beside.chmod(mode)
         (_place_new if new else os.replace)(beside, path)
     except OSError as error:
+        if not path.parent.is_dir():
+            raise SpotsError(f"there is no folder {path.parent}: make it first") from None
         raise SpotsError(f"cannot write {path}: {error.strerror or error}") from None
     finally:
         if beside is not None:
@@ -111,7 +113,7 @@ def sync(file: IO) -> None:
 
 @contextmanager
 def folder(parent: Path) -> Iterator[Path]:
-    """Make a folder within another one, to fill it and rename what is whole; remove it on exit.
+    """Make a staging directory in a folder; it is removed on exit.
 
     Raises
     ------

@@ -129,10 +129,10 @@ resumed = SECTION.resumed
 def released_by_signals() -> Iterator[None]:
     """Release all open outputs on a signal, then do what the signal does.
 
-    One that ends the process unwinds the block first, by KeyboardInterrupt or SystemExit; then
-    the process ends by the signal itself, unless the block caught the exception. One that stops
-    it stops it at once. What was ignored stays so (nohup). Only for the main thread, as
-    signals are.
+    A signal that ends the process raises KeyboardInterrupt or SystemExit in the block. After the
+    block the process ends by that signal, unless the block caught the exception. A signal that
+    stops the process stops it at once. Ignored signals stay ignored (nohup). Only for the main
+    thread, since Python delivers signals there.
     """
     numbers = _numbers(_ENDING + _STOPPING + _CONTINUING)
     # What C has set (None) cannot be set back.

@@ -203,7 +203,7 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
         ("rate-hz", rate_hz, _SLOWEST_HZ, _FASTEST_HZ),
     ):
         if not low <= value <= high:
-            unit = name.rpartition("-")[2]
+            unit = name.rpartition("-")[2].replace("hz", "Hz")
             raise SpotsError(f"--{name} is from {low:.3g} to {high:g} {unit}, not {value:g}")
     found = best(length_mm, rate_hz)
     if found.resolution_um <= resolution_um:

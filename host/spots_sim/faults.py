@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spots.link.serial_link import Link, Through
+from spots.link.serial_link import Link, LinkWrapper
 
 from .bus import I2CBus
 from .files import FaultsFile, Moments, ScenarioFile, SerialFaults
@@ -170,7 +170,7 @@ class Damage:
         return byte ^ 0x80 if byte == _CTRL_C else byte
 
 
-class FaultyLink(Through):
+class FaultyLink(LinkWrapper):
     """A `link.serial_link.Link` whose bytes are damaged in both directions.
 
     Parameters
@@ -366,7 +366,7 @@ class Faults:
         return np.random.default_rng([_OWN, self._seed, *kind.encode()])
 
     def spells(self, kind: str) -> Spells:
-        """Return when one kind of fault acts; `kind` is its place in the file."""
+        """Return the intervals in which one kind of fault acts; `kind` is its index in the file."""
         moments = self.file.moments()[kind]
         rng = self.rng(kind)
         return Spells(moments, self._seconds, self.file.from_s, rng, kind, self.ledger)

@@ -88,11 +88,11 @@ class Optics:
     Parameters
     ----------
     sensor : SensorFile
-        As it was calibrated: its own `change` is not added.
+        The strip as calibrated; the `change` in this file is not applied.
     change : Change
-        What has changed since.
+        The change since the calibration.
     led_K : float
-        How much warmer the LED is than cold.
+        Temperature of the LED above its cold start.
     """
 
     names = tuple(_CHANNELS)

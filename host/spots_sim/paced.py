@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 
-from spots.link.serial_link import Through
+from spots.link.serial_link import LinkWrapper
 
 from .lockstep import LockstepLink
 
 
-class PacedLink(Through):
+class PacedLink(LinkWrapper):
     """A `lockstep.LockstepLink` that never runs ahead of real time.
 
     Links with the same epoch have one clock: two boards can be parts of one machine.

@@ -190,7 +190,7 @@ class Endless:
         return tuple(Encoder(strip.joint, zero) for strip, zero in zip(self._strips, zeros))
 
     def open(self, joint: int) -> Board:
-        """Switch the board of a joint on."""
+        """Power up the board of a joint and open it."""
         link = LockstepLink(
             self._sensor,
             self._scenarios[joint],

@@ -5,7 +5,7 @@ import pytest
 from spots import SpotsError
 from spots.link.board import Board
 from spots.link.connect import upload
-from spots.link.serial_link import Through
+from spots.link.serial_link import LinkWrapper
 from spots_device.settings import checksum
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held
@@ -21,7 +21,7 @@ def test_hello_tells_who_it_is(rig):
     assert info["calibration"] is None
 
 
-class Hesitant(Through):
+class Hesitant(LinkWrapper):
     """From its fourth question for the time on, what the board says is held back for a while."""
 
     def __init__(self, link, for_s, loses):

@@ -342,7 +342,7 @@ def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
             def write(self, text):
                 if found := re.search(r"press at ([\d.]+) mm with ([\d.]+) N and hold", text):
                     held.press = Press(float(found[1]), 1000 * float(found[2]), 4.0)
-                elif "lift" in text or "release" in text:
+                elif text.startswith("release"):
                     held.press = None
                 return super().write(text)
 

@@ -89,7 +89,7 @@ class StandIn:
     def close(self):
         pass
 
-    def let_go(self):
+    def close_port(self):
         self.closed = True
 
     def _take(self, name, *words):

@@ -1,7 +1,11 @@
 """The examples do what they say, on a board in simulated time."""
 
+import os
 import runpy
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import matplotlib
@@ -63,7 +67,52 @@ def test_record_and_plot_records_and_plots(run, tmp_path):
     found["plt"].close("all")
 
 
-def test_an_example_refuses_a_port_that_is_none(monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["read_touches.py", "/dev/ttyNOPE"])
-    with pytest.raises(spots.SpotsError, match="no port /dev/ttyNOPE"):
-        runpy.run_path(str(EXAMPLES / "read_touches.py"))
+NAMES = sorted(path.name for path in EXAMPLES.glob("*.py"))
+FIRST = {"record_and_plot.py": "run.spots"}  # what an example needs, before a port
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (["--help"], 0, "usage: "),
+        (["--nope"], 2, "unrecognized arguments: --nope"),
+        (["nope", "/dev/ttyNOPE", "third", "fourth"], 2, "usage: "),
+        (["/nope/nope"], 2, "nope"),
+    ],
+)
+def test_an_example_that_is_misused_prints_its_usage(
+    name, arguments, code, sentence, monkeypatch, capsys
+):
+    if arguments == ["--nope"]:
+        arguments = [*arguments, *filter(None, [FIRST.get(name)])]
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    printed = "".join(capsys.readouterr())
+    assert end.value.code == code
+    assert sentence in printed
+    assert f"usage: {name}" in printed
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_ctrl_c_ends_an_example_cleanly(name, tmp_path):
+    path = tmp_path / "run.spots"
+    arguments = [path] if name in FIRST else []
+    with subprocess.Popen(
+        [sys.executable, EXAMPLES / name, *arguments],
+        env=os.environ | {"MPLBACKEND": "Agg"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        if arguments:
+            while process.poll() is None and not (path.exists() and path.stat().st_size > 1000):
+                time.sleep(0.05)
+        else:
+            for _ in range(3):
+                assert process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert "Traceback" not in errors
+    assert process.returncode == 0

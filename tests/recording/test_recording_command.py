@@ -168,7 +168,7 @@ def test_a_file_that_is_no_recording(tmp_path, capsys, command, content, sentenc
 
 def test_files_that_cannot_be_opened(tmp_path, capsys):
     assert f"there is no file {tmp_path}/no" in refused(capsys, "info", tmp_path / "no")
-    assert "cannot be read: Is a directory" in refused(capsys, "info", tmp_path)
+    assert "is a directory: name a recording in it" in refused(capsys, "info", tmp_path)
 
 
 def headed(**changes):
@@ -215,7 +215,9 @@ def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):
         capsys, "record", path, "--seconds", "0.1"
     )
     assert path.read_bytes() == b"mine"
-    assert "cannot be written" in refused(capsys, "record", tmp_path / "no" / "a.spots")
+    assert f"there is no folder {tmp_path}/no" in refused(
+        capsys, "record", tmp_path / "no" / "a.spots"
+    )
 
 
 @pytest.mark.parametrize("speed", ["0", "-1", "nan", "x"])

@@ -367,7 +367,7 @@ def test_a_file_that_is_there_keeps_what_is_not_measured_and_comments_are_told_o
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"middle": (75.0, 2000.0)}, "has to lie between the ends"),
+        ({"middle": (75.0, 2000.0)}, "middle must be at least"),
         ({"as hard": (40.0, 750.0)}, "times the light"),
     ],
 )

@@ -92,7 +92,7 @@ def rezero(
     setup.guide.say("dark frames: touch nothing")
     setup.reader.set_up(darks=DARKS)
     setup.taker.given_up = "nothing has changed"
-    setup.guide.begin("re-zero", presses * len(place_um), setup.plan(), setup.length_um)
+    setup.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, setup.length_um)
     shifts = np.array(
         [
             _pressed(
@@ -117,7 +117,7 @@ def rezero(
         date=file.now(),
         place_um=place_um,
         shifts=tuple(map(tuple, shifts.round(6).tolist())),
-        drift=described(place_um, logs[at], shifts, setup.plan()),
+        drift=described(place_um, logs[at], shifts, table.conditions.plan),
     )
     lines = tuple(shifted(original, place_um, shifts))
     return msgspec.structs.replace(

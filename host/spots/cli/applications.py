@@ -18,7 +18,9 @@ def keys(parser: Parser):
       spots keys show mini
       spots keys push mylayout.toml
     """
-    parser.add_argument("what", choices=["check", "show", "push"])
+    parser.add_argument(
+        "what", metavar="ACTION", choices=["check", "show", "push"], help="check, show or push"
+    )
     parser.add_argument("layout", metavar="LAYOUT", help="a .toml file, or a name such as mini")
     arguments.add_port(parser)
     return _keys

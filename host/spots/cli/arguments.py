@@ -108,7 +108,8 @@ def number(what: str, low: float, high: float, kind: type = float):
             value = math.nan
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(
-                f"{what} is a number from {low:g} to {high:,.12g}, not '{text}'"
+                f"{what} is a {'whole ' if kind is int else ''}number from {low:g} to "
+                f"{high:,{'d' if kind is int else '.12g'}}, not '{text}'"
             )
         return value
 

@@ -76,8 +76,9 @@ def calibrate(parser: Parser):
     """
     parser.add_argument(
         "kind",
+        metavar="KIND",
         choices=["position", "force", "strain", "joint"],
-        help="position and force first; then strain or joint, where you need them",
+        help="position, force, strain or joint; position and force come first",
     )
     arguments.add_port(parser)
     parser.add_argument(
@@ -86,7 +87,9 @@ def calibrate(parser: Parser):
         metavar="FILE.jsonl",
         help="where each press is stored; the same file continues a session",
     )
-    parser.add_argument("--out", metavar="FILE.toml", help="if not beside the session")
+    parser.add_argument(
+        "--out", metavar="FILE.toml", help="the calibration; beside the session if not given"
+    )
     parser.add_argument("--places", type=arguments.places, help="how many places, forces or angles")
     parser.add_argument(
         "--length-mm", type=arguments.length_mm, help="of the strip at rest; 85 if not given"
@@ -104,11 +107,25 @@ def rezero(parser: Parser):
       spots rezero
       spots rezero mine.toml --presses 3
     """
-    parser.add_argument("calibration", nargs="?", default="calibration.toml", metavar="FILE.toml")
+    parser.add_argument(
+        "calibration",
+        nargs="?",
+        default="calibration.toml",
+        metavar="FILE.toml",
+        help="the calibration to correct; calibration.toml if not given",
+    )
     arguments.add_port(parser)
-    parser.add_argument("--quick", action="store_true", help="one mark; not for a bleached dye")
-    parser.add_argument("--presses", type=arguments.presses, default=1, help="of each mark")
-    parser.add_argument("--force-N", type=arguments.force_N, help="on a scale; corrects the force")
+    parser.add_argument(
+        "--quick", action="store_true", help="press the middle mark only; not for a bleached dye"
+    )
+    parser.add_argument(
+        "--presses", type=arguments.presses, default=1, help="how often to press each mark"
+    )
+    parser.add_argument(
+        "--force-N",
+        type=arguments.force_N,
+        help="force of each press, read from a scale; corrects the force, too",
+    )
     parser.set_defaults(length_mm=None)
     return calls("spots.calibrate.rezero:rezero_command")
 

@@ -35,7 +35,7 @@ def replay(parser: Parser):
     example:
       spots replay run.spots --speed 2
     """
-    parser.add_argument("file", metavar="FILE.spots")
+    parser.add_argument("file", metavar="FILE.spots", help="a recording")
     parser.add_argument(
         "--speed", type=arguments.speed, default=1.0, help="2 is twice as fast, inf no pace"
     )
@@ -48,7 +48,7 @@ def info(parser: Parser):
     example:
       spots info run.spots
     """
-    parser.add_argument("file", metavar="FILE.spots")
+    parser.add_argument("file", metavar="FILE.spots", help="a recording")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     return _info
 
@@ -59,9 +59,11 @@ def export(parser: Parser):
     example:
       spots export run.spots --to csv
     """
-    parser.add_argument("file", metavar="FILE.spots")
-    parser.add_argument("--to", required=True, choices=["mcap", "csv", "npz"])
-    parser.add_argument("--out", metavar="NAME", help="if not beside the recording")
+    parser.add_argument("file", metavar="FILE.spots", help="a recording")
+    parser.add_argument("--to", required=True, choices=["mcap", "csv", "npz"], help="the format")
+    parser.add_argument(
+        "--out", metavar="NAME", help="the new file; beside the recording if not given"
+    )
     return _export
 
 

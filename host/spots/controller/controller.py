@@ -1,4 +1,4 @@
-"""``spots controller``: a strip plays a gamepad of this computer."""
+"""``spots controller``: use a strip as a gamepad of this computer."""
 
 from __future__ import annotations
 

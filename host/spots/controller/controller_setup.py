@@ -71,8 +71,8 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
     rest = percent["rest"]
     if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):
         raise SpotsError(
-            f"the middle, at {rest:g} % of the strip, has to lie between the ends, at {low:g} % "
-            f"and {high:g} %, and {_APART_PERCENT:g} % from both: try again"
+            f"the middle was pressed at {rest:g} % of the strip, the ends at {low:g} % and "
+            f"{high:g} %; the middle must be at least {_APART_PERCENT:g} % inside both: try again"
         )
     if force_mN["hard"] < _RATIO_LEAST * force_mN["light"]:
         raise SpotsError(

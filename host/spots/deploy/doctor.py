@@ -14,7 +14,7 @@ from ..link.board import Board
 from ..link.calibrated import next_step
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
-from ..link.ports import scheme_name
+from ..link.ports import no_port, scheme_name
 from ..link.serial_link import SerialLink
 from ..link.udev import with_rule
 from .place import the_board
@@ -56,6 +56,7 @@ def doctor(port: str | None = None) -> None:
 
 def examine(port: str | None = None) -> Iterator[Finding]:
     """Check a port and its board step by step; stop where the next step needs the failed one."""
+    flash = "" if scheme_name(port) else "; flash it: spots flash BOARD"
     if not scheme_name(port):
         try:
             port = port or the_board()[-1]
@@ -63,8 +64,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
             yield Finding("port", False, str(error))
             return
         if os.name == "posix" and not os.path.exists(port):
-            text = f"there is no port {port}; 'spots ports' lists those that there are"
-            yield Finding("port", False, text)
+            yield Finding("port", False, no_port(port))
             return
         yield Finding("port", True, port)
         try:
@@ -76,7 +76,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
     try:
         board = open_board(port)
     except SpotsError as error:
-        yield Finding("hello", False, f"{error}; flash it: spots flash BOARD")
+        yield Finding("hello", False, f"{error}{flash}")
         return
     with board:
         yield from examine_board(board)

@@ -128,7 +128,8 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
 def _check_same(port: str, device: Device, found: str, wanted: str) -> None:
     if found != wanted:
         raise SpotsError(
-            f"the board on {port} is {found}, and {device.name} is {wanted}: name the right board"
+            f"the board on {port} is {found}, but {device.name} needs {wanted}: name the "
+            "board that is plugged in"
         )
 
 

@@ -640,15 +640,15 @@ class Board:
 
     def _recognised(self, info: Hello) -> Hello:
         if info.get("id") != self.info.get("id"):
-            self._link.let_go()
+            self._link.close_port()
             raise RefusedError(
-                f"the board on {self.port} is {info.get('id')} and not {self.info.get('id')}, "
-                "which is waited for: plug that one in again"
+                f"the board on {self.port} is {info.get('id')} instead of "
+                f"{self.info.get('id')}: plug that one in again"
             )
         return info
 
     def _resume(self) -> None:
-        # Ask a board that is silent what it streams; if that is nothing, it has begun anew.
+        # Ask a silent board what it streams. A board that streams nothing has restarted.
         loss = self._loss
         if self.now_s() < loss.ask_s:
             return
@@ -656,13 +656,13 @@ class Board:
         reply = self._exchange("sync", ANSWER_S)
         if reply is None:
             loss.unanswered(self.now_s())
-            return  # nobody there, or damaged
+            return  # no reply, or a damaged one
         known = self._validated(reply)
         if known["stream"] != []:
             return  # it still streams, or its firmware does not report what
         if not self._resuming:
-            # Which question it answers nobody knows, but none before the first one.
-            self._begin_anew(loss.first_asked_s, known["t_us"])
+            # The reply may answer any of the questions asked since the first one.
+            self._restarted(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
                 self._command("stream " + " ".join(self._streams), ANSWER_S)
@@ -670,12 +670,12 @@ class Board:
             except SpotsError:
                 loss.ask_s = self.now_s()  # damaged, either way
 
-    def _begin_anew(self, sent_s: float, t_us: int) -> None:
+    def _restarted(self, sent_s: float, t_us: int) -> None:
         self._resuming = bool(self._streams)
         self.stats.restarts += 1
         self._times_us.clear()
         self._decoder.restarted(self.stats.restarts)
-        self._clocks.begin_anew(sent_s, t_us, self.now_s())
+        self._clocks.restart(sent_s, t_us, self.now_s())
         self._loss.ask_s = self.now_s()
 
     def _idle(self, seconds: float) -> None:
@@ -695,8 +695,8 @@ class Board:
             while self._replies:
                 reply = self._replies.popleft()
                 if reply.content.get("re") == name:
-                    if self._clocks.clock.began_anew(sent_s, reply.t_us, self.now_s()):
-                        self._begin_anew(sent_s, reply.t_us)
+                    if self._clocks.clock.shows_restart(sent_s, reply.t_us, self.now_s()):
+                        self._restarted(sent_s, reply.t_us)
                     return reply
         return None
 

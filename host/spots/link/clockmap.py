@@ -17,7 +17,7 @@ _TRIPS = 64
 _DRIFT_US = 30_000_000
 _DRIFT_MOST = 300e-6
 _HALVINGS = 60
-# A board's time that is off by more than the clocks can be is that of a board that began anew.
+# A board's time that is off by more than the clocks can be shows that it restarted.
 _OFF_S = 1.0
 
 
@@ -175,7 +175,7 @@ class ClockMap:
         self._last_us += int(steps.sum())
         return host_s
 
-    def began_anew(self, sent_s: float, t_us: int, received_s: float) -> bool:
+    def shows_restart(self, sent_s: float, t_us: int, received_s: float) -> bool:
         """Return whether a round trip shows that the board has restarted.
 
         Parameters

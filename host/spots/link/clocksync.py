@@ -41,7 +41,7 @@ class ClockSync:
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
-    def begin_anew(self, sent_s: float, t_us: int, received_s: float) -> None:
+    def restart(self, sent_s: float, t_us: int, received_s: float) -> None:
         """Forget all round trips but this one and schedule more of them soon.
 
         Parameters

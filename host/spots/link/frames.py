@@ -219,7 +219,7 @@ class LinkStats:
     bytes : int
         All bytes received.
     restarts : int
-        How often `Board` found that the board had begun anew.
+        How often `Board` found that the board had restarted.
     overrun : int
         Frames that `Board` dropped, since the program did not take them in time.
 

@@ -24,6 +24,7 @@ and may have
 
 from __future__ import annotations
 
+import difflib
 from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Any
@@ -40,6 +41,15 @@ def known() -> str:
     names = sorted(entry.name for entry in entry_points(group=GROUP))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
+
+
+def no_port(port: str) -> str:
+    """Return the error of a port that does not exist; it suggests a similar scheme."""
+    names = [entry.name for entry in entry_points(group=GROUP)]
+    similar = difflib.get_close_matches(port.partition(":")[0].lower(), names, n=1, cutoff=0.7)
+    if similar:
+        return f"there is no port {port}: did you mean {_FORMS.get(similar[0], similar[0])}?"
+    return f"there is no port {port}: 'spots ports' lists the ports"
 
 
 def scheme_name(port: str | None) -> str:

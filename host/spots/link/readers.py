@@ -191,7 +191,7 @@ class Handle:
         callbacks.append(callback)
 
     def cancel(self) -> None:
-        """Call the callback no more. Twice is once."""
+        """Stop calling the callback. Idempotent."""
         with suppress(ValueError):
             self._callbacks.remove(self._callback)
 
@@ -216,7 +216,7 @@ class Subscription(Generic[_ReadingT]):
         self._thread.start()
 
     def cancel(self) -> None:
-        """Begin no more calls. Returns at once: a call that has begun may still be running."""
+        """Start no further calls. Returns at once: a call that has started may still run."""
         self._frames.close()
 
     def _run(self) -> None:

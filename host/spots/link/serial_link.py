@@ -12,6 +12,7 @@ import serial
 from serial.tools import list_ports
 
 from ..errors import PortLostError, RefusedError, SpotsError
+from .ports import no_port
 
 try:
     import termios
@@ -48,28 +49,28 @@ class Link(Protocol):
         """Send bytes."""
 
     def sleep(self, duration_s: float) -> None:
-        """Let time pass by its clock while its port is away; only of links that `reopen`."""
+        """Wait by the link's clock while its port is unplugged; only for links that `reopen`."""
 
     def reopen(self) -> None:
-        """Open again the port that raised PortLostError; only of links that do.
+        """Reopen the port after a PortLostError; only for links that raise it.
 
         Raises
         ------
         RefusedError
-            If another device has its name, and it is nowhere else.
+            If another device has its name, and no other port has the board.
         SpotsError
             If it is not there, or cannot be opened.
         """
 
-    def let_go(self) -> None:
-        """Close it until it is opened again; only of links that `reopen`."""
+    def close_port(self) -> None:
+        """Close the port until `reopen`; only for links that have it."""
 
     def close(self) -> None:
-        """Let the port go."""
+        """Close the port."""
 
 
-class Through:
-    """A link in front of another one, which it is in all that a subclass does not change.
+class LinkWrapper:
+    """Delegates to another link; the base class of wrappers.
 
     Parameters
     ----------
@@ -98,14 +99,14 @@ class Through:
     def reopen(self) -> None:
         self._link.reopen()
 
-    def let_go(self) -> None:
-        self._link.let_go()
+    def close_port(self) -> None:
+        self._link.close_port()
 
     def close(self) -> None:
         self._link.close()
 
 
-class Tap(Through):
+class Tap(LinkWrapper):
     """Shows what is read from another link.
 
     Parameters
@@ -155,13 +156,13 @@ class SerialLink:
 
     def reopen(self) -> None:
         """Open the port again, under whichever name its device has now."""
-        self.let_go()
+        self.close_port()
         names = self._names()
         self._turn += 1  # of several ports of the device, the next one
         self.name = names[self._turn % len(names)]
         self._open()
 
-    def let_go(self) -> None:
+    def close_port(self) -> None:
         self.close()
 
     def _names(self) -> list[str]:
@@ -173,7 +174,7 @@ class SerialLink:
             return names
         if self.name in numbers:
             raise RefusedError(f"another device is on {self.name} now")
-        raise SpotsError(f"there is no port {self.name}; 'spots ports' lists those that there are")
+        raise SpotsError(no_port(self.name))
 
     def _open(self) -> None:
         try:
@@ -256,7 +257,9 @@ def _why_not(port: str, error: Exception) -> str:
     number = getattr(error, "errno", None)
     text = str(error).lower()
     if number == errno.ENOENT or "no such file" in text or "cannot find" in text:
-        return f"there is no port {port}; 'spots ports' lists those that there are"
+        return no_port(port)
+    if number == errno.EISDIR:
+        return f"{port} is a directory, not a serial port: 'spots ports' lists the ports"
     # Windows denies access to a port that another program has open.
     denied = number == errno.EACCES or "permission" in text or "access is denied" in text
     busy = number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text

@@ -17,7 +17,7 @@ _NEVER = float("inf")
 _SILENT_READINGS = 3
 
 ASK_S = 0.15
-RELEASE_S = 0.3  # without a reading for so long, nobody knows of a finger any more
+RELEASE_S = 0.3  # without a reading for so long, the touch is unknown
 STALLED_S = 0.5
 SEARCH_S = 2.0
 PATIENCE_S = 10.0  # a board takes some seconds to be a USB device again

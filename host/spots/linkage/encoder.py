@@ -141,7 +141,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the noise of a reading there: it grows by the same factor with every mm."""
+        """Return the noise of a reading at a position; it grows exponentially with the distance."""
         joint = self.joint
         if joint.low is None:
             return joint.resolution_deg

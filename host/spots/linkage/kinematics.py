@@ -143,14 +143,14 @@ def calibrate(
     gain=(1.0, 1.0),
     free: tuple[str, ...] = STANDARD,
 ) -> Kinematics:
-    """Find what a linkage is from measured terminals.
+    """Fit the lengths and encoder mounting of a linkage to measured terminal positions.
 
     Parameters
     ----------
     angles_rad : array_like, shape (2, n)
         The angle of each encoder at each place.
     x_mm, y_mm : array_like, shape (n,)
-        Where the terminal was, by a ruler, a grid or a machine, in a frame of its own.
+        The measured terminal, in the frame of the ruler, grid or machine that measured it.
     start : Linkage
         The nominal linkage.
     angle_sigma_rad : float or array_like, shape (2, n)
@@ -158,11 +158,11 @@ def calibrate(
     place_sigma_mm : float
         Standard error of a coordinate of a place.
     offset_rad, gain : pair of float
-        Of the encoders, as meant; the mounting of `Encoder`.
+        Nominal mounting of the encoders, see `Encoder`.
     free : tuple of str
-        Of `NAMES`, what is to be found; the others stay as they are. The frame is where the
-        measured frame sees joint 1, how far it is turned, and, for a picture whose scale is not
-        known, how many of its units are a mm.
+        The parameters to fit, from `NAMES`; the others stay fixed. The frame is the position of
+        joint 1 in the measured frame, the rotation between the two and, for a picture of unknown
+        scale, its units per mm.
 
     Returns
     -------

@@ -88,7 +88,7 @@ def usage_of(name: str) -> tuple[int, int]:
 
 
 def name_of(page: int, usage: int) -> str:
-    """Return a key's name, or its numbers if it has none here.
+    """Return a key's name; its page and usage as numbers where the table has none.
 
     Parameters
     ----------

@@ -332,7 +332,7 @@ class RecordingBlocks(Recording):
 
 
 class _Growing:
-    """An array that gets longer in place, so that there are never two of it."""
+    """An array that grows in place, without a second copy in memory."""
 
     def __init__(self, dtype: np.dtype):
         self._array = np.empty(0, dtype)

@@ -36,6 +36,8 @@ class Disk:
             self._file = open(path, "xb", buffering=0)
         except FileExistsError:
             raise SpotsError(f"{path} exists: choose another name or remove it") from None
+        except FileNotFoundError:
+            raise SpotsError(f"there is no folder {path.parent}: make it first") from None
         except OSError as error:
             raise SpotsError(f"{path} cannot be written: {error.strerror}") from None
         self._synced = 0
@@ -44,7 +46,7 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Raises SpotsError if the medium takes no more; what it took is there to stay."""
+        """Append bytes. Raises SpotsError if the medium is full; what was appended stays."""
         view = memoryview(data)
         try:
             while view:
@@ -74,5 +76,5 @@ class Disk:
             try:
                 os.fsync(self._file.fileno())
             except OSError:
-                pass  # a pipe, or a medium that is gone: `append` reports it
+                pass  # a pipe, or a removed medium: `append` reports it
             self._synced = written

@@ -79,7 +79,7 @@ class _Files:
         return file
 
     def sync(self) -> None:
-        """Have all of them on the medium before the first one gets its name."""
+        """Flush all files to the medium before the first one is renamed."""
         for path, file in zip(self.paths, self._files):
             try:
                 sync(file)

@@ -85,14 +85,14 @@ def encoded(header: Header) -> bytes:
 
 
 def read(path: Path, blocks: Iterable[bytes]) -> Header:
-    """Return the header of a recording.
+    """Read and validate the header of a recording.
 
     Parameters
     ----------
     path : Path
-        To name it.
+        The file, for error messages only.
     blocks : iterable of bytes
-        Its content from the start.
+        The content of the file, from its start.
 
     Returns
     -------

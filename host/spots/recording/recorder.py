@@ -14,7 +14,7 @@ from spots_device import __version__
 
 from ..errors import SpotsError
 from ..link.frames import whole
-from ..link.serial_link import Link, Through
+from ..link.serial_link import Link, LinkWrapper
 from .disk import Disk
 from .header import VERSION, Header, encoded
 from .note import note
@@ -23,7 +23,7 @@ from .note import note
 ARRIVAL_STEP_S = 0.005
 
 
-class Recorder(Through):
+class Recorder(LinkWrapper):
     """A link that writes down what is read through it, before it hands it on.
 
     It knows of frames only where they end: it writes whole ones, and its own notes between them.

@@ -145,7 +145,7 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
         try:
             header = _header(file)
         except SpotsError:
-            continue  # whatever it is, it says of itself that it does not belong here
+            continue  # not a recording, so not a part of this set
         if header.set == first.set:
             found[part] = (file, header)
     for part in range(1, max(found, default=0)):
@@ -163,6 +163,8 @@ def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
             while block := file.read(size):
                 yield block
     except FileNotFoundError:
-        raise SpotsError(f"there is no file {path}") from None
+        raise SpotsError(f"there is no file {path}: 'spots record' makes recordings") from None
+    except IsADirectoryError:
+        raise SpotsError(f"{path} is a directory: name a recording in it") from None
     except OSError as error:
         raise SpotsError(f"{path} cannot be read: {error.strerror}") from None

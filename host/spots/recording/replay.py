@@ -128,7 +128,14 @@ def open_port(rest: str, **simulated) -> Replay:
     -------
     Replay
         At the original pace.
+
+    Raises
+    ------
+    SpotsError
+        If `rest` is empty, or the file cannot be read.
     """
+    if not rest:
+        raise SpotsError("the port recording: names no file: write recording:FILE.spots")
     return open_recording(rest)
 
 

@@ -1,4 +1,4 @@
-"""The publisher's answers to questions from afar, which never keep readings waiting for long."""
+"""The publisher's replies to remote queries, rate-limited so that readings are not delayed."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Answers:
         self._due_s = now_s + (pause_s if is_silent else min(pause_s, _PAUSE_MAX_S))
 
     def close(self) -> None:
-        """Take no more questions."""
+        """Stop taking queries."""
         for queryable in self._queryables.values():
             queryable.undeclare()
 
@@ -89,7 +89,7 @@ class Answers:
                     else:
                         query.reply_err(error)
                 except zenoh.ZError:
-                    pass  # who asked has gone, or takes no such reply
+                    pass  # the querier has disconnected, or takes no such reply
         return error is None
 
     def _reply(self, command: str) -> dict:

@@ -21,7 +21,7 @@ class Mailbox:
     changed : threading.Condition
         Notified with every message, and by whoever changes what a reader waits for besides.
     dropped : int
-        Messages that nobody read.
+        Messages that were dropped unread.
     """
 
     def __init__(self):

@@ -28,12 +28,12 @@ _HEALTH_EVERY_S = 1.0
 
 
 class Publisher:
-    """Publishes a board until it is closed. It answers three questions and takes nothing else.
+    """Publishes a board until it is closed. It answers only the queries in `READ_ONLY`.
 
     Parameters
     ----------
     board : Board
-        Read by nobody else meanwhile.
+        The publisher is its only reader.
     session : zenoh.Session
 
     Attributes
@@ -43,7 +43,7 @@ class Publisher:
     Raises
     ------
     SpotsError
-        If the board is not here, has no proper id, or is published already.
+        If the board is on another machine, has no valid id, or is already published.
     """
 
     def __init__(self, board: Board, session: zenoh.Session):
@@ -103,7 +103,7 @@ class Publisher:
         self._publish_health()
 
     def _send(self) -> None:
-        # Bytes are sent after the board object has looked at them: that it began anew is known.
+        # Bytes are sent after the board object has decoded them, so a restart is already counted.
         size = whole(self._copy)
         data, self._copy = self._copy[:size], self._copy[size:]
         if data:

@@ -18,8 +18,8 @@ _ERROR_BYTES_MAX = 600  # as long as any text of a board
 class ZenohLink:
     """Frames of a board that someone publishes. Nothing is ever written to the board.
 
-    Frames come after `listen` only. A publisher that goes away, and a board that began anew
-    behind it, are lost ports: `read` raises PortLostError, and after `reopen` nobody listens.
+    Frames come after `listen` only. When the publisher disconnects or its board restarts,
+    `read` raises PortLostError. `reopen` does not listen: call `listen` again.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class ZenohLink:
         time.sleep(duration_s)
 
     def listen(self, on: bool) -> None:
-        """Let frames come from now on, or no more."""
+        """Start or stop receiving frames."""
         if self._frames is not None and not on:
             self._frames.undeclare()
             self._frames = None
@@ -57,7 +57,7 @@ class ZenohLink:
             self._frames = self._session.declare_subscriber(frames, direct(self._receive))
 
     def read(self, timeout_s: float) -> bytes:
-        """Raises PortLostError if it is published no more or the board began anew."""
+        """Raises PortLostError if the publisher disconnected or the board restarted."""
         mail = self._mail
         with mail.changed:
             mail.changed.wait_for(lambda: mail or not self._alive, timeout_s)
@@ -69,11 +69,11 @@ class ZenohLink:
             raise PortLostError(f"the board {self.name} is published no more")
         return b""
 
-    def let_go(self) -> None:
+    def close_port(self) -> None:
         self.listen(False)
 
     def reopen(self) -> None:
-        """Raises SpotsError while nobody publishes the board."""
+        """Raises SpotsError while the board is not published."""
         self.listen(False)
         self._run = None
         if not self._alive:
@@ -112,7 +112,7 @@ class ZenohLink:
         return None
 
     def close(self) -> None:
-        """Let the session go."""
+        """Close the session."""
         self._alive = False
         self._session.close()
 
@@ -122,7 +122,7 @@ class ZenohLink:
         while self._mail:
             run, data = self._mail.take()
             if self._run not in (None, run):
-                raise PortLostError(f"the board {self.name} has begun anew")
+                raise PortLostError(f"the board {self.name} has restarted")
             self._run = run
             pieces.append(data)
         return b"".join(pieces)

@@ -15,7 +15,7 @@ from ..guarded import Guarded
 
 # Zenoh's own name for where its configuration is.
 CONFIG_VARIABLE = "ZENOH_CONFIG"
-# What is asked of a board from afar, and under which name its publisher answers.
+# The remote queries, and the key of each.
 READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 
 _NESTED_MAX = 1000  # tables and lists of a configuration; the longest one has some 150
@@ -68,7 +68,10 @@ def _check_config(path: str) -> None:
     try:
         text = read_bytes(path, ZENOH_MAX_BYTES)
     except OSError:
-        raise SpotsError(f"there is no Zenoh configuration {path}") from None
+        raise SpotsError(
+            f"there is no Zenoh configuration {path}: --zenoh-config or the variable ZENOH_CONFIG "
+            "names one"
+        ) from None
     if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
         raise SpotsError(f"{path} is no Zenoh configuration: it is nested too deep")
 

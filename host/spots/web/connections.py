@@ -42,7 +42,7 @@ class Connections:
         self._ends[transport] = loop.call_later(CONNECTION_S, transport.abort)
 
     def release(self, transport: asyncio.BaseTransport | None) -> None:
-        """Count a connection no more: it has ended, or is a WebSocket now."""
+        """Stop counting a connection: it has ended, or has become a WebSocket."""
         end = self._ends.pop(transport, None)
         if end is not None:
             end.cancel()

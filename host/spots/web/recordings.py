@@ -80,7 +80,7 @@ class Recordings:
             self._show(board, on=True)
 
     def leave(self) -> None:
-        """The board is read no more, and its recording has ended with it."""
+        """Handle the end of reading from a board: its recording has ended, too."""
         self._attended = False
         self._recorder = None
         self._put({**self._shown, "on": False})

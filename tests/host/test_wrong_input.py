@@ -1,0 +1,40 @@
+"""Wrong input of a newcomer: one sentence that says what to do next, and exit code 2."""
+
+import pytest
+
+from spots.cli import main
+
+DESIGN = "design --resolution-um 20 --length-mm"
+WRONG = {
+    "monitor --port vritual": "there is no port vritual: did you mean virtual?",
+    "monitor --port recordng:x": "there is no port recordng:x: did you mean recording:FILE?",
+    "monitor --port /dev/nope": "there is no port /dev/nope: 'spots ports' lists the ports",
+    "monitor --port /": "/ is a directory, not a serial port: 'spots ports' lists the ports",
+    "monitor --port recording:": "the port recording: names no file: write recording:FILE.spots",
+    "monitor --port recording:x": "there is no file x: 'spots record' makes recordings",
+    "info /": "/ is a directory: name a recording in it",
+    "record /nope/run.spots --port virtual": "there is no folder /nope: make it first",
+    "monitor --seed x": "whole number from 0 to 9,223,372,036,854,775,808, not 'x'",
+    f"{DESIGN} 12cm --rate-hz 10": "argument --length-mm: '12cm' is not a number",
+    f"{DESIGN} 120 --rate-hz 1e9": "--rate-hz is from 0.0156 to 1000 Hz, not 1e+09",
+    "characterize --average x": "argument --average: 'x' is not a whole number",
+    "calibrate": "required: KIND; see 'spots calibrate --help'",
+    "keys shwo mini": "argument ACTION: there is no 'shwo': did you mean show?",
+}
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_wrong_input_is_one_sentence_with_a_next_step(line, capsys):
+    try:
+        code = main(line.split())
+    except SystemExit as end:
+        code = end.code
+    errors = capsys.readouterr().err
+    assert code == 2
+    assert WRONG[line] in errors
+    assert errors.count("\n") == 1
+
+
+def test_the_doctor_offers_flashing_for_serial_ports_only(capsys):
+    assert main(["doctor", "--port", "recording:x"]) == 2
+    assert "flash" not in capsys.readouterr().out
