@@ -180,7 +180,7 @@ class CalibrationFile(_Struct, kw_only=True):
         """
         return cls(
             date=now(),
-            **vars(conditions),
+            **conditions._asdict(),
             residuals=residuals,
             joint=joint,
             lines=tuple(lines),

@@ -103,7 +103,7 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
     """
     return Point(
         **msgspec.structs.asdict(wanted),
-        **vars(conditions),
+        **conditions._asdict(),
         counts=tuple(reading.counts.tolist()),
         variance=tuple(reading.variance.tolist()),
         saturated=reading.saturated,
