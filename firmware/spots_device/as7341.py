@@ -192,7 +192,7 @@ class AS7341:
             if burst[0] & _AINT:
                 self._bus.write(self._clear)
         except OSError:
-            self._bus.recover()
+            self.recover()
             if self._overdue(now):
                 raise
             self.retries += 1
@@ -240,6 +240,10 @@ class AS7341:
         if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
             raise SensorError("the AS7341 does not hold its settings; check its supply and wiring")
 
+    def recover(self):
+        """Free the wires after a transfer that failed; a runtime may do it otherwise."""
+        self._bus.recover()
+
     def saturation(self):
         """Return 'analog', 'digital' or None for the sample last taken (STATUS2)."""
         self._bus.read_into(_STATUS2, self._byte)
@@ -281,7 +285,7 @@ class AS7341:
             try:
                 self._ask_id()
             except OSError:
-                self._bus.recover()
+                self.recover()
                 raise SensorError("no chip answers at 0x39; check wiring and supply")
         if self._byte[0] >> 2 != 9:
             raise SensorError("the chip at 0x39 is no AS7341 (ID 0x%02x)" % self._byte[0])
