@@ -135,7 +135,10 @@ def refused_after_copying(capsys):
 @pytest.mark.parametrize(
     ("about", "sentence"),
     [
-        (("9.2.1", "raspberry_pi_pico"), "is raspberry_pi_pico, and qtpy_rp2040 is adafruit_qtpy"),
+        (
+            ("9.2.1", "raspberry_pi_pico"),
+            "is raspberry_pi_pico, but qtpy_rp2040 needs adafruit_qtpy",
+        ),
         (("9.0.5", "adafruit_qtpy_rp2040"), "9.0.5: install CircuitPython 9.1 or newer"),
     ],
 )

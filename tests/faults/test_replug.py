@@ -176,7 +176,7 @@ def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypa
 
         until(lambda: state_is(REFUSED))
         list(board.frames(0.3))
-        assert len([line for line in board.log if "another and not board0" in line["text"]]) == 1
+        assert len([line for line in board.log if "another instead of board0" in line["text"]]) == 1
         assert list(board.frames(0.1)) == []
         mine.board_id = "board0"
         until(lambda: state_is(CONNECTED))

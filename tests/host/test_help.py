@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -95,14 +94,7 @@ def test_a_mistake_without_a_suggestion_names_the_help(capsys):
 
 def test_the_commands_of_a_board_are_listed_in_full(capsys):
     _, text = printed(capsys, "command", "--help")
-    table = Commands(
-        SimpleNamespace(
-            replies=None,
-            calibration=SimpleNamespace(check=None),
-            use_calibration=None,
-            use_layout=None,
-        )
-    )._table
+    table = Commands._TABLE
     listed = text.partition("commands of the board:")[2].partition("\n\n")[0]
     assert set(table) <= set(re.findall(r"\w+", listed))
     assert {*LIMITS, "plan"} <= set(re.findall(r"\w+", listed))

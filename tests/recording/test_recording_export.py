@@ -174,7 +174,7 @@ def test_nothing_is_written_over_and_nothing_half(tmp_path, capsys, kind):
     assert f"{mine} exists: choose another name" in capsys.readouterr().err
     assert mine.read_text() == "mine"
     assert main(["export", str(path), "--to", kind, "--out", str(tmp_path / "no" / "x")]) == 2
-    assert "cannot write" in capsys.readouterr().err
+    assert f"there is no folder {tmp_path / 'no'}: make it" in capsys.readouterr().err
     assert len(list(tmp_path.iterdir())) == 2
 
 

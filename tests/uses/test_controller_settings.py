@@ -66,7 +66,7 @@ def test_what_is_wrong_is_one_sentence_with_file_and_key(tmp_path, text, complai
 def test_no_such_file_says_how_to_make_one(tmp_path):
     with pytest.raises(SpotsError, match="--calibrate"):
         load(tmp_path / "none.toml")
-    with pytest.raises(SpotsError, match="cannot write"):
+    with pytest.raises(SpotsError, match=r"there is no folder .*none: make it"):
         save(ControllerSettings(), tmp_path / "none" / "none.toml")
 
 
