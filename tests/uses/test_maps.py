@@ -83,5 +83,5 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, found
 
 
 def test_a_picture_that_cannot_be_written_is_one_sentence(tmp_path, run):
-    with pytest.raises(SpotsError, match="cannot write"):
+    with pytest.raises(SpotsError, match="there is no folder"):
         maps.trajectory(run, tmp_path / "no" / "a.png")
