@@ -120,6 +120,16 @@ class Twin:
     and of the other joint between two of its readings, so it comes as soon as the other joint's
     next reading is there, and nothing is extrapolated. Which of two readings came first to the
     program makes no difference: a recording gives the same terminals as the boards did.
+
+    Examples
+    --------
+    >>> encoders = spots.Encoder("joint.toml"), spots.Encoder("joint.toml")
+    >>> twin = spots.Twin(spots.Linkage(bar_mm=100, base_mm=80), encoders)
+    >>> with spots.open_recording("run.spots", speed=float("inf")) as board:
+    ...     readings = [(joint, touch) for touch in board.touches() for joint in (0, 1)]
+    >>> terminals = list(twin.follow(readings))
+    >>> len(terminals), terminals[0].x_mm
+    (92, 40.0)
     """
 
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):

@@ -75,10 +75,11 @@ class Encoder:
 
     Examples
     --------
-    >>> encoder = spots.Encoder("joint.toml")  # doctest: +SKIP
-    >>> with spots.open() as board:  # doctest: +SKIP
-    ...     for touch in board.touches():
-    ...         print(encoder.take(touch))
+    >>> encoder = spots.Encoder("joint.toml")
+    >>> with spots.open_recording("run.spots", speed=float("inf")) as board:
+    ...     angles = [encoder.take(touch) for touch in board.touches()]
+    >>> sum(angle is not None for angle in angles)  # None without a trusted touch
+    92
 
     Notes
     -----

@@ -94,6 +94,14 @@ class Linkage:
     reason for each element. Arrays in are always masked arrays out, whether or not anything is
     masked, and masked input stays masked. `inverse` is for elbows that point outwards, as in
     Eqs. 3 and 4.
+
+    Examples
+    --------
+    >>> linkage = spots.Linkage(bar_mm=100, base_mm=80)
+    >>> x_mm, y_mm = linkage.forward(-0.5, 0.4)
+    >>> theta1_rad, theta2_rad = linkage.inverse(x_mm, y_mm)
+    >>> f"{theta1_rad:.3f} {theta2_rad:.3f}"
+    '-0.500 0.400'
     """
 
     def __init__(self, bar_mm, base_mm: float, assembly: str = "far"):

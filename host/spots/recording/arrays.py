@@ -259,8 +259,8 @@ class Arrays:
     Examples
     --------
     >>> from spots import read_arrays
-    >>> read_arrays("run.spots").touches["force_mN"].max()  # doctest: +SKIP
-    3120
+    >>> int(read_arrays("run.spots").touches["force_mN"].max())
+    7075
     """
 
     touches: np.ndarray
@@ -285,9 +285,9 @@ class RecordingBlocks(Recording):
     Examples
     --------
     >>> from spots import RecordingBlocks
-    >>> blocks = RecordingBlocks("run.spots")             # doctest: +SKIP
-    >>> max(block.touches["force_mN"].max(initial=0) for block in blocks)  # doctest: +SKIP
-    3120
+    >>> blocks = RecordingBlocks("run.spots")
+    >>> max(int(block.touches["force_mN"].max(initial=0)) for block in blocks)
+    7075
     """
 
     def __iter__(self) -> Iterator[Arrays]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -378,9 +378,12 @@ def read_arrays(path: str | Path) -> Arrays:
     --------
     >>> import numpy as np
     >>> import spots
-    >>> touches = spots.read_arrays("run.spots").touches      # doctest: +SKIP
-    >>> touching = touches["flags"] & TOUCHING != 0           # doctest: +SKIP
-    >>> position_mm = np.where(touching, touches["position_um"] / 1000, np.nan)  # doctest: +SKIP
+    >>> from spots_device.decode import TOUCHING
+    >>> touches = spots.read_arrays("run.spots").touches
+    >>> touching = touches["flags"] & TOUCHING != 0
+    >>> position_mm = np.where(touching, touches["position_um"] / 1000, np.nan)
+    >>> int(touching.sum()), len(position_mm)
+    (92, 301)
     """
     blocks = RecordingBlocks(path)
     growing = [_Growing(table.dtype) for table in _TABLES.values()]

@@ -63,8 +63,9 @@ class Recording:
     Examples
     --------
     >>> from spots import Recording
-    >>> for arrived_s, frame in Recording("run.spots"):  # doctest: +SKIP
-    ...     print(arrived_s, frame)
+    >>> recording = Recording("run.spots")
+    >>> sum(isinstance(frame, spots.Touch) for arrived_s, frame in recording)
+    301
     """
 
     def __init__(self, path: str | Path):
