@@ -203,7 +203,7 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Answer a request that will not end."""
+        """Drop pending requests and reply that they were abandoned, and why."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 

@@ -127,7 +127,7 @@ class Dark:
         return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
 
     def peak(self, counts):
-        """Return the brightest channel of a sample without its dark count."""
+        """Return the highest count of a sample's channels, after subtracting the dark counts."""
         peak = 0
         for i in range(CHANNELS):
             peak = max(peak, counts[i] - (self.mean[i] >> _Q))

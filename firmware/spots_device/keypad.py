@@ -175,7 +175,7 @@ class Keypad:
     # What a key means.
 
     def _find(self, x_um, again):
-        """Return the row of the key at a place; near the border that of the key tapped before."""
+        """Return the row of the key at a place; near a border the key tapped before is kept."""
         layout = self._layout
         keys = layout.keys
         length_mm = self._length_mm

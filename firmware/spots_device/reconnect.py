@@ -57,7 +57,7 @@ class Reconnect:
         gc.collect()  # what was loaded and parsed just now left garbage
 
     def restart(self):
-        """Start a sensor that answers again, with the present settings."""
+        """Restart the sensor with the present settings; does nothing while it is lost."""
         if not self.lost:
             try:
                 self._strip.start()

@@ -67,7 +67,7 @@ def characterize(
     change: Change = NONE,
     hand: Hand = NO_HAND,
 ) -> Run:
-    """Measure a sensor.
+    """Measure the accuracy of a simulated sensor: position, force, bending, joint and strain.
 
     Parameters
     ----------
@@ -79,9 +79,9 @@ def characterize(
     progress : callable
         Called with each step's name as it begins.
     change : Change
-        Of the strip since its calibration, besides the sensor file's own.
+        Of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        How it is re-zeroed then.
+        How the user re-zeros the strip after that change.
 
     Returns
     -------

@@ -99,7 +99,7 @@ class SpectrumReader:
         return Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
 
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
-        """Return counts whose integration begins from now on, shape (count, 6), and clipping."""
+        """Return the next samples less the dark, shape (count, 6), and whether any was clipped."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         rows, clipped = [], False
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"] * self.info["average"]

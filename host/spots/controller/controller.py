@@ -54,7 +54,7 @@ def controller_command(options: argparse.Namespace) -> None:
 
 
 class Watcher(Protocol):
-    """Sees each reading and each state while a controller is played."""
+    """Receives each reading and each controller state while `play` runs."""
 
     def read(self, touch: Touch, state: State) -> None:
         """Take a reading and the state after it.

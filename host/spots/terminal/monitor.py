@@ -22,7 +22,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
     Parameters
     ----------
     board : Board
-        Its streams are set to what is shown.
+        Only the streams that it shows are on.
     seconds : float or None
         End after this time of the link's clock; no limit if None.
     quiet : bool
