@@ -58,6 +58,13 @@ def signals():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.fixture(autouse=True)
+def no_zenoh_configuration(monkeypatch):
+    """Undo ``--zenoh-config``, which the command line sets for the process in the environment."""
+    monkeypatch.setenv("ZENOH_CONFIG", "")
+    monkeypatch.delenv("ZENOH_CONFIG")
+
+
 @pytest.fixture
 def full_disk():
     """Return a context in which no file grows beyond so many bytes."""

@@ -10,7 +10,7 @@ from boards import running
 
 import spots
 from spots.cli import main
-from spots.deploy import place
+from spots.deploy import flash, place
 from spots.deploy.build import build, files_of
 from spots.deploy.staging import device_of
 from spots.link.frames import Spectrum, Touch
@@ -56,6 +56,14 @@ def test_a_board_of_0_1_0_answers_this_host(tmp_path, capsys, name):
         assert json.loads(capsys.readouterr().out)["led_mA"] == 10
         assert main(["doctor", "--port", port]) == 2
         assert f"0.1.0 on the board, {spots.__version__} here" in capsys.readouterr().out
+
+
+def test_the_firmware_of_before_does_not_answer_for_the_new_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(flash, "_RETURN_S", 1.0)
+    with running(unpacked("virtual", tmp_path)) as start:
+        there = place.Place(start["port"], None, lambda: [start["port"]])
+        with pytest.raises(spots.SpotsError, match=r"still runs firmware 0\.1\.0"):
+            flash._greet(there)
 
 
 @pytest.mark.parametrize("name", BOARDS)

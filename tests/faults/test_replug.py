@@ -6,6 +6,7 @@ import os
 import pty
 import threading
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -72,7 +73,11 @@ def until(condition):
 
 
 def in_thread(run, *arguments):
-    thread = threading.Thread(target=run, args=arguments, daemon=True)
+    def until_interrupted():
+        with suppress(KeyboardInterrupt):
+            run(*arguments)
+
+    thread = threading.Thread(target=until_interrupted, daemon=True)
     thread.start()
     return thread
 

@@ -93,9 +93,6 @@ class Screen:
 
 @pytest.fixture(params=[True, False], ids=["terminal", "pipe"])
 def screen(request, monkeypatch):
-    # The command line hands --zenoh-config on in the environment, which the next test has, too.
-    monkeypatch.setenv("ZENOH_CONFIG", "")
-    monkeypatch.delenv("ZENOH_CONFIG")
     return Screen(monkeypatch, request.param)
 
 

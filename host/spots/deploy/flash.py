@@ -12,6 +12,8 @@ from pathlib import Path, PurePosixPath
 
 from rich.progress import track
 
+from spots_device import __version__
+
 from ..errors import SpotsError, printable
 from ..link.connect import open as open_board
 from . import manifest
@@ -320,11 +322,14 @@ def _greet(there: Place) -> None:
         for port in there.ports():
             try:
                 with open_board(port) as board:
-                    print(
-                        "{board}, firmware {firmware}, {runtime}".format(**board.info),
-                        printable(port),
-                    )
-                    return
+                    # The firmware of before runs until the reset, and may still answer.
+                    if board.info["firmware"] == __version__:
+                        print(
+                            "{board}, firmware {firmware}, {runtime}".format(**board.info),
+                            printable(port),
+                        )
+                        return
+                    reason = f"it still runs firmware {board.info['firmware']}"
             except SpotsError as error:
                 reason = str(error)
     raise SpotsError(
