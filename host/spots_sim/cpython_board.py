@@ -24,17 +24,14 @@ from typing import Protocol
 
 import spots_device
 from spots.deploy.staging import KERNEL_VIPER, device_of
+from spots_device.runtime.common import ADDRESS, AFTER_CRASH_MS, CRASH_CHARACTERS, free_bus
 
 from .bus import I2CBus
 from .faults import BoardFaults, FaultyBus
 from .protocol import protocol
 from .usb import UsbHost
 
-_ADDRESS = 0x39
-_RECOVERY_CLOCKS = 9
 _TICKS = protocol.PERIOD_US
-_AFTER_CRASH_US = 1_000_000
-_CRASH_CHARACTERS = 300  # the end of a traceback; more would not fit a frame
 
 _numbers = itertools.count()
 _loading = threading.Lock()  # of `sys.modules`, where a stand-in lies meanwhile
@@ -124,10 +121,10 @@ class CPythonBoard:
             self.bus.chip.power_on(self.bus.clock.now_us())
             self._boot()
         except Exception:
-            text = traceback.format_exc()[-_CRASH_CHARACTERS:]
+            text = traceback.format_exc()[-CRASH_CHARACTERS:]
             self._app.log("error", "crashed and restarts: " + text)
             with contextlib.suppress(PowerLostError):
-                self._requests.sleep_us(_AFTER_CRASH_US)
+                self._requests.sleep_us(1000 * AFTER_CRASH_MS)
             self._boot()
 
     def close(self) -> None:
@@ -225,25 +222,25 @@ class _Sensor:
 
     def __init__(self, requests: _Requests):
         self._requests = requests
+        self._wires = [1, 1]  # levels of SCL and SDA: 1 released, 0 pulled low
 
     def read_into(self, register: int, buffer) -> None:
         r = self._requests
-        buffer[:] = r.ask(r.bus.write_read, _ADDRESS, bytes((register,)), len(buffer))
+        buffer[:] = r.ask(r.bus.write_read, ADDRESS, bytes((register,)), len(buffer))
 
     def write(self, buffer) -> None:
-        self._requests.ask(self._requests.bus.write, _ADDRESS, bytes(buffer))
+        self._requests.ask(self._requests.bus.write, ADDRESS, bytes(buffer))
 
     def recover(self) -> None:
-        """Clock out a chip that holds SDA in the middle of a byte, then STOP (UM10204, 3.1.16)."""
-        for _ in range(_RECOVERY_CLOCKS):
-            if self._lines(1, 1):
-                break
-            self._lines(0, 1)
-        for scl, sda in ((0, 1), (0, 0), (1, 0), (1, 1)):
-            self._lines(scl, sda)
+        """Free the bus, without waits: the simulated wires have no minimum pulse width."""
+        free_bus(0, 1, self._level, self._put)
 
-    def _lines(self, scl: int, sda: int) -> int:
-        return self._requests.ask(self._requests.bus.lines, scl, sda)
+    def _level(self, sda: int) -> int:
+        return self._requests.ask(self._requests.bus.lines, *self._wires)
+
+    def _put(self, wire: int, level: int) -> None:
+        self._wires[wire] = level
+        self._level(wire)
 
 
 class _Serial:
