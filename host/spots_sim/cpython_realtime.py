@@ -124,9 +124,9 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
     Parameters
     ----------
     sensor_name, scenario_name : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise and of the faults.
+        Random seed of noise and faults.
 
     Raises
     ------

@@ -25,7 +25,7 @@ class Rig:
     ----------
     sensor : SensorFile
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us, average : int
         Integration time, and how many of them make a reading.
 
@@ -116,7 +116,7 @@ class Rig:
         position_um : float
             Distance of the press from the sensor's end, in um.
         force_mN : float
-            In mN.
+            Force of the press in mN.
         count : int
             Number of readings.
 

@@ -54,7 +54,7 @@ def calibrated(
     linkage : LinkageFile
         For the travel of the indenter.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us : int
 
     Returns
@@ -231,14 +231,14 @@ def visited(
     Parameters
     ----------
     sensor : SensorFile
-        Of both strips.
+        Sensor file of both strips.
     linkage : LinkageFile
     x_mm, y_mm : array_like, shape (n,)
         Places of the terminal.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us : int
-        Of both strips.
+        Integration time of both strips, in us.
     run : int
         Distinguishes the noise of runs with one seed.
 

@@ -31,7 +31,7 @@ class Stage:
     sensor : SensorFile
         As it was calibrated; `held.changed` is what changes it.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     settings : str
         What to `set` first, such as ``exposure_us=100000``.
     """
@@ -83,7 +83,7 @@ class Stage:
         position_um : float
             Distance of the press from the sensor's end, in um.
         force_mN : float
-            In mN.
+            Force of the press in mN.
         """
         self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
 

@@ -190,13 +190,13 @@ def follow(
     Parameters
     ----------
     sensor : SensorFile
-        Of both strips.
+        Sensor file of both strips.
     linkage : LinkageFile
         The linkage, as nominal and as built.
     path : PathFile
         Strokes of the terminal.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us : int
         Integration time of both strips, in us.
     report : callable

@@ -47,9 +47,9 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     rest : str
         What follows ``virtual`` in the port; ignored.
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise.
+        Random seed of the noise.
 
     Returns
     -------
@@ -71,9 +71,9 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     rest : str
         What follows ``virtual`` in the port; ignored.
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise; ignored.
+        Random seed of the noise; ignored.
 
     Raises
     ------
@@ -182,9 +182,9 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     Parameters
     ----------
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise, from 0.
+        Random seed of the noise, 0 or more.
 
     Returns
     -------
@@ -236,9 +236,9 @@ def start_simulator(
     Parameters
     ----------
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     folder : str
         The board's file system, used as it is, for which there has to be a MicroPython; a new
         one with the firmware, if empty.
