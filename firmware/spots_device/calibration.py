@@ -112,7 +112,7 @@ class Calibration:
         self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
-            raise CalibrationError("'touch' needs 0 < end <= begin")
+            raise CalibrationError("'touch' needs two forces, 0 < end <= begin")
         self.coarse = array("i", _weights("coarse", seen["coarse"], 0))
         self.fit = array("i", _weights("fit", seen["fit"], 0))
         self.weights = self.coarse, self.fit
@@ -247,7 +247,7 @@ def _take(line, words, seen, strains):
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
     else:
-        raise CalibrationError("'%s' is not a line of a calibration" % line[:40])
+        raise CalibrationError("'%s' is not a line of a calibration: remove it" % line[:40])
 
 
 def _integers(line, count):
@@ -264,7 +264,7 @@ def _weights(name, weights, total):
     if sum(weights) != total:
         raise CalibrationError("the weights of '%s' must add up to %d" % (name, total))
     if sum(map(abs, weights)) > WEIGHT_SUM_MAX:
-        raise CalibrationError("the weights of '%s' are too large" % name)
+        raise CalibrationError("the weights of '%s' are too large: calibrate again" % name)
     return weights
 
 
@@ -279,7 +279,7 @@ def _table(name, knots):
         if a[1] == b[1] or (b[1] > a[1]) != rises:
             raise CalibrationError("the table of '%s' is not monotone" % name)
         if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
-            raise CalibrationError("the knots of '%s' lie too far apart" % name)
+            raise CalibrationError("the knots of '%s' lie too far apart: add knots" % name)
     return tuple(array("i", [knot[i] for knot in knots]) for i in range(len(knots[0])))
 
 
@@ -306,7 +306,7 @@ def _between(strains, strain_ppm):
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:
         raise CalibrationError(
-            "the calibration covers strain_ppm=0 to %d: set it within" % strains[last][0]
+            "the calibration covers strain_ppm=0 to %d: set strain_ppm to that" % strains[last][0]
         )
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:

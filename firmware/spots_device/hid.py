@@ -60,8 +60,8 @@ def with_report_id(descriptor, report_id):
 class Outbox:
     """First-in first-out queue of reports; each report is sent exactly once.
 
-    If the queue is full, all its reports are dropped and a report without a pressed key is sent,
-    because a lost key is better than a stuck key.
+    If the queue is full, all its reports are dropped, and a report without a pressed key is sent.
+    A lost key is better than a stuck key.
 
     Parameters
     ----------

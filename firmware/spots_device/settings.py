@@ -204,7 +204,7 @@ def load_lines(path):
         # An incomplete new file was never valid, so it does not count as damaged.
         damaged = damaged or (candidate != path + ".new" and _exists(candidate))
     if damaged:
-        raise ValueError("the file %s and its copies are damaged" % path)
+        raise ValueError("%s and its copies are damaged; save again" % path)
     return []
 
 

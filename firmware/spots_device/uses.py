@@ -40,7 +40,7 @@ class Uses:
     Attributes
     ----------
     fault : str or None
-        Why the USB interfaces could not be opened at start; None if they were.
+        Sentence that says why the USB interfaces could not be opened at start, or None.
     """
 
     def __init__(self, settings, framer, time, usb, layout_lines):
@@ -92,6 +92,7 @@ class Uses:
         Parameters
         ----------
         calibration : calibration.Calibration or None
+            Calibration in use; None without one.
 
         Returns
         -------

@@ -67,7 +67,7 @@ class I2CBus:
 
     Attributes
     ----------
-    chip : chip.AS7341Chip
+    chip : chip.AS7341
         The chip on the bus.
     clock : SimulationClock
         Advanced by each transfer.

@@ -55,7 +55,7 @@ class PowerLostError(BaseException):
     Attributes
     ----------
     off_us : float
-        How long the board is without power, in us.
+        Duration of the power failure in us.
     """
 
     def __init__(self, off_us: float):

@@ -245,8 +245,8 @@ class ScenarioFile(_SimulationFile):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
     Positions are measured on the strip in its present, possibly stretched, state. These keys are
-    lists of points: `strain` (time s, percent), `bend` (time s, degrees), `leak` (time s, share of
-    full contact, position mm), and each key of `change` (time s, change since the calibration).
+    lists of points: `strain` (time s, percent), `bend` (time s, degrees) and `leak` (time s, share
+    of full contact, position mm). So is each key of `change` (time s, change since calibration).
     A leak is light that couples without a finger. Points are joined by straight lines; before the
     first and after the last point the value is constant. `strain_percent` and `bend_deg` are
     constants, used instead of points.
@@ -265,7 +265,9 @@ class ScenarioFile(_SimulationFile):
 
     def __post_init__(self):
         if any(touch.points[-1][0] > self.seconds for touch in self.touch):
-            raise ValueError(f"a touch ends after the scenario's {self.seconds:g} seconds")
+            raise ValueError(
+                f"a touch ends after the scenario's {self.seconds:g} seconds: shorten it"
+            )
         for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
             if getattr(self, name) and constant:
                 raise ValueError(f"{name} is given twice, as points and as a constant: remove one")
@@ -276,11 +278,13 @@ class ScenarioFile(_SimulationFile):
             if any(b <= a for a, b in zip(times, times[1:])):
                 raise ValueError(f"the times of {name} must ascend")
             if times and times[-1] > self.seconds:
-                raise ValueError(f"{name} ends after the scenario's {self.seconds:g} seconds")
+                raise ValueError(
+                    f"{name} ends after the scenario's {self.seconds:g} seconds: shorten it"
+                )
         for place, moments in self.faults.moments().items() if self.faults else ():
             if any(at_s >= self.seconds for at_s in moments.at_s):
                 raise ValueError(
-                    f"faults.{place} has a moment after the scenario's {self.seconds:g} seconds"
+                    f"faults.{place} has a moment after the scenario's {self.seconds:g} s"
                 )
 
 

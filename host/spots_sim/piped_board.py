@@ -144,5 +144,7 @@ class PipedBoard:
             # A board whose output pipe is full makes no request until the pipe is read.
             self._sent = self.received()
             if time.monotonic() >= deadline_s:
-                raise SpotsError(f"the virtual board hangs: no request for {_HANGS_S:.0f} s")
+                raise SpotsError(
+                    f"the virtual board hangs: no request for {_HANGS_S:.0f} s; open it again"
+                )
         return server.read_request(self._machine.requests)

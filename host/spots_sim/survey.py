@@ -244,8 +244,8 @@ def follow(
 def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
     """Return those places that are in the workspace.
 
-    A place is in the workspace if it has y > 0, both joints are within their travel, and the angle
-    between the outer bars is at least `LEAST_OUTER_RAD`.
+    A place is in the workspace if y > 0 and both joints are within their travel. The angle between
+    the outer bars must be at least `LEAST_OUTER_RAD`.
 
     Parameters
     ----------

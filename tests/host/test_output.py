@@ -73,9 +73,9 @@ def test_there_is_no_room_for_an_output_without_a_buffer():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--page", "--seconds", "3"], "--page is shown in real time"),
-        (["--page", "--json"], "--page is shown in real time"),
-        (["--page", "--fast"], "--page is shown in real time"),
+        (["--page", "--seconds", "3"], "--page always runs in real time"),
+        (["--page", "--json"], "--page always runs in real time"),
+        (["--page", "--fast"], "--page always runs in real time"),
         (["--use", "fivebar", "--scenario", "nope"], "leave out --scenario"),
         (["--use", "fivebar", "--page", "--scenario", "nope"], "leave out --scenario"),
         (["--use", "fivebar", "--fast", "--seconds", "3"], "leave out --seconds"),

@@ -65,8 +65,9 @@ class AdafruitSensor(AS7341):
 
     Notes
     -----
-    ``busio.I2C`` raises RuntimeError without pull-ups, or if a chip holds a wire low after a reset
-    of the board in the middle of a byte. So each `start` tries to open the bus until it succeeds.
+    ``busio.I2C`` raises RuntimeError without pull-ups, or if a chip holds a wire low. A chip does
+    so after a reset of the board in the middle of a byte. So each `start` tries again to open the
+    bus.
     """
 
     def __init__(self, scl, sda, frequency_hz, clock):
@@ -100,7 +101,7 @@ class AdafruitSensor(AS7341):
         try:
             self._i2c = busio.I2C(scl, sda, frequency=self._frequency_hz)
         except RuntimeError as error:
-            raise SensorError("the I2C bus does not start (%s)" % error)
+            raise SensorError("the I2C bus does not start (%s): check the wiring" % error)
         self._bus = BusioBus(self._i2c)
         if self._driver is not None:
             self._driver.i2c_device = self._bus.device

@@ -154,7 +154,7 @@ class MachineUsb:
     def open(self, names):
         """Open USB interfaces, as `uses.Uses` describes it for ``usb``; USB reconnects."""
         if not hasattr(machine, "USBDevice"):
-            raise OSError("this MicroPython cannot be a USB device: install the newest one")
+            raise OSError("this MicroPython cannot be a USB device: update it")
         if sys.platform == "esp32" and sys.implementation.version[:2] == (1, 26):
             raise OSError("MicroPython 1.26 sends empty reports on this chip: install a newer one")
         if self._most is not None and len(names) > self._most:
@@ -165,7 +165,7 @@ class MachineUsb:
         try:
             from .usb_micropython import open_interfaces
         except ImportError:
-            raise OSError("the library for USB is missing: mpremote mip install usb-device-hid")
+            raise OSError("the library for USB is missing: run mpremote mip install usb-device-hid")
         return open_interfaces(names, self._show_leds)
 
     def _show_leds(self, leds):
