@@ -40,7 +40,25 @@ class _SimulationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class Led(_SimulationFile):
-    """A phosphor-converted white LED."""
+    """A phosphor-converted white LED: two Gaussian peaks.
+
+    Attributes
+    ----------
+    blue_nm, phosphor_nm : float
+        Centre wavelengths of the peaks.
+    blue_fwhm_nm, phosphor_fwhm_nm : float
+        Full widths of the peaks at half maximum.
+    blue_share : float
+        Share of the blue peak in the light, 0 to 1.
+    irradiance_uW_cm2_per_mA : float
+        Irradiance at the sensor for a full contact at its end of the strip.
+    bend_mA : float
+        The light is proportional to I / (1 + I / bend_mA) for a current I.
+    noise_ppm_10ms : float
+        Relative standard deviation of the light in an exposure of 10 ms.
+    warm_up_percent, warm_up_s : float
+        Additional light at power-on, and the time constant of its decay.
+    """
 
     blue_nm: Wavelength
     blue_fwhm_nm: Positive
@@ -55,7 +73,17 @@ class Led(_SimulationFile):
 
 
 class Dye(_SimulationFile):
-    """Decay in the dyed guide: strong below an edge wavelength, plus that of clear material."""
+    """Decay of the light in the dyed guide, by wavelength.
+
+    Attributes
+    ----------
+    strength_per_mm : float
+        Decay by the dye below the edge.
+    edge_nm, edge_width_nm : float
+        Wavelength and width of the edge, above which the dye is clear.
+    clear_per_mm : float
+        Decay by the clear material at every wavelength.
+    """
 
     strength_per_mm: NotNegative
     edge_nm: Wavelength
@@ -87,7 +115,15 @@ class Converter(_SimulationFile):
 
 
 class Stretch(_SimulationFile):
-    """Effect of stretching and bending on the guides, see `optics.Optics.press`."""
+    """Effect of stretching and bending on the guides, see `optics.Optics.press`.
+
+    Attributes
+    ----------
+    poisson_ratio : float
+        Poisson's ratio of the material.
+    bend_loss_percent : float
+        Loss of light at a bend of 180 degrees.
+    """
 
     poisson_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.45
     bend_loss_percent: Annotated[float, msgspec.Meta(ge=0, lt=100)] = 5.0
@@ -103,7 +139,17 @@ class Surroundings(_SimulationFile):
 
 
 class JointFile(_SimulationFile):
-    """An indenter that a joint slides along the strip."""
+    """An indenter that a joint slides along the strip.
+
+    Attributes
+    ----------
+    radius_mm : float
+        Way of the indenter on the strip per rad of the joint.
+    force_mN : float
+        Force of the indenter.
+    play_deg : float
+        Backlash of the joint.
+    """
 
     radius_mm: Positive = 25.0
     force_mN: Positive = 4000.0
