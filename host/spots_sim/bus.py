@@ -126,7 +126,7 @@ class I2CBus:
         """
         self._address(address)
         bits, count = 3, 2 + len(data) + size
-        # The chip latches its registers at the first byte, before the transfer ends.
+        # The chip is read when its first byte is sent, before the transfer ends.
         self.chip.advance(self.clock.now_us() + self._bits_us(bits + 9 * (2 + len(data))))
         self.chip.write(data)
         answer = self.chip.read(size)
