@@ -286,7 +286,7 @@ def _table(name, knots):
 def _check_strains(strains, segments):
     ppm = [strain for strain, _, _ in strains]
     if not ppm or ppm[0] != 0 or sorted(set(ppm)) != ppm:
-        raise CalibrationError("'strain' needs ascending values from 0")
+        raise CalibrationError("the values of 'strain' must ascend from 0")
     if ppm[-1] > STRAIN_MAX_PPM:
         raise CalibrationError("'strain' must be at most %d" % STRAIN_MAX_PPM)
     sizes = list(map(len, strains[0][2]))

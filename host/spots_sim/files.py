@@ -330,7 +330,7 @@ class ScenarioFile(_SimulationFile):
         for place, moments in self.faults.moments().items() if self.faults else ():
             if any(at_s >= self.seconds for at_s in moments.at_s):
                 raise ValueError(
-                    f"faults.{place} has a moment after the scenario's {self.seconds:g} s"
+                    f"faults.{place} has a moment after the end at {self.seconds:g} s: remove it"
                 )
 
 
