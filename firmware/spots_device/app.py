@@ -87,13 +87,13 @@ class BoardApp:
     sensor : as7341.AS7341
         Sensor, not started yet.
     clock : object
-        Clock with the methods that `frame.Time32` uses.
+        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
     serial : object
-        Serial port with the methods that `frame.Framer` uses, and ``read()``. ``read()`` returns
-        the next byte as int, or -1 if no byte waits. It must not allocate.
+        Serial port. ``write(buffer, size) -> bool`` sends a frame if there is room. ``read()``
+        returns the next byte as int, or -1 if no byte waits; it must not allocate.
     usb : object, optional
-        USB stack with the method ``open`` that `uses.Uses` describes. None on a board that cannot
-        be a USB keyboard.
+        USB stack: ``open(names) -> dict`` opens HID interfaces, see `uses.Uses`. None on a board
+        that cannot be a USB keyboard.
     """
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):

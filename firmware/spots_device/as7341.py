@@ -65,7 +65,8 @@ class AS7341:
     Parameters
     ----------
     bus : object
-        I2C bus as the text of this module describes it.
+        I2C bus with ``read_into(register, buffer)``, ``write(buffer)`` and ``recover()``; the
+        module describes them.
     clock : object
         ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
     """

@@ -83,7 +83,7 @@ class Calibration:
     Parameters
     ----------
     lines : iterable of str
-        Statements as the text of this module describes them.
+        Text lines such as ``made 9 9999 20``; the module describes all statements.
     strain_ppm : int
         Strain of the strip in ppm. Between two calibrated strains the tables are interpolated
         linearly.

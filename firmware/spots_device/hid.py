@@ -66,7 +66,8 @@ class Outbox:
     Parameters
     ----------
     send : callable
-        ``send(report) -> bool`` as the text of this module describes it.
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
     size : int
         Bytes in a report.
 
@@ -140,7 +141,8 @@ class KeyboardReports:
     Parameters
     ----------
     send : callable
-        ``send(report) -> bool`` as the text of this module describes it.
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
     """
 
     def __init__(self, send):
@@ -213,7 +215,8 @@ class ConsumerReports:
     Parameters
     ----------
     send : callable
-        ``send(report) -> bool`` as the text of this module describes it.
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
     """
 
     def __init__(self, send):
@@ -244,7 +247,8 @@ class GamepadReports:
     Parameters
     ----------
     send : callable
-        ``send(report) -> bool`` as the text of this module describes it.
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
     """
 
     def __init__(self, send):

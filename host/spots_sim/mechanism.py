@@ -179,7 +179,7 @@ class Mechanism:
 class JointScenario:
     """Scenario of a strip in a joint: an indenter slides on it while the joint bends it.
 
-    It has the same methods as `scenario.Scenario`.
+    Like `scenario.Scenario`, it has ``pose``, ``presses``, ``change`` and ``ambient_uW_cm2``.
 
     Parameters
     ----------

@@ -19,6 +19,11 @@ def report(message: dict) -> None:
     """Print one line of JSON without buffering: the ports of the board, or an error.
 
     It ignores a closed pipe: the parent may have ended, and then standard input closes too.
+
+    Parameters
+    ----------
+    message : dict
+        Values that JSON supports.
     """
     with contextlib.suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")

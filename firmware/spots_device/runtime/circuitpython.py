@@ -61,7 +61,7 @@ class AdafruitSensor(AS7341):
     frequency_hz : int
         Frequency of the bus in Hz.
     clock : object
-        Clock with the methods that `as7341.AS7341` uses.
+        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``.
 
     Notes
     -----
@@ -241,7 +241,18 @@ class CircuitUsb:
             self._led.switch_to_output(value=not self._on)
 
     def open(self, names):
-        """Open USB interfaces, as `uses.Uses` describes it for ``usb``."""
+        """Open HID interfaces.
+
+        Parameters
+        ----------
+        names : list of str
+            Names of `uses.INTERFACES`.
+
+        Returns
+        -------
+        dict
+            ``send(report) -> bool`` by name.
+        """
         from .usb_circuitpython import open_interfaces
 
         return open_interfaces(names, self._show_leds)

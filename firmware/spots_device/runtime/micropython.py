@@ -152,7 +152,23 @@ class MachineUsb:
             self._led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
 
     def open(self, names):
-        """Open USB interfaces, as `uses.Uses` describes it for ``usb``; USB reconnects."""
+        """Open HID interfaces, which makes USB reconnect.
+
+        Parameters
+        ----------
+        names : list of str
+            Names of `uses.INTERFACES`.
+
+        Returns
+        -------
+        dict
+            ``send(report) -> bool`` by name.
+
+        Raises
+        ------
+        OSError
+            If this MicroPython or this board cannot open them; the text says what to do.
+        """
         if not hasattr(machine, "USBDevice"):
             raise OSError("this MicroPython cannot be a USB device: update it")
         if sys.platform == "esp32" and sys.implementation.version[:2] == (1, 26):
