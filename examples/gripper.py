@@ -8,22 +8,22 @@ import argparse
 import spots
 
 OPEN_MM, STEP_MM = 80.0, 1.0
-LIGHT_N, FIRM_N = 0.5, 5.0  # a press at which it begins to close, and one at which it is closed
+LIGHT_N, FIRM_N = 0.5, 5.0  # forces at which the gripper starts to close, and is closed
 
 
 def opening_mm(force_N: float) -> float:
-    """Return how far the gripper is to be open."""
+    """Return the wanted opening of the gripper in mm for a force in N."""
     share = (force_N - LIGHT_N) / (FIRM_N - LIGHT_N)
     return OPEN_MM * (1 - min(max(share, 0.0), 1.0))
 
 
 def move(to_mm: float) -> None:
-    """Put your gripper's own command here."""
+    """Move the gripper to an opening in mm; replace the print by your gripper's command."""
     print(f"gripper to {to_mm:5.1f} mm", flush=True)
 
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("port", nargs="?", default="virtual", help="a simulated board if not given")
+parser.add_argument("port", nargs="?", default="virtual", help="default: a simulated board")
 options = parser.parse_args()
 
 at_mm = OPEN_MM
@@ -32,7 +32,7 @@ try:
     with spots.open(options.port) as board:  # spots.open() finds the board on USB
         for touch in board.touches():
             if touch.touching and not touch.trusted:
-                continue  # saturated, or not one press: the gripper stays where it is
+                continue  # saturated, or several presses: the gripper does not move
             wanted_mm = opening_mm(touch.force_mN / 1000 if touch.touching else 0.0)
             if abs(wanted_mm - at_mm) >= STEP_MM:
                 at_mm = wanted_mm

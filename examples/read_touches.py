@@ -1,11 +1,11 @@
-"""Print where the strip is pressed and how hard."""
+"""Print position and force of each press on the strip."""
 
 import argparse
 
 import spots
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("port", nargs="?", default="virtual", help="a simulated board if not given")
+parser.add_argument("port", nargs="?", default="virtual", help="default: a simulated board")
 options = parser.parse_args()
 
 try:

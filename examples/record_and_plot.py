@@ -1,7 +1,7 @@
-"""Record a board and plot it meanwhile; closing the window ends the recording.
+"""Record a board and plot its readings; closing the window ends the recording.
 
-Needs matplotlib (pip install 'spots-tactile[plots]'). Then try spots info FILE.spots,
-spots replay FILE.spots, spots export FILE.spots --to npz.
+This needs matplotlib (pip install 'spots-tactile[plots]'). Use the recording with
+spots info FILE.spots, spots replay FILE.spots or spots export FILE.spots --to npz.
 """
 
 import argparse
@@ -12,8 +12,8 @@ import spots
 DRAW_EVERY_S = 0.1
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("file", metavar="FILE.spots", help="a new file")
-parser.add_argument("port", nargs="?", default="virtual", help="a simulated board if not given")
+parser.add_argument("file", metavar="FILE.spots", help="recording to write; must not exist")
+parser.add_argument("port", nargs="?", default="virtual", help="default: a simulated board")
 options = parser.parse_args()
 
 try:

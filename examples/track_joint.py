@@ -1,6 +1,6 @@
-"""Print a joint's angle, with its standard deviation and its velocity.
+"""Print the angle of a joint, its standard deviation and its velocity.
 
-Make the calibration first: spots calibrate position, then force, then joint.
+For a real joint, calibrate first: spots calibrate position, then force, then joint.
 """
 
 import argparse
@@ -18,9 +18,9 @@ parser.add_argument(
     nargs="?",
     type=Path,
     metavar="CALIBRATION.toml",
-    help="a joint of a simulated linkage if not given",
+    help="calibration with a joint; default: a simulated joint",
 )
-parser.add_argument("port", nargs="?", help="the board on USB if not given")
+parser.add_argument("port", nargs="?", help="port of the board; default: the board on USB")
 options = parser.parse_args()
 
 try:

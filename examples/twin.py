@@ -1,6 +1,6 @@
-"""Print where a five-bar linkage's terminal is.
+"""Print the position of a five-bar linkage's terminal.
 
-docs/fivebar.md shows how to write the linkage file, or how to measure it.
+docs/fivebar.md shows how to write or measure the linkage file.
 """
 
 import argparse
@@ -11,10 +11,10 @@ from spots_sim.linkage_demo import endless
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(
-    "linkage", nargs="?", metavar="LINKAGE.toml", help="a simulated linkage if not given"
+    "linkage", nargs="?", metavar="LINKAGE.toml", help="linkage file; default: a simulated linkage"
 )
 parser.add_argument(
-    "ports", nargs="*", metavar="PORT", help="of joint 1, then joint 2; found if not given"
+    "ports", nargs="*", metavar="PORT", help="ports of joint 1 and joint 2; default: found on USB"
 )
 options = parser.parse_args()
 

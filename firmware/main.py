@@ -1,4 +1,4 @@
-"""Entry on MicroPython. Ctrl-C stops the application and leaves the REPL."""
+"""Starts the application on MicroPython. Ctrl-C stops it and returns to the REPL."""
 
 from spots_device.runtime.micropython import main
 

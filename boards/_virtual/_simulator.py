@@ -1,7 +1,7 @@
-"""The pipe pair to the simulated sensor, and the clock that comes with its answers.
+"""Sends requests to the simulator over a pair of pipes; each answer contains the time.
 
-The bytes are those of `_protocol`. Allocates nothing, so that the firmware's own promise to
-allocate nothing can be tested here.
+`_protocol` describes the bytes. This module allocates nothing, so that tests can check that the
+firmware allocates nothing.
 """
 
 import gc
@@ -33,7 +33,7 @@ _header = bytearray(4)
 _long = bytearray(4 + 256)
 _answer = bytearray(5)
 _level = bytearray(1)
-_wires = bytearray(b"\x01\x01")  # SCL, SDA: what this end does with them
+_wires = bytearray(b"\x01\x01")  # SCL and SDA: 1 released, 0 pulled low by the board
 SCL = const(0)
 SDA = const(1)
 
@@ -44,7 +44,10 @@ now_us = 0
 
 
 def call(operation, a, b, c, buffer=None):
-    """Send a request and take its answer; `buffer` is what is sent, or filled by a read."""
+    """Send a request with arguments a, b, c and read its answer; raise OSError on an errno.
+
+    `buffer` contains the data to send, or receives the data of the answer.
+    """
     global now_us
     if _memory_every == 1 and operation in (READ, WRITE):
         _report_memory()
@@ -65,7 +68,7 @@ def call(operation, a, b, c, buffer=None):
 
 
 def set_wire(wire, level):
-    """Release a wire of the I2C bus, or pull it."""
+    """Release a wire of the I2C bus (level 1), or pull it low (level 0)."""
     _wires[wire] = 1 if level else 0
     call(LINES, _wires[SCL], _wires[SDA], 1, _level)
 
@@ -77,7 +80,7 @@ def sda():
 
 
 def sleep_us(us):
-    """Let time pass, by whichever clock there is."""
+    """Sleep in real or simulated time; the time is in us."""
     if not simulated_time:
         utime.sleep_us(us)
         return
@@ -89,7 +92,7 @@ def sleep_us(us):
 
 
 def _report_memory():
-    # Not in a reply: how much is free differs from run to run, and bytes must not.
+    # Not part of a reply: free memory differs between runs, and the stream must not.
     global _looks
     _looks += 1
     if _looks % _memory_every == 0:
@@ -100,14 +103,14 @@ def _report_memory():
 
 def _receive(buffer, size):
     if _answers.readinto(buffer) != size:
-        raise SystemExit  # the simulator has ended, and the board with it
+        raise SystemExit  # the simulator has ended, so the board ends too
 
 
 def _send(buffer, size):
     try:
         _requests.write(buffer, size)
     except OSError:
-        raise SystemExit  # as above: a closed pipe is not a bus fault
+        raise SystemExit  # the simulator has ended; this is not a bus fault
 
 
 def _fill(buffer, operation, a, b, c):

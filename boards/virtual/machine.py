@@ -1,15 +1,15 @@
-"""`machine` of the virtual board: adds to the built-in module what a board's has."""
+"""`machine` of the virtual board: adds pins, I2C, watchdog and USB to the built-in module."""
 
 import os
 
 import _simulator
 from umachine import *  # noqa: F403
 
-_wires = {}  # of the I2C bus, by their pins
+_wires = {}  # wire of the I2C bus by number of its pin
 
 
 class Pin:
-    """A pin by number. A button that is held pulls every input low."""
+    """A pin by number. A pressed button makes every input low."""
 
     IN = 0
     OPEN_DRAIN = 2
@@ -31,7 +31,7 @@ class Pin:
 
 
 class I2C:
-    """An I2C controller whose wires end in the simulator. Transfers allocate nothing."""
+    """An I2C controller on the simulated bus. Transfers allocate nothing."""
 
     def __init__(self, id, *, scl, sda, freq=400_000, timeout=50_000):
         _wires[scl.number], _wires[sda.number] = _simulator.SCL, _simulator.SDA
@@ -58,7 +58,7 @@ class WDT:
 
 
 class USBDevice:
-    """There is one; `usb.device` stands for all of it."""
+    """Shows that the board supports USB devices; `usb.device` simulates them."""
 
 
 def unique_id():

@@ -1,4 +1,4 @@
-"""`os` of the virtual board: the empty path is the root of its file system, as on a board."""
+"""`os` of the virtual board: an empty path is the root of its file system, as on a real board."""
 
 import uos
 from uos import *  # noqa: F403

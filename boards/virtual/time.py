@@ -1,6 +1,6 @@
 """`time` of the virtual board: ticks wrap at 2**30 us as on a microcontroller.
 
-On the simulator's clock time passes only in bus transfers and sleeps, and sleeping is free.
+In simulated time, only bus transfers and sleeps advance the clock.
 """
 
 import os
@@ -27,7 +27,7 @@ if _simulator.simulated_time:
         return _simulator.now_us
 
 else:
-    # Of an oscillator that is not quite right.
+    # Error of the board's oscillator.
     _ppm = int(os.getenv("SPOTS_CLOCK_PPM"))
 
     def ticks_us():

@@ -1,4 +1,4 @@
-"""What CircuitPython does after a reset: boot.py, then USB, then code.py, both from scratch."""
+"""The steps of CircuitPython after a reset: run boot.py, start USB, run code.py."""
 
 import builtins
 import os
@@ -26,7 +26,7 @@ def _guarded_open(path, mode="r"):
 
 
 def _describe(about):
-    """Write boot_out.txt if it changes. A host never finds it half-written on a real drive."""
+    """Write boot_out.txt if it changes; atomic, because a real drive never shows a partial file."""
     try:
         with _open("boot_out.txt") as file:
             if file.read() == about:
@@ -52,7 +52,7 @@ builtins.open = _guarded_open
 try:
     _run("boot.py")
 except Exception as error:
-    sys.print_exception(error)  # and code.py runs all the same
+    sys.print_exception(error)  # code.py still runs
 for module in list(sys.modules):
     if module not in _BUILT_IN:
         del sys.modules[module]

@@ -1,4 +1,4 @@
-"""`board` of the virtual board: pins by the names that are printed on one."""
+"""`board` of the virtual board: pins by name."""
 
 import _simulator
 from microcontroller import Pin

@@ -1,4 +1,4 @@
-"""`busio` of the virtual board: an I2C controller whose wires end in the simulator."""
+"""`busio` of the virtual board: an I2C controller on the simulated bus."""
 
 import _simulator
 
@@ -69,7 +69,7 @@ class I2C:
         out = memoryview(out_buffer)[out_start:out_end]
         view = memoryview(in_buffer)[in_start:in_end]
         if len(out) != 1:
-            raise NotImplementedError("the simulator reads after a register of one byte")
+            raise NotImplementedError("the simulator needs a register address of one byte")
         _simulator.call(_simulator.READ, address, out[0], len(view), view)
 
     def _need_lock(self):

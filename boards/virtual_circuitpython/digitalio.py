@@ -1,4 +1,4 @@
-"""`digitalio` of the virtual board. A button that is held pulls every input low."""
+"""`digitalio` of the virtual board. A pressed button makes every input low."""
 
 import os
 
@@ -45,5 +45,5 @@ class DigitalInOut:
 
     def switch_to_output(self, value=False, drive_mode=DriveMode.PUSH_PULL):
         if drive_mode != DriveMode.OPEN_DRAIN:
-            raise NotImplementedError("a wire of the I2C bus is not to be driven high")
+            raise NotImplementedError("a wire of the I2C bus must be open-drain")
         self.value = value

@@ -23,7 +23,7 @@ cpu = Processor()
 
 
 class WatchDogTimer:
-    """As on an RP2040, where it cannot be stopped once it resets."""
+    """Watchdog of an RP2040; in the mode RESET it cannot be stopped."""
 
     def __init__(self):
         self.timeout = None

@@ -1,4 +1,4 @@
-"""`supervisor` of the virtual board: ticks, and whether a USB host is there and awake."""
+"""`supervisor` of the virtual board: ticks, and whether a USB host is connected and awake."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""`time` of the virtual board: CircuitPython's, whose `sleep` counts whole milliseconds."""
+"""`time` of the virtual board. Like CircuitPython's, `sleep` rounds to milliseconds."""
 
 import os
 
@@ -17,7 +17,7 @@ if _simulator.simulated_time:
         return 1000 * (_wraps * _simulator.PERIOD_US + _last_us)
 
 else:
-    # Of an oscillator that is not quite right.
+    # Error of the board's oscillator.
     _ppm = int(os.getenv("SPOTS_CLOCK_PPM"))
 
     def monotonic_ns():

@@ -1,7 +1,7 @@
-"""`usb_cdc` of the virtual board: a second serial port, if boot.py asks for it.
+"""`usb_cdc` of the virtual board: a second serial port, if boot.py enables it.
 
-A real board looks at its console for Ctrl-C between any two steps; this one does whenever the
-data port is read.
+A real board checks its console for Ctrl-C all the time; this one checks it at each read of the
+data port.
 """
 
 import os
@@ -13,7 +13,7 @@ _FIFO = 256  # bytes that the USB stack takes at once
 
 
 class Serial:
-    """A port whose reads and writes never wait; the real one does unless its timeouts are 0."""
+    """A port without blocking; its timeouts must be 0, because a real port would block."""
 
     def __init__(self, read_fd, write_fd):
         self.timeout = None
@@ -28,14 +28,14 @@ class Serial:
     def readinto(self, buf):
         _look_for_ctrl_c()
         if self.timeout != 0:
-            raise NotImplementedError("this would wait for ever")
+            raise NotImplementedError("set timeout to 0: a real board would block for ever")
         for _ in self._readable.ipoll(0):
             return self._in.readinto(buf) or 0
         return 0
 
     def write(self, buf):
         if self.write_timeout != 0:
-            raise NotImplementedError("this may wait for ever")
+            raise NotImplementedError("set write_timeout to 0: a real board may block for ever")
         for _ in self._writable.ipoll(0):
             return self._out.write(buf, min(len(buf), _FIFO)) or 0
         return 0
@@ -62,7 +62,7 @@ def disable():
 
 
 def start():
-    """USB starts: what boot.py enabled is there from now on."""
+    """Start USB: create the ports that boot.py has enabled."""
     global data, _started
     _started = True
     if _wanted["data"]:

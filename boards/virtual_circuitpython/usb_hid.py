@@ -1,4 +1,4 @@
-"""`usb_hid` of the virtual board: reports go to the simulator's USB host."""
+"""`usb_hid` of the virtual board: sends reports to the simulator's USB host."""
 
 import time
 
@@ -20,13 +20,13 @@ class Device:
         out_report_lengths,
     ):
         if not len(report_ids) == len(in_report_lengths) == len(out_report_lengths) == 1:
-            raise ValueError("the firmware needs no more than one")
+            raise ValueError("the simulator supports one report id for each device")
         self.usage_page = usage_page
         self.usage = usage
         self._size = in_report_lengths[0]
 
     def get_last_received_report(self, report_id=None):
-        return None  # this host has no caps lock
+        return None  # the simulated host has no caps lock
 
     def send_report(self, report, report_id=None):
         if len(report) != self._size:

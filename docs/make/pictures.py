@@ -1,4 +1,4 @@
-"""Draws what ``make demo`` shows, from a run in simulated time, and each board's wiring."""
+"""Draws the pictures of the demos, from runs in simulated time, and the wiring of each board."""
 
 from __future__ import annotations
 
@@ -37,7 +37,19 @@ _HERE = Path(__file__).parents[1]
 
 
 class Wire(NamedTuple):
-    """Where a wire runs: at the breakout, between the two, and around a board's lower end."""
+    """Route of a wire in the wiring picture; all coordinates are in SVG units.
+
+    Attributes
+    ----------
+    colour : str
+        Colour in SVG notation.
+    breakout_y : int
+        y at the breakout.
+    lane_x : int
+        x between board and breakout.
+    left_x, below_y : int
+        x and y of the way around the lower left corner of the board.
+    """
 
     colour: str
     breakout_y: int
@@ -53,26 +65,23 @@ _WIRES = {
     "scl": Wire("#e0a800", 320, 330, 40, 376),
 }
 
-# In the demo scenario a finger slides back towards the sensor at this moment.
-MOMENT_S = 4.0
-# And presses hard at this one.
-HARD_S = 6.5
-# So far somebody has typed.
+# Moments of the pictures, in seconds of each scenario.
+MOMENT_S = 4.0  # demo: a finger slides back towards the sensor
+HARD_S = 6.5  # demo: a finger presses hard
+WORN_S = 24.6  # worn: a finger slides on the strip
+WROTE_S = 10.0  # sust: the linkage writes its last letter but one
+# Text at the moment of the keyboard's picture.
 TYPED = "hello strip, ty"
-# So long the strip was worn; a finger slides on it.
-WORN_S = 24.6
-# A linkage is in its last letter but one.
-WROTE_S = 10.0
 
 
 def main() -> None:
-    """Draw all pictures that no measurement makes."""
+    """Draw all pictures that show no measurement."""
     for path in (demo(), keyboard(), controller(), wearable(), twin(), *wirings()):
         print(path)
 
 
 def wirings() -> list[Path]:
-    """Draw the wiring of every board that has pins, as docs/wiring-BOARD.svg."""
+    """Draw the wiring of every real board as docs/wiring-BOARD.svg; return the paths."""
     template = Template((_HERE / "wiring.svg.in").read_text(encoding="utf-8"))
     paths = []
     for device in map(device_of, board_names()):
@@ -114,7 +123,7 @@ def _wire(wire: Wire, drawn: tuple[str, int], pitch: float) -> str:
 
 
 def demo() -> Path:
-    """Run the demo up to the moment and draw docs/demo.svg."""
+    """Run the demo up to `MOMENT_S` and draw docs/demo.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "demo"))
     board, _ = open_fast("default", truth, seed=0)
     score = Score(truth, 0.0)
@@ -132,7 +141,7 @@ def demo() -> Path:
 
 
 def twin() -> Path:
-    """Let a simulated linkage write up to the moment and draw docs/fivebar/twin.svg."""
+    """Run a simulated linkage up to `WROTE_S` and draw docs/fivebar/twin.svg; return its path."""
     files = load(SensorFile, "default"), load(LinkageFile, "default")
     motion = guided(load(PathFile, "sust"), START_S)
     with Simulation(*files, motion, 0, 30_000) as simulation:
@@ -149,7 +158,7 @@ def twin() -> Path:
 
 
 def controller() -> Path:
-    """Play a controller up to the moment and draw docs/controller.svg."""
+    """Run the controller up to `HARD_S` and draw docs/controller.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "demo"))
     board, _ = open_fast("default", truth, seed=0)
     settings = load_controller()
@@ -162,7 +171,7 @@ def controller() -> Path:
 
 
 def keyboard() -> Path:
-    """Type up to the moment and draw docs/keyboard.svg."""
+    """Run the keyboard until it has typed `TYPED` and draw docs/keyboard.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "typing"))
     layout = load_layout("mini")
     typed, touch = TypedText(), None
@@ -182,7 +191,7 @@ def keyboard() -> Path:
 
 
 def wearable() -> Path:
-    """Play the gestures of a strip on an arm and draw docs/wearable.svg."""
+    """Run a strip on an arm up to `WORN_S` and draw docs/wearable.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "worn"))
     mapping, found, touch = Mapping(), [], None
     gestures = Gestures()

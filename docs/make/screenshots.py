@@ -1,4 +1,4 @@
-"""Takes the pictures of the page, with a virtual board in real time, in the tests' Chromium."""
+"""Takes screenshots of the web UI with a virtual board in real time, in the tests' Chromium."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HERE = Path(__file__).parents[1]
 sys.path.append(str(_HERE.parent / "tests" / "web"))
 from bring_browser import launch_options  # noqa: E402
 
-# The last ten seconds are to be full, and a finger to press hard.
+# Wait until the plots of ten seconds are full and a finger presses with this force.
 _AFTER_S = 12.0
 _HARD_N = 5.5
 _FORCE_N = "Number(document.querySelectorAll('.figure b')[1].firstChild.data) || 0"
@@ -31,7 +31,7 @@ _PICTURES = {
 
 
 async def main() -> None:
-    """Take all of them."""
+    """Take all screenshots."""
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(**launch_options(playwright))
         await strip(browser)
@@ -40,12 +40,12 @@ async def main() -> None:
 
 
 async def strip(browser: Browser) -> None:
-    """Take the page of a strip."""
+    """Take the screenshots of a strip."""
     state = PageState()
     reader = BoardReader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
     async with Server(state) as server:
         reader.start()
-        for name, options in _PICTURES.items():  # one at a time: drawing takes processors too
+        for name, options in _PICTURES.items():  # one at a time, to limit the processor load
             context = await browser.new_context(**options, device_scale_factor=1.5)
             page = await context.new_page()
             await page.goto(server.url)
@@ -60,7 +60,7 @@ async def strip(browser: Browser) -> None:
 
 
 async def linkage(browser: Browser) -> None:
-    """Take the panel of a linkage that has written all its letters."""
+    """Take the screenshot of a linkage that has written all its letters."""
     state = PageState()
     readers = driven_readers(endless(), load("digits"), state)
     async with Server(state) as server:

@@ -1,4 +1,4 @@
-"""Before USB starts, on CircuitPython: a port for frames, a drive that the board may write to."""
+"""Sets up USB on CircuitPython: a serial port for frames, and a drive that the board can write."""
 
 from spots_device.runtime.circuitpython import boot
 

@@ -1,4 +1,4 @@
-"""Entry on CircuitPython. Ctrl-C on the console stops the application and leaves the REPL."""
+"""Starts the application on CircuitPython. Ctrl-C on the console stops it and starts the REPL."""
 
 from spots_device.runtime.circuitpython import main
 

@@ -1,8 +1,7 @@
-"""SPOTS on the board: counts of an AS7341 in, positions and forces out.
+"""SPOTS on the board: reads counts of an AS7341 and sends positions and forces.
 
-Data flows one way: sensing -> arithmetic -> outward. ``app`` is the loop that
-joins them and ``runtime`` holds all that differs between MicroPython and
-CircuitPython.
+Data flows one way: sensing -> arithmetic -> frames, keys and gamepad. ``app`` contains the loop
+that joins them. ``runtime`` contains the code that differs between MicroPython and CircuitPython.
 """
 
 __version__ = "0.2.0"

@@ -1,4 +1,4 @@
-"""The application and its loop: wait for a sample, decode and frame it, read commands between."""
+"""The application and its loop: wait for a sample, decode it, send a frame, read a command."""
 
 import gc
 
@@ -17,21 +17,23 @@ CALIBRATION_FILE = "calibration.txt"
 LAYOUT_FILE = "layout.txt"
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
-_LAST_US = const(100_000)  # for the host to fetch, at the end, the release of all keys
+_LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
-_SKIPPED = const(2)  # passes of the loop after a command are late
-_COUNTED = const(16)
-_LONGEST_US = const(1 << 24)  # so that their sum fits a small integer
+_SKIPPED = const(2)  # passes to skip: the first ones after a command are late
+_COUNTED = const(16)  # passes in the mean
+_LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
 
 
 class Meter:
-    """The mean time of the loop's passes that take a sample. `add` allocates nothing.
+    """Measures the mean duration of those loop passes that take a sample.
+
+    `add` allocates nothing.
 
     Attributes
     ----------
     busy_us : int
-        That time, without sleep; 0 as long as it is not known.
+        Mean duration of a pass in us, without sleep; 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -39,12 +41,12 @@ class Meter:
         self.restart()
 
     def restart(self):
-        """Measure again; `busy_us` stays until that is done."""
+        """Start a new mean; `busy_us` has the old value until the new mean is complete."""
         self._sum_us = 0
         self._passes = -_SKIPPED
 
     def add(self, lasted_us):
-        """Take a pass; return whether there are enough."""
+        """Add the duration of one pass in us; return True once the mean is complete."""
         if self._passes >= 0:
             self._sum_us += min(lasted_us, _LONGEST_US)
         self._passes += 1
@@ -55,7 +57,15 @@ class Meter:
         return True
 
     def rate_mHz(self, exposure_us, average):
-        """Return how many readings come in 1000 s: as the sensor samples, or the loop can."""
+        """Return the expected rate of readings in mHz, limited by the sensor or by the loop.
+
+        Parameters
+        ----------
+        exposure_us : int
+            Integration time in us.
+        average : int
+            Samples in a reading.
+        """
         return 1_000_000_000 // (max(exposure_us, self.busy_us) * average)
 
 
@@ -64,20 +74,26 @@ def _nothing(*_):
 
 
 class BoardApp:
-    """Everything on the board, wired together.
+    """The application of a board: creates all parts and runs the loop.
 
     Parameters
     ----------
     board : object
-        ``NAME`` and ``LED_MAX_MA`` (module board_config).
-    runtime, uid : str
-        What runs this, and the board's unique id.
+        Module board_config, or an object with its ``NAME`` (str) and ``LED_MAX_MA`` (int).
+    runtime : str
+        Name and version of the Python runtime, for the reply to ``hello``.
+    uid : str
+        Unique id of the board.
     sensor : as7341.AS7341
-    clock, serial : object
-        As `frame.Time32` and `frame.Framer` ask for; ``serial.read()`` returns the next byte or -1
-        and allocates nothing.
+        Sensor, not started yet.
+    clock : object
+        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
+    serial : object
+        Serial port. ``write(buffer, size) -> bool`` sends a frame if there is room. ``read()``
+        returns the next byte as int, or -1 if no byte waits; it must not allocate.
     usb : object, optional
-        As `uses.Uses` asks for; None on a board that cannot be a USB keyboard.
+        USB stack: ``open(names) -> dict`` opens HID interfaces, see `uses.Uses`. None on a board
+        that cannot be a USB keyboard.
     """
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
@@ -90,8 +106,8 @@ class BoardApp:
         self._time = Time32(clock)
         self._reader = LineReader()
         self.reboot = False
-        self.feed = _nothing  # in every step; of a watchdog, where one runs
-        self.interrupt_at = _nothing  # the character that interrupts; see micropython.kbd_intr
+        self.feed = _nothing  # called in every step; feeds the watchdog if one runs
+        self.interrupt_at = _nothing  # sets the interrupt character, like micropython.kbd_intr
         self._left = False
         self._leave_until = None  # ticks
         self.meter = Meter()
@@ -100,7 +116,7 @@ class BoardApp:
         self.replies = Replies(self.framer, self._time)
         self.calibration = CalibrationSlot()
         layout_lines = self._load()
-        # The host learns what the board is when USB connects: the interfaces are chosen once.
+        # The host reads the USB descriptors once, so the interfaces cannot change later.
         self.uses = Uses(self.settings, self.framer, self._time, usb, layout_lines)
         if self.uses.fault:
             self.replies.log("error", self.uses.fault)
@@ -117,8 +133,8 @@ class BoardApp:
         """
         self._left = False
         self._leave_until = None
-        # `_leave` is idempotent and guarded twice: two interrupts may come in between, one before
-        # they are switched off and one that was pending.
+        # `_leave` is idempotent. It is repeated because two interrupts may occur before it has
+        # switched them off: a new one and a pending one.
         try:
             try:
                 try:
@@ -175,7 +191,7 @@ class BoardApp:
             self.reconnect.lose(error)
 
     def measure(self):
-        """Measure what a sample costs from now on; until that is done, it costs a little more."""
+        """Start to measure the duration of a sample; each pass takes slightly longer meanwhile."""
         self.meter.restart()
         self.step = self._measured_step
 
@@ -183,7 +199,7 @@ class BoardApp:
         clock, sensor = self._clock, self._sensor
         wait_us = 0 if self.reconnect.lost else sensor.remaining_us()
         if wait_us > _SLICE_US:
-            return BoardApp.step(self)  # sleeps, and takes nothing
+            return BoardApp.step(self)  # sleeps and takes no sample
         if wait_us > 0:
             clock.sleep_us(wait_us)
         began, complete = clock.ticks_us(), sensor.complete
@@ -194,7 +210,7 @@ class BoardApp:
             del self.step
 
     def log(self, level, text):
-        """Send a log line."""
+        """Send a log line to the host; `level` is ``"info"`` or ``"error"``."""
         self.replies.log(level, text)
 
     def restart(self):
@@ -203,27 +219,50 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Drop pending requests and reply that they were abandoned, and why."""
+        """Cancel pending requests, and reply to each with an error; `why` is its reason."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 
     def use_calibration(self, lines):
-        """Use lines that were checked, or none; return what keeps them from working, or None."""
-        self.calibration.use(lines)
-        return self.apply_calibration()
+        """Store a new calibration and use it.
 
-    def use_layout(self, lines):
-        """Use lines that were checked, or none; return what keeps them from working, or None."""
-        self.uses.use_layout(lines)
-        return self.apply_calibration()
-
-    def apply_calibration(self):
-        """Use the calibration if it fits the present settings, and what builds on it.
+        Parameters
+        ----------
+        lines : list of str
+            Validated lines of a calibration; an empty list removes the calibration.
 
         Returns
         -------
         str or None
-            What keeps something that is wanted from working.
+            Note for the user, see `apply_calibration`.
+        """
+        self.calibration.use(lines)
+        return self.apply_calibration()
+
+    def use_layout(self, lines):
+        """Store a new layout of keys and use it.
+
+        Parameters
+        ----------
+        lines : list of str
+            Validated lines of a layout; an empty list restores the default layout.
+
+        Returns
+        -------
+        str or None
+            Note for the user, see `apply_calibration`.
+        """
+        self.uses.use_layout(lines)
+        return self.apply_calibration()
+
+    def apply_calibration(self):
+        """Use the calibration if it fits the present settings; update keys and gamepad.
+
+        Returns
+        -------
+        str or None
+            Note for the user: why the calibration, keys or gamepad do not work although they are
+            switched on. None if everything works.
         """
         notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
         return "; ".join(filter(None, notes)) or None
@@ -251,7 +290,7 @@ class BoardApp:
         self.abandon("the sensor was lost")
 
     def identity(self):
-        """Return what the board is, as ``hello`` returns it."""
+        """Return name, id, settings and checksums of the board: the reply to ``hello`` (dict)."""
         reply = self.settings.reply()
         reply["board"] = self._board.NAME
         reply["runtime"] = self._runtime
@@ -264,7 +303,7 @@ class BoardApp:
         return reply
 
     def state(self):
-        """Return settings, counters and faults, as ``get`` returns them."""
+        """Return settings, counters and faults: the reply to ``get`` (dict)."""
         reply = self.settings.reply()
         self.strip.report(reply)
         self.reconnect.report(reply)
@@ -274,17 +313,17 @@ class BoardApp:
         return reply
 
     def rate_mHz(self):
-        """Return the readings in 1000 s to expect at the present settings."""
+        """Return the expected rate of readings at the present settings, in mHz."""
         s = self.settings.values
         return self.meter.rate_mHz(s["exposure_us"], s["average"])
 
     def release_keys(self):
-        """Release all keys: no reading may come for a while."""
+        """Release all keys, because no reading may arrive for a while."""
         self._time.update()
         self.uses.release()
 
     def save(self):
-        """Store settings, calibration and layout."""
+        """Write settings, calibration and layout to flash."""
         save_lines(SETTINGS_FILE, self.settings.lines())
         save_lines(CALIBRATION_FILE, self.calibration.lines)
         save_lines(LAYOUT_FILE, self.uses.layout_lines)
@@ -295,7 +334,7 @@ class BoardApp:
         return self._time.us()
 
     def _load(self):
-        """Load what was saved; return the lines of the layout."""
+        """Load saved settings, calibration and layout; return the lines of the layout."""
         self._load_lines(SETTINGS_FILE, "stored settings are", self.settings.change)
         self.calibration.use(
             self._load_lines(CALIBRATION_FILE, "the stored calibration is", Calibration)
@@ -325,6 +364,6 @@ class BoardApp:
                     reply = {"re": "", "error": str(error)}
                 if reply is not None:
                     self.replies.send(reply)
-                # Here a pause is expected; in the loop it would cost samples.
+                # A pause after a command is expected; later in the loop it would cost samples.
                 gc.collect()
                 return

@@ -1,11 +1,12 @@
-"""The AS7341 over a two-call bus: samples back to back, one burst each.
+"""Driver of the AS7341: samples without gaps, and reads each sample in one burst.
 
-Section numbers are those of the ams datasheet DS000504 v3-00. Nothing here waits without a
-deadline, and `poll`, `switch_led` and `read_into` allocate nothing.
+Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
+`switch_led` and `read_into` allocate nothing.
 
-The bus is any object with ``read_into(register, buffer)`` and ``write(buffer)``, whose first
-byte is the register; both raise OSError when the chip does not answer. ``recover()``, called
-after that, frees the wires as well as it can.
+The bus is an object with three methods. ``read_into(register, buffer)`` reads registers.
+``write(buffer)`` writes registers; the first byte of the buffer is the address of the first
+register. Both raise OSError if the chip does not answer. ``recover()`` tries to free the wires
+after an OSError.
 """
 
 from array import array
@@ -43,11 +44,11 @@ _SMUX_WRITE = const(0x10)
 _POWER_UP_US = const(5_000)
 _SMUX_US = const(10_000)
 _AUTO_ZERO_US = const(50_000)
-# The first integration begins so long after `start`: longer than any bring-up takes at 400 kHz,
-# so that what a recording holds does not depend on who brought the chip up.
+# Time from `start` to the first integration. It is longer than every set-up at 400 kHz, so that
+# recordings do not depend on the driver that sets the chip up.
 _START_US = const(20_000)
-_AGAIN_US = const(500)  # after a transfer that failed
-# Pairs of neighbours that are read back.
+_AGAIN_US = const(500)  # wait after a failed transfer
+# First registers of the pairs that are read back.
 _CHECKED = (_ENABLE, _CFG0, _ASTEP)
 
 
@@ -58,13 +59,14 @@ class SensorError(Exception):
 class AS7341:
     """One AS7341 that samples six diodes without a gap.
 
-    A runtime whose users have a driver of their own lets that bring the chip up, in `_configure`
-    and `_light`; the one-pass map and the burst read above it stay these.
+    A runtime with its own driver of the chip overrides `_configure` and `_light`. It still uses
+    the SMUX map and the burst read of this class.
 
     Parameters
     ----------
     bus : object
-        See the module's text.
+        I2C bus with ``read_into(register, buffer)``, ``write(buffer)`` and ``recover()``; the
+        module describes them.
     clock : object
         ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
     """
@@ -91,28 +93,28 @@ class AS7341:
         self.full_scale = 0
         self.led_mA = 0
         self.led_on = False
-        self.retries = 0  # transfers that failed while sampling, and were tried again
+        self.retries = 0  # failed transfers while sampling; each was repeated
 
     def start(self, plan, gain, exposure_us, led_mA):
-        """Identify the chip, set it up and start sampling. Also recovers it after an error.
+        """Identify the chip, set it up and start sampling; call it again after an error.
 
         Parameters
         ----------
         plan : sequence of str
-            Six diodes for ADC 0 to 5, see `smux.PIXELS`.
+            Names of six diodes for ADC 0 to 5, see `smux.PIXELS`.
         gain : int
-            Register code 0 to 10 for 0.5x to 512x (CFG1).
+            Register code of the gain (CFG1), 0 to 10 for 0.5x to 512x.
         exposure_us : int
-            Integration time; the attribute `exposure_us` gets the nearest one that the chip has.
+            Integration time in us. The attribute `exposure_us` becomes the nearest possible value.
         led_mA : int
-            Current of the LED driver, 0 for off, else 4 to 258.
+            Current of the LED driver in mA: 0 for off, or 4 to 258.
 
         Raises
         ------
         SensorError
-            If no AS7341 answers or a step does not end in time.
+            If no AS7341 answers, or a step exceeds its time limit.
         OSError
-            If the bus fails.
+            If an I2C transfer fails.
         """
         began = self._clock.ticks_us()
         self._identify()
@@ -144,7 +146,7 @@ class AS7341:
         self._bus.write(self._clear)
         self._write(_ENABLE, _PON | _SP_EN)
         now = self._clock.ticks_us()
-        self._settled = self._clock.ticks_add(now, -self.exposure_us)  # lit all along
+        self._settled = self._clock.ticks_add(now, -self.exposure_us)  # the LED is on already
         self.complete = now
         self.pacing.start(now, self.exposure_us)
 
@@ -154,7 +156,7 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def switch_led(self, on):
-        """Switch the LED. Samples that began before this are marked not `steady`."""
+        """Switch the LED on or off. Samples that began before this call are not `steady`."""
         on = on and self.led_mA > 0
         self._light(on)
         self.led_on = on
@@ -162,27 +164,27 @@ class AS7341:
         self._settled = self._clock.ticks_us()
 
     def remaining_us(self):
-        """Time until the next poll is worth its bus traffic, in us; negative when late."""
+        """Return the time until the next sample is expected, in us; negative if it is late."""
         return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
 
     def poll(self):
-        """Read a new sample, if there is one, in a single burst.
+        """Read a new sample, if there is one, in a single burst. Allocates nothing.
 
-        AVALID is not a new-sample flag: it stays set between samples. Each sample sets AINT; it is
-        cleared here, after the read of ASTATUS has latched the counts. Allocates nothing.
+        AVALID cannot show a new sample, because it stays set between samples. Each sample sets
+        AINT. This method clears AINT after the read of ASTATUS has latched the counts.
 
         Returns
         -------
         bool
-            Whether `counts`, `saturated`, `steady` and `complete` (ticks at the end of the
-            integration) are those of a new sample.
+            True if there is a new sample. It is in the attributes `counts`, `saturated`, `steady`
+            and `complete` (ticks at the end of the integration).
 
         Raises
         ------
         SensorError
-            If no sample came for two periods and the time of an auto-zero.
+            If no sample arrived for two exposures plus the duration of an auto-zero.
         OSError
-            If the bus failed for as long; until then a transfer that failed costs its sample.
+            If transfers failed for the same time. Before that, a failed transfer costs one sample.
         """
         clock = self._clock
         now = clock.ticks_us()
@@ -217,22 +219,24 @@ class AS7341:
                 saturated = True
         self.saturated = saturated
         if not self.steady:
-            # Checked only until it is steady: ticks too far back compare wrongly. This is the
-            # earliest that the sample may have begun, with the oscillator trusted to a sixteenth.
+            # Not compared again once it is steady, because ticks that are too old compare wrongly.
+            # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
             longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
             began = clock.ticks_add(self.complete, -longest_us)
             self.steady = clock.ticks_diff(began, self._settled) >= 0
         return True
 
     def check(self):
-        """Read back one of three pairs of registers, in turns.
+        """Read back one of three pairs of registers; each call checks the next pair.
 
-        Nothing on an I2C bus guards a byte, and a chip may lose its registers.
+        I2C has no checksum, and a chip can lose its register values.
 
         Raises
         ------
         SensorError
-            If it does not hold what was written.
+            If a register differs from the written value.
+        OSError
+            If the I2C transfer fails.
         """
         i = self._check
         self._check = (i + 1) % len(_CHECKED)
@@ -241,16 +245,16 @@ class AS7341:
             raise SensorError("the AS7341 does not hold its settings; check its supply and wiring")
 
     def recover(self):
-        """Free the wires after a transfer that failed; a runtime may do it otherwise."""
+        """Free the wires after a failed transfer; a runtime can override this method."""
         self._bus.recover()
 
     def saturation(self):
-        """Return 'analog', 'digital' or None for the sample last taken (STATUS2)."""
+        """Return the saturation of the last sample (STATUS2): 'analog', 'digital' or None."""
         self._bus.read_into(_STATUS2, self._byte)
         return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
 
     def report(self, reply):
-        """Put what ``get`` returns of this sensor into a reply; without bus traffic."""
+        """Add the counters of this sensor to a reply to ``get`` (dict); uses no bus transfer."""
         reply["missed"] = self.pacing.missed
         reply["retries"] = self.retries
         reply["full_scale"] = self.full_scale
@@ -260,7 +264,7 @@ class AS7341:
         return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US
 
     def _configure(self, atime, astep, gain, led_mA):
-        """Set exposure, gain and LED current; the chip is on and does not sample."""
+        """Set exposure, gain and LED current while the chip is on and does not sample."""
         self._write(_ATIME, atime)
         self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
         self._write(_CFG1, gain)
@@ -279,8 +283,8 @@ class AS7341:
         try:
             self._ask_id()
         except OSError:
-            # The chip does not answer for about 200 us after power-up (section 8.2). No third
-            # attempt: the caller tries again, and each failure is garbage.
+            # The chip does not answer for about 200 us after power-up (section 8.2). A third
+            # attempt is left to the caller, because each failure allocates an exception.
             self._clock.sleep_us(_POWER_UP_US)
             try:
                 self._ask_id()
@@ -288,10 +292,12 @@ class AS7341:
                 self.recover()
                 raise SensorError("no chip answers at 0x39; check wiring and supply")
         if self._byte[0] >> 2 != 9:
-            raise SensorError("the chip at 0x39 is no AS7341 (ID 0x%02x)" % self._byte[0])
+            raise SensorError(
+                "the chip at 0x39 is not an AS7341 (ID 0x%02x): check the breakout" % self._byte[0]
+            )
 
     def _ask_id(self):
-        self._write(_CFG0, 0)  # a transfer that failed may have left bank 1 selected
+        self._write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
         self._bus.read_into(_ID, self._byte)
 
     def _await_smux(self):

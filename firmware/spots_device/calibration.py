@@ -1,6 +1,6 @@
-"""A calibration as the board stores it: lines of integers, validated before they are used.
+"""A calibration as the board stores it: text lines with integers, validated before use.
 
-One statement a line; weights are Q13, logarithms Q20::
+Each line is one statement. Weights are in Q13, logarithms in Q20::
 
     board 4552a1f0             the board it was made on
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
@@ -8,16 +8,16 @@ One statement a line; weights are Q13, logarithms Q20::
     touch 300 200              force in mN at which a touch begins and ends
     coarse 1 -2 ...            six weights, sum 0: a contrast that chooses the segment
     fit 1 -2 ...               six weights, sum 0: the misfit to a single press
-    segment 1 -2 ... 3 4 ...   twelve weights, for each segment of the strip in turn: six for the
-                               position (sum 0), six for the force (sum 8192)
+    segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
+                               (sum 0), six for the force (sum 8192); one line for each segment
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
-    strain 0                   what follows holds at this strain, in ppm
-    from -99999                where the coarse contrast enters the next segment
+    strain 0                   strain in ppm for the lines 'from' and 'x' that follow
+    from -99999                coarse contrast at which the next segment begins
     x -123456 85000 77 -5      knot of that segment: contrast -> position in um, expected fit
-                               (Q12), brightness to take off here
+                               (Q12), correction that is subtracted from the brightness
 
-Strains ascend from 0 and have the same number of knots, so that the board can go from one to the
-next in straight lines. Segments follow the ascending coarse contrast.
+Strains ascend from 0. All strains have the same number of knots, so that the board can
+interpolate linearly between two strains. Segments are in the order of ascending coarse contrast.
 """
 
 from array import array
@@ -31,35 +31,42 @@ WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
 FORCE_MAX_MN = 65_535
-# No logarithm or contrast lies farther out; leaves room for the differences of two.
+# Limit of every logarithm and contrast; the difference of two still fits 31 bits.
 _LOG_MAX = 1 << 28
 _STRAIN_Q = 12
 
-# name: how many integers follow
+# Name of a statement: number of its integers.
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
 _MANY = {"segment": 12, "f": 3}
 
 
-# What a reading is taken with, and what a calibration is valid for: the board's unique id, a tuple
-# of the diodes of ADC 0 to 5, the gain's register code, exposure and current of the LED.
+# Settings of a reading, for which a calibration is valid: unique id of the board (str), diodes of
+# ADC 0 to 5 (tuple of str), register code of the gain, exposure in us, LED current in mA.
 Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "led_mA"))
 
 
 class CalibrationError(ValueError):
-    """A calibration that must not be used; the text says why."""
+    """The calibration is invalid; the text says why."""
 
 
 class Segment:
-    """A stretch of the strip with weights and tables of its own.
+    """A part of the strip with its own weights and tables.
+
+    Parameters
+    ----------
+    weights : sequence of int
+        Twelve weights in Q13: six for the position, six for the force.
+    knots : tuple of array
+        Four arrays of n integers: contrasts, positions, fits and offsets of the knots.
 
     Attributes
     ----------
     position, force : array of int
         Six weights each, Q13.
     contrasts, positions_um, fits, offsets : array of int
-        The knots.
+        Columns of the table of knots; see ``x`` in the text of this module.
     weights, columns : tuple of array
-        The same, as `kernel.estimate` takes them.
+        The same weights and columns, in the form for `kernel.estimate`.
     """
 
     def __init__(self, weights, knots):
@@ -71,24 +78,25 @@ class Segment:
 
 
 class Calibration:
-    """A checked calibration.
+    """A validated calibration, parsed for one strain.
 
     Parameters
     ----------
     lines : iterable of str
-        The statements.
+        Text lines such as ``made 9 9999 20``; the module describes all statements.
     strain_ppm : int
-        The strain to use it at; between two known ones in straight lines.
+        Strain of the strip in ppm. Between two calibrated strains the tables are interpolated
+        linearly.
 
     Raises
     ------
     CalibrationError
-        If a statement is missing, unknown or out of range, or the strain is.
+        If a statement is missing, unknown or out of range, or if `strain_ppm` is out of range.
 
     Attributes
     ----------
     conditions : Conditions
-        What it was made with.
+        Board and settings with which the calibration was made.
     """
 
     def __init__(self, lines, strain_ppm=0):
@@ -104,7 +112,7 @@ class Calibration:
         self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
-            raise CalibrationError("'touch' needs 0 < end <= begin")
+            raise CalibrationError("'touch' needs two forces, 0 < end <= begin")
         self.coarse = array("i", _weights("coarse", seen["coarse"], 0))
         self.fit = array("i", _weights("fit", seen["fit"], 0))
         self.weights = self.coarse, self.fit
@@ -112,7 +120,7 @@ class Calibration:
         self.columns = self.forces_mN, self.tolerances
         if not 0 <= self.forces_mN[0] < self.forces_mN[-1] <= FORCE_MAX_MN:
             raise CalibrationError(
-                "the forces of 'f' must lie within 0 to 65535 mN, last above first"
+                "the forces of 'f' must be from 0 to 65535 mN, the last above the first"
             )
         _check_strains(strains, seen["segment"])
         bounds, tables = _between(strains, strain_ppm)
@@ -123,20 +131,28 @@ class Calibration:
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
 
     def mismatch(self, conditions):
-        """Return why this calibration is invalid for readings taken so, or None.
+        """Return why this calibration is invalid for other conditions.
 
         Parameters
         ----------
         conditions : Conditions
+            Board and settings of the readings.
+
+        Returns
+        -------
+        str or None
+            Sentence for the user; None if the calibration is valid.
         """
         made = self.conditions
         if conditions.board != made.board:
-            return "the calibration was made on board %s, this is %s" % (
+            return "the calibration was made on board %s, this is %s: calibrate again" % (
                 made.board,
                 conditions.board,
             )
         if conditions.plan != made.plan:
-            return "the calibration was made with channels " + " ".join(made.plan)
+            return "the calibration was made with plan=%s; set this, or calibrate again" % (
+                ",".join(made.plan)
+            )
         if conditions != made:
             return (
                 "the calibration was made at gain=%d exposure_us=%d led_mA=%d; "
@@ -146,45 +162,49 @@ class Calibration:
 
 
 class CalibrationSlot:
-    """Stores the lines that the host uploaded, and parses them once for each strain.
+    """Stores the uploaded lines of a calibration, and parses them once for each strain.
 
-    Parsing takes 0.2 s and tens of kilobytes of garbage on an RP2040: it must not happen whenever
-    the sensor returns.
+    Parsing takes 0.2 s and produces tens of kilobytes of garbage on an RP2040. So it must not be
+    repeated each time the sensor answers again.
 
     Attributes
     ----------
     lines : list of str
+        Lines of the calibration; empty without a calibration.
     """
 
     def __init__(self):
         self.use([])
 
     def use(self, lines):
-        """Store lines that were checked, or none."""
+        """Store validated lines of a calibration (list of str); an empty list removes it."""
         self.lines = lines
         self._parsed = None
         self._strain_ppm = 0
 
     def choose(self, conditions, strain_ppm):
-        """Find the calibration to use.
+        """Return the stored calibration, parsed for a strain, if it is valid for the readings.
 
         Parameters
         ----------
         conditions : Conditions
-            Of the readings.
+            Board and settings of the readings.
         strain_ppm : int
+            Strain of the strip in ppm.
 
         Returns
         -------
         calibration : Calibration or None
+            None if no valid calibration is stored.
         why_not : str or None
-            Why the one that is stored cannot be used.
+            Sentence that says why the stored calibration cannot be used; None if it can, or if
+            none is stored.
         """
         if not self.lines:
             return None, None
         try:
             if self._parsed is None or self._strain_ppm != strain_ppm:
-                self._parsed = None  # room for the next one
+                self._parsed = None  # frees memory for the new one
                 self._parsed = Calibration(self.lines, strain_ppm)
                 self._strain_ppm = strain_ppm
         except CalibrationError as error:
@@ -207,17 +227,17 @@ def _take(line, words, seen, strains):
         strains.append((_integers(line, 1)[0], [], []))
     elif name in ("from", "x"):
         if not strains:
-            raise CalibrationError("'%s' comes after a line 'strain'" % name)
+            raise CalibrationError("'%s' must follow a line 'strain'" % name)
         _, bounds, tables = strains[-1]
         if name == "from":
             bounds.append(_integers(line, 1)[0])
             tables.append([])
         elif not tables:
-            raise CalibrationError("'x' comes after a line 'from'")
+            raise CalibrationError("'x' must follow a line 'from'")
         else:
             tables[-1].append(_integers(line, 4))
     elif name in seen:
-        raise CalibrationError("'%s' is there twice" % name)
+        raise CalibrationError("the line '%s' appears twice" % name)
     elif name == "board" and len(words) == 2:
         seen[name] = words[1]
     elif name == "plan":
@@ -227,7 +247,7 @@ def _take(line, words, seen, strains):
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
     else:
-        raise CalibrationError("'%s' is not a line of a calibration" % line[:40])
+        raise CalibrationError("'%s' is not a line of a calibration: remove it" % line[:40])
 
 
 def _integers(line, count):
@@ -244,7 +264,7 @@ def _weights(name, weights, total):
     if sum(weights) != total:
         raise CalibrationError("the weights of '%s' must add up to %d" % (name, total))
     if sum(map(abs, weights)) > WEIGHT_SUM_MAX:
-        raise CalibrationError("the weights of '%s' are too large" % name)
+        raise CalibrationError("the weights of '%s' are too large: calibrate again" % name)
     return weights
 
 
@@ -259,16 +279,16 @@ def _table(name, knots):
         if a[1] == b[1] or (b[1] > a[1]) != rises:
             raise CalibrationError("the table of '%s' is not monotone" % name)
         if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
-            raise CalibrationError("the knots of '%s' lie too far apart" % name)
+            raise CalibrationError("the knots of '%s' lie too far apart: add knots" % name)
     return tuple(array("i", [knot[i] for knot in knots]) for i in range(len(knots[0])))
 
 
 def _check_strains(strains, segments):
     ppm = [strain for strain, _, _ in strains]
     if not ppm or ppm[0] != 0 or sorted(set(ppm)) != ppm:
-        raise CalibrationError("'strain' needs ascending values from 0")
+        raise CalibrationError("the values of 'strain' must ascend from 0")
     if ppm[-1] > STRAIN_MAX_PPM:
-        raise CalibrationError("'strain' ends at %d" % STRAIN_MAX_PPM)
+        raise CalibrationError("'strain' must be at most %d" % STRAIN_MAX_PPM)
     sizes = list(map(len, strains[0][2]))
     for _, bounds, tables in strains:
         if len(tables) != len(segments) or not segments:
@@ -282,11 +302,11 @@ def _check_strains(strains, segments):
 
 
 def _between(strains, strain_ppm):
-    """Return bounds and knots at a strain."""
+    """Return the segment bounds and the knots at a strain, interpolated linearly."""
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:
         raise CalibrationError(
-            "the calibration covers strain_ppm=0 to %d: set it within" % strains[last][0]
+            "the calibration covers strain_ppm=0 to %d: set strain_ppm to that" % strains[last][0]
         )
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:

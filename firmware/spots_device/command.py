@@ -1,6 +1,7 @@
-"""Text commands, host to board: one ASCII line in, one JSON object out. See docs/protocol.md.
+"""Text commands from the host: one ASCII line each; the reply is one JSON object.
 
-A bad line changes nothing and is answered with a sentence. Commands allocate; they are rare.
+docs/protocol.md describes them. An invalid line changes nothing; its reply contains an error
+sentence. Commands allocate memory, which is acceptable because they are rare.
 """
 
 import json
@@ -13,21 +14,28 @@ from .settings import checksum
 from .uses import check_layout
 
 LINE_MAX = 255
-_LINES_MAX = 400  # of an upload
+_LINES_MAX = 400  # lines of an upload
 _BYTES_MAX = 16_000
-NAME_MAX = 20  # so much of an unknown name is repeated in the reply
+NAME_MAX = 20  # characters of an unknown name that the reply repeats
 _NO_MEMORY = "no memory left for this; reboot and try again"
 
 
+def _noted(reply, note):
+    """Add a note to a reply if there is one; return the reply."""
+    if note:
+        reply["note"] = note
+    return reply
+
+
 class LineReader:
-    """Assembles lines from single bytes in a buffer that never grows."""
+    """Assembles lines from single bytes in a buffer of fixed size."""
 
     def __init__(self):
         self._line = bytearray(LINE_MAX)
         self._size = 0
 
     def feed(self, byte):
-        """Take a byte; True once it ends a line. Allocates nothing."""
+        """Add a byte; return True if it ends a line. Allocates nothing."""
         if byte == 10 or byte == 13:
             return self._size > 0
         if self._size < LINE_MAX:
@@ -36,29 +44,31 @@ class LineReader:
         return False
 
     def line(self):
-        """Return the line that just ended as str and begin the next one.
+        """Return the complete line as str and start the next one.
 
         Raises
         ------
         ValueError
-            If it was too long or not printable ASCII.
+            If the line is too long or not printable ASCII.
         """
         size, self._size = self._size, 0
         if size > LINE_MAX:
-            raise ValueError("a line holds at most %d characters" % LINE_MAX)
+            raise ValueError("a line must have at most %d characters" % LINE_MAX)
         line = bytes(memoryview(self._line)[:size])
         if min(line) < 32 or max(line) > 126:
-            raise ValueError("a line is printable ASCII")
+            raise ValueError("the line must be printable ASCII")
         return line.decode()
 
 
 class Replies:
-    """Sends replies, and remembers the one that will follow when its work is done.
+    """Sends replies. At most one reply can be delayed until the work of its command is done.
 
     Parameters
     ----------
     framer : frame.Framer
+        Sends each reply as a TEXT frame.
     time : frame.Time32
+        Board time; updated before each reply.
     """
 
     def __init__(self, framer, time):
@@ -67,11 +77,11 @@ class Replies:
         self._claimed = None
 
     def log(self, level, text):
-        """Send a log line."""
+        """Send a log line; `level` is ``"info"`` or ``"error"``."""
         self.send({"log": level, "text": text})
 
     def send(self, reply):
-        """Send a reply, or an error in its place if it is too long or memory does not suffice."""
+        """Send a reply (dict); if it is too long or memory is short, send an error instead."""
         self._time.update()
         try:
             data = json.dumps(reply).encode()
@@ -83,37 +93,42 @@ class Replies:
         self._framer.text(data)
 
     def check_unclaimed(self):
-        """Raise ValueError while a reply is still to follow."""
+        """Raise ValueError if the reply to an earlier command is still pending."""
         if self._claimed:
-            raise ValueError("wait for '%s' to end" % self._claimed)
+            raise ValueError("'%s' still runs: wait for its reply" % self._claimed)
 
     def claim(self, name):
-        """Record that the reply to a command will follow."""
+        """Record that the reply to the command `name` is sent later, with `finish`."""
         self._claimed = name
 
     def finish(self, name, reply):
-        """Send the reply that was claimed."""
+        """Send the delayed reply (dict) to the command `name`."""
         self._claimed = None
         reply["re"] = name
         self.send(reply)
 
     def abandon(self, why):
-        """Answer a request that will not end."""
+        """Send an error as the pending reply, if there is one; `why` is the reason."""
         if self._claimed:
             self.finish(self._claimed, {"error": why + " before this ended"})
 
 
 class Upload:
-    """What ``cal`` and ``layout`` share: begin, lines, end with a checksum; or clear.
+    """Receives a text line by line, for the commands ``cal`` and ``layout``.
+
+    The host sends ``begin``, the lines, and ``end`` with a checksum; or ``clear``.
 
     Parameters
     ----------
-    command, what : str
-        The command, and what its lines are.
+    command : str
+        Name of the command, such as ``cal``.
+    what : str
+        Name of the text in messages, such as ``calibration``.
     check : callable
-        Raises ValueError if lines must not be used.
+        ``check(lines)`` raises ValueError if the lines are invalid.
     use : callable
-        Takes lines that were checked, or none; returns what keeps them from working, or None.
+        ``use(lines) -> str or None`` uses valid lines, or removes the text if the list is empty.
+        It returns a note for the user.
     """
 
     def __init__(self, command, what, check, use):
@@ -129,7 +144,18 @@ class Upload:
         self._bytes = 0
 
     def take(self, words):
-        """Carry a command out and return its reply; ValueError if it is refused."""
+        """Execute a command and return its reply (dict).
+
+        Parameters
+        ----------
+        words : list of str
+            Words after the name of the command.
+
+        Raises
+        ------
+        ValueError
+            If the command is invalid; the text is the error sentence.
+        """
         verb = words[0] if words else ""
         if verb == "begin":
             self.forget()
@@ -137,9 +163,9 @@ class Upload:
             return {}
         if verb == "clear":
             self.forget()
-            return self._reply({}, self._use([]))
+            return _noted({}, self._use([]))
         if self._lines is None:
-            raise ValueError("begin with '%s begin'" % self._command)
+            raise ValueError("send '%s begin' first" % self._command)
         if verb != "end":
             return self._keep(" ".join(words))
         lines = self._lines
@@ -147,21 +173,16 @@ class Upload:
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs; send the %s again" % self._what)
         self._check(lines)
-        return self._reply({self._what: checksum(lines)}, self._use(lines))
-
-    def _reply(self, reply, note):
-        if note:
-            reply["note"] = note
-        return reply
+        return _noted({self._what: checksum(lines)}, self._use(lines))
 
     def _keep(self, line):
         if not line:
-            raise ValueError("say a line of the %s after '%s'" % (self._what, self._command))
+            raise ValueError("write a line of the %s after '%s'" % (self._what, self._command))
         self._bytes += len(line) + 1
         if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
             self.forget()
             raise ValueError(
-                "a %s has at most %d lines of %d bytes in all; this one is dropped"
+                "the %s is too large: at most %d lines and %d bytes"
                 % (self._what, _LINES_MAX, _BYTES_MAX)
             )
         self._lines.append(line)
@@ -169,27 +190,28 @@ class Upload:
 
 
 class Commands:
-    """What each command does to the application; `spots command --help` shows this list.
+    """Executes the commands; `spots command --help` shows this list.
 
     commands of the board:
       hello               board, firmware, id, settings, calibration
-      get                 settings, dark frame, faults and what was missed
+      get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
                           baseline, dark_every, keys, gamepad, watchdog
       auto                search gain and LED current while you press firmly
       dark                take a dark frame
       rest                take the present light as the baseline
-      stream KIND ...     what each sample sends: touch, spectrum, both, off
+      stream KIND ...     select the frames of each sample: touch, spectrum, both, off
       keys on|off         touches press keys
       gamepad on|off      touches move a gamepad
       layout, cal         upload a layout or a calibration, line by line
       save                store settings, layout and calibration
-      sync                the board's time, and what it streams
+      sync                the board's time and its streams
       reboot              restart the firmware
 
     Parameters
     ----------
     app : app.BoardApp
+        Application that the commands control.
     """
 
     def __init__(self, app):
@@ -201,20 +223,25 @@ class Commands:
         }
 
     def handle(self, line):
-        """Carry out a line.
+        """Execute the command in a line.
+
+        Parameters
+        ----------
+        line : str
+            Name of the command and its arguments.
 
         Returns
         -------
         dict or None
-            The reply; None if it follows when the work is done.
+            Reply to send; None if the reply is sent later, when the work is done.
         """
         words = line.split()
         if not words:
-            return {"re": "", "error": "an empty line is no command"}
+            return {"re": "", "error": "the line is empty: send a command"}
         name = words[0]
         if name not in self._TABLE:
             known = ", ".join(sorted(self._TABLE))
-            return {"re": name[:NAME_MAX], "error": "no such command; there are " + known}
+            return {"re": name[:NAME_MAX], "error": "no such command; use one of " + known}
         try:
             reply = self._TABLE[name](self, words)
         except (ValueError, OSError) as error:
@@ -238,23 +265,20 @@ class Commands:
 
     def _set(self, words):
         if len(words) == 1:
-            raise ValueError("say what to set, as in: set exposure_us=10000 gain=9")
+            raise ValueError("name a setting, as in: set exposure_us=10000 gain=9")
         app = self._app
         if app.settings.change(words[1:]):
             app.restart()
         reply = app.settings.reply()
         reply["rate_mHz"] = app.rate_mHz()
-        note = app.apply_calibration()
-        if note:
-            reply["note"] = note
-        return reply
+        return _noted(reply, app.apply_calibration())
 
     def _stream(self, words):
         kinds = set(words[1:])
         if not kinds or kinds - {"touch", "spectrum", "off"} or len(kinds) > 2:
             raise ValueError("stream takes touch, spectrum, both, or off")
         if "off" in kinds and len(kinds) > 1:
-            raise ValueError("stream takes off alone")
+            raise ValueError("stream off takes no other word")
         self._app.strip.stream(kinds)
         self._app.measure()
         return {"stream": sorted(kinds)}
@@ -265,11 +289,7 @@ class Commands:
             raise ValueError("%s takes on or off" % name)
         app = self._app
         app.settings.change(["%s=%d" % (name, words[1] == "on")])
-        note = app.apply_calibration()
-        reply = {name: words[1]}
-        if note:
-            reply["note"] = note
-        return reply
+        return _noted({name: words[1]}, app.apply_calibration())
 
     def _dark(self, words):
         self._replies.check_unclaimed()
@@ -282,7 +302,7 @@ class Commands:
 
     def _rest(self, words):
         if not self._app.settings.values["baseline"]:
-            raise ValueError("the untouched strip is not followed: set baseline=1")
+            raise ValueError("the baseline is off: send 'set baseline=1' first")
         self._app.strip.request_rest()
         return {}
 
@@ -295,15 +315,13 @@ class Commands:
 
     def _auto_done(self, outcome):
         app = self._app
+        note = app.apply_calibration()
         if outcome == DONE:
-            reply = app.settings.reply()
+            reply = _noted(app.settings.reply(), note)
         elif outcome == TOO_DARK:
             reply = {"error": "too dark at full gain and LED current; press harder, check the LED"}
         else:
             reply = {"error": "too bright at the least gain and LED current; shade the sensor"}
-        note = app.apply_calibration()
-        if note and outcome == DONE:
-            reply["note"] = note
         self._replies.finish("auto", reply)
 
     def _save(self, words):
@@ -311,7 +329,7 @@ class Commands:
         return {}
 
     def _sync(self, words):
-        # A host detects by the streams that the board has restarted.
+        # A host detects a restart of the board by an empty list of streams.
         return {"t_us": self._app.time_us(), "stream": self._app.strip.streams()}
 
     def _reboot(self, words):
@@ -322,7 +340,7 @@ class Commands:
     def _upload(self, words):
         return self._uploads[words[0]].take(words[1:])
 
-    # What they take are the words of the line, the name too.
+    # Each function gets all words of the line, including the name of the command.
     _TABLE = {
         "hello": _hello,
         "get": _get,

@@ -1,10 +1,11 @@
-"""Counts to position and force: six logarithms, four dot products, tables.
+"""Computes position and force from counts: six logarithms, four dot products, tables.
 
 With L_i = log2(counts_i - dark_i), Eq. 1 of the paper is linear in the filtering length x and the
-logarithm of the coupled light. Weights that add up to 0 leave x (the position contrast), weights
-that add up to 1 and cancel the decay leave the light (the brightness). What is best changes along
-the strip, as the counts do: a coarse contrast chooses the segment whose weights are used. One more
-set measures the misfit to a single press. Integers of 31 bits only; allocates nothing.
+logarithm of the coupled light. Weights with the sum 0 give a value that depends on x only: the
+position contrast. Weights with the sum 1 that cancel the decay give a value that depends on the
+light only: the brightness. The best weights change along the strip, so a coarse contrast selects
+a segment with its own weights. Another set of weights measures the misfit to a single press.
+All integers fit 31 bits; nothing is allocated.
 """
 
 from array import array
@@ -20,8 +21,8 @@ DROPPED = 1 << 5
 NOT_CALIBRATED = 1 << 6
 LED_OFF = 1 << 7
 
-DARK_SAMPLES = 64  # replies give a dark frame as sums over so many
-AVERAGE_MAX = 64  # times 4 samples of a dark frame, full-scale counts reach 2**24
+DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
+AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**24
 
 
 class Decode:
@@ -30,14 +31,14 @@ class Decode:
     Attributes
     ----------
     flags : int
-        Bits of this module; `DROPPED` is the framer's.
+        Flag bits of this module, without `DROPPED`, which the framer sets.
     contrast, brightness : int
         Q20, in units of log2.
     position_um, force_mN : int
-        0 where the flags say that they cannot be known.
+        Position in um and force in mN; 0 if the flags mark them as unknown.
     dark_samples : int
-        Over how many samples the dark frame that `update` gets is summed; times the samples of a
-        reading at most 256.
+        Number of samples in the sums of the dark frame for `update`. Multiplied by the samples of
+        a reading, it must be at most 256.
     """
 
     def __init__(self):
@@ -56,18 +57,18 @@ class Decode:
         sums : sequence of int
             Six sums of counts over `samples` samples.
         samples : int
-            1 to `AVERAGE_MAX`.
+            Samples in the reading, 1 to `AVERAGE_MAX`.
         dark : sequence of int
-            Six sums over `dark_samples` dark samples, or zeros.
+            Six sums of counts over `dark_samples` dark samples; zeros without a dark frame.
         flags : int
-            What is known already: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
+            Flags of the sums: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
         """
         calibration = self.calibration
         if calibration is None:
             flags |= NOT_CALIBRATED
         if flags & LED_OFF:
             self.contrast = self.brightness = self.position_um = self.force_mN = 0
-            # Blind for a moment: what was touched stays touched.
+            # Without light a touch cannot be detected: the state of the touch does not change.
             self.flags = flags | self.flags & TOUCHING
             return
         reading = self._reading

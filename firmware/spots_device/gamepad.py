@@ -1,12 +1,12 @@
-"""Readings to a gamepad: X is the position, Z the force, button 1 the touch.
+"""Turns readings into gamepad axes: X is the position, Z the force, button 1 the touch.
 
-Without a touch all is 0, like a centred stick. Integers only; allocates nothing.
+Without a touch all values are 0, like a centred stick. Integers only; allocates nothing.
 """
 
 from .contact import DOUBTFUL
 from .decode import TOUCHING
 
-_BITS = 22  # of a length, so that 8 more fit a small integer
+_BITS = 22  # most bits of a length: with 8 more bits it still fits a small integer
 _X_MAX = 32_767
 
 
@@ -15,8 +15,8 @@ class GamepadAxes:
 
     Parameters
     ----------
-    sink : object
-        As `hid.GamepadReports`.
+    sink : hid.GamepadReports
+        Gets axes and buttons.
     """
 
     def __init__(self, sink):
@@ -24,7 +24,15 @@ class GamepadAxes:
         self._length_um = self._shift = self._full_mN = 0
 
     def set_range(self, length_um, full_mN):
-        """Release all, and set the length and force at the ends of X and Z."""
+        """Release all, and set the full scale of the axes.
+
+        Parameters
+        ----------
+        length_um : int
+            Length of the strip in um; the right end of X.
+        full_mN : int
+            Force in mN at the end of Z.
+        """
         self.release()
         self._length_um = max(1, length_um)
         self._full_mN = full_mN
@@ -33,7 +41,15 @@ class GamepadAxes:
             self._shift += 1
 
     def take(self, flags, position_um, force_mN):
-        """Take a reading; an untrusted one changes nothing while the touch lasts."""
+        """Process a reading; an untrusted reading during a touch changes nothing.
+
+        Parameters
+        ----------
+        flags : int
+            Flag bits of `decode`.
+        position_um, force_mN : int
+            Position in um and force in mN.
+        """
         if not flags & TOUCHING:
             self._sink.update(0, 0, 0, 0)
         elif not flags & DOUBTFUL:

@@ -1,7 +1,8 @@
-"""HID reports of keyboard, consumer control and gamepad, and their queue to the host.
+"""HID reports of keyboard, consumer control and gamepad, and a queue of reports to the host.
 
-Independent of the USB stack: ``send(report) -> bool`` offers a report without waiting and returns
-whether the stack took it. Integers only; allocates nothing once constructed.
+It works with any USB stack that has a function ``send(report) -> bool``. The function must not
+wait; it returns True if the stack accepted the report. Integers only; allocates nothing after
+construction.
 """
 
 from struct import pack_into
@@ -40,27 +41,40 @@ _BUTTONS = 6  # where they begin in a report
 
 
 def with_report_id(descriptor, report_id):
-    """Return a descriptor whose reports share an endpoint with those of other devices."""
+    """Return a report descriptor with a report id added, for devices that share an endpoint.
+
+    Parameters
+    ----------
+    descriptor : bytes
+        Report descriptor without a report id.
+    report_id : int
+        Report id, 1 to 255.
+
+    Returns
+    -------
+    bytes
+    """
     return descriptor[:6] + bytes((0x85, report_id)) + descriptor[6:]
 
 
 class Outbox:
-    """First-in first-out queue of reports; each is sent once, however often the host refuses.
+    """First-in first-out queue of reports; each report is sent exactly once.
 
-    A full queue is dropped as a whole, and a report with nothing pressed follows: a lost key is
-    better than a stuck key.
+    If the queue is full, all its reports are dropped, and a report without a pressed key is sent.
+    A lost key is better than a stuck key.
 
     Parameters
     ----------
     send : callable
-        See the module.
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
     size : int
-        Bytes of a report.
+        Bytes in a report.
 
     Attributes
     ----------
     dropped : int
-        Reports that were never sent.
+        Number of reports that were never sent.
     """
 
     def __init__(self, send, size=REPORT_SIZE):
@@ -68,18 +82,18 @@ class Outbox:
         self._size = size
         self._waiting = [bytearray(size) for _ in range(WAITING_MAX)]
         self._first = self._count = 0
-        # Set before a report goes out: an exception in between must not hide a key that is down.
+        # Set before a report is sent, so that an exception during the call cannot hide a key press.
         self._maybe_down = False
         self.dropped = 0
 
     def newest(self):
-        """Return the last report in the queue, to be changed in place, or None."""
+        """Return the last report in the queue, which the caller may change; None if it is empty."""
         if self._count == 0:
             return None
         return self._waiting[(self._first + self._count - 1) % WAITING_MAX]
 
     def put(self, report):
-        """Queue a copy of a report; False if the queue was full and all of it is dropped."""
+        """Add a copy of a report to the queue; return False if the queue was full and dropped."""
         if self._count == WAITING_MAX:
             self.dropped += 1
             self.release()
@@ -88,14 +102,14 @@ class Outbox:
         return True
 
     def release(self):
-        """Drop the queue; if the host may have something pressed, queue its release."""
+        """Drop all reports; if a key may be pressed on the host, queue a report to release it."""
         self.dropped += self._count
         self._count = 0
         if self._maybe_down:
             self._append(None)
 
     def pump(self):
-        """Offer the oldest report, once; return whether the queue is empty."""
+        """Offer the oldest report to the USB stack once; return True if the queue is empty."""
         if self._count:
             report = self._waiting[self._first]
             down = _any(report)
@@ -122,7 +136,14 @@ def _any(report):
 
 
 class KeyboardReports:
-    """Turns key events into boot-keyboard reports, one each; ignores a seventh key at once."""
+    """Turns each key event into a boot-keyboard report; a seventh simultaneous key is ignored.
+
+    Parameters
+    ----------
+    send : callable
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
+    """
 
     def __init__(self, send):
         self.outbox = Outbox(send)
@@ -131,7 +152,17 @@ class KeyboardReports:
         self._alone = 0
 
     def key(self, usage, modifiers, pressed):
-        """Take a key event; `usage` is 1 to 0xDD, or a modifier's, 0xE0 to 0xE7."""
+        """Process a key event.
+
+        Parameters
+        ----------
+        usage : int
+            HID usage: 1 to 0xDD for a key, 0xE0 to 0xE7 for a modifier key.
+        modifiers : int
+            Bits of the modifier keys that are pressed together with the key.
+        pressed : bool
+            True for a press, False for a release.
+        """
         if usage >= _MODIFIERS_FROM:
             bit = 1 << usage - _MODIFIERS_FROM
             if pressed == (self._alone & bit != 0):
@@ -179,14 +210,21 @@ class KeyboardReports:
 
 
 class ConsumerReports:
-    """Turns key events of the consumer page into reports, one each; the last key pressed wins."""
+    """Turns each key event of the consumer page into a report; the last pressed key wins.
+
+    Parameters
+    ----------
+    send : callable
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
+    """
 
     def __init__(self, send):
         self.outbox = Outbox(send, CONSUMER_SIZE)
         self._report = bytearray(CONSUMER_SIZE)
 
     def key(self, usage, pressed):
-        """Take a key event; `usage` is 1 to 0x3FF."""
+        """Process a press or release of a key; `usage` is its HID usage, 1 to 0x3FF."""
         report = self._report
         if not pressed and report[0] | report[1] << 8 != usage:
             return
@@ -202,7 +240,16 @@ class ConsumerReports:
 
 
 class GamepadReports:
-    """Turns axes and buttons into reports: one for each change of a button; axes are merged."""
+    """Turns axes and buttons into reports.
+
+    Each change of a button gets its own report. Waiting changes of axes are merged into one.
+
+    Parameters
+    ----------
+    send : callable
+        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
+        returns True if the stack accepted the report.
+    """
 
     def __init__(self, send):
         self.outbox = Outbox(send)
@@ -210,7 +257,17 @@ class GamepadReports:
         self._last = bytearray(REPORT_SIZE)
 
     def update(self, x, y, z, buttons):
-        """Take all axes and buttons, in the ranges of the descriptor."""
+        """Set all axes and buttons.
+
+        Parameters
+        ----------
+        x, y : int
+            Axes, -32767 to 32767.
+        z : int
+            Axis, 0 to 32767.
+        buttons : int
+            Bit n is set if button n + 1 is pressed; 16 bits.
+        """
         report, last = self._report, self._last
         pack_into(_GAMEPAD, report, 0, x, y, z, buttons)
         if _same(report, last, 0):

@@ -1,26 +1,31 @@
-"""A layout of keys as the board stores it: lines of integers, validated before they are used.
+"""A layout of keys as the board stores it: text lines with integers, validated before use.
 
-One statement a line; what `LIMITS` names may be left out::
+Each line is one statement. The statements of `LIMITS` are optional::
 
-    detect 2                   readings in a row that make a press
-    layer 0 0                  a layer begins: its actions for a swipe to the sensor and away
+    detect 2                   consecutive readings that make a press
+    layer 0 0                  start of a layer: actions for a swipe to the sensor and away from it
     key 0 100 7340036 0 0 0 0 0
 
-A key has its bounds in thousandths of the strip from the sensor's end on, then what a tap, a double
-tap, a hold and a firm press do, and a slide to the sensor and away, at every step. Of an action the
-bits from 20 on are its kind: 0 nothing; a HID usage page, 7 keyboard or 12 consumer, with modifiers
-from bit 12 on and the usage below; or `MOMENTARY`, `TOGGLE`, `ONCE` with a layer below. Keys of a
-layer ascend and do not overlap; what lies between them is no key.
+The first two numbers of a key are its bounds in thousandths of the strip, from the sensor's end.
+Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slide away from it. A
+slide repeats its action at every step.
+
+An action is one integer. Bits 20 and higher are its kind. Kind 0 does nothing. Kinds 7 (keyboard)
+and 12 (consumer) are HID usage pages; then bits 12 to 19 are the modifiers and bits 0 to 11 the
+usage. For the kinds `MOMENTARY`, `TOGGLE` and `ONCE`, bits 0 to 11 are the number of a layer.
+
+The keys of a layer ascend and do not overlap. A press between two keys has no action.
 """
 
 from array import array
 
-# Kinds of actions from here on are HID usage pages.
+# Kinds of actions: HID usage pages.
 KEYBOARD = 7
 CONSUMER = 12
+# Kinds of actions: layers.
 MOMENTARY = 1  # the layer is on while the key is held
-TOGGLE = 2
-ONCE = 3  # for the next key
+TOGGLE = 2  # switches the layer on or off
+ONCE = 3  # the layer is on for the next key
 
 HOLD_PREFERRED = 0
 BALANCED = 1
@@ -28,18 +33,18 @@ TAP_PREFERRED = 2
 
 LOW, HIGH, TAP, DOUBLE, HOLD, FIRM, SLIDE_MINUS, SLIDE_PLUS = range(8)
 KEY_SIZE = 8
-FULL = 1000  # the strip in bounds
+FULL = 1000  # bound at the far end of the strip
 LAYERS_MAX = 8
 KEYS_MAX = 128
 
-# name: smallest, largest, default
+# Name of a statement: minimum, maximum, default.
 LIMITS = {
     "detect": (1, 8, 2),
-    "press_mN": (0, 65_535, 0),  # 0: where the calibration lets a touch begin
+    "press_mN": (0, 65_535, 0),  # 0: the force at which a touch begins in the calibration
     "release_mN": (0, 65_535, 0),
     "firm_mN": (1, 65_535, 4_000),
-    "jump_um": (500, 1_000_000, 5_000),  # farther from one reading to the next goes no finger
-    "slack_um": (0, 100_000, 500),  # a quick second tap may miss its key by so much
+    "jump_um": (500, 1_000_000, 5_000),  # longest way of a finger between two readings
+    "slack_um": (0, 100_000, 500),  # a quick second tap may miss its key by this distance
     "slide_um": (200, 1_000_000, 4_000),
     "swipe_um": (1_000, 1_000_000, 20_000),
     "release_ms": (0, 1_000, 15),
@@ -48,7 +53,7 @@ LIMITS = {
     "double_ms": (10, 60_000, 250),
     "firm_ms": (10, 60_000, 80),
     "swipe_ms": (10, 60_000, 250),
-    "stuck_ms": (0, 3_600_000, 0),  # 0: what rests is a finger, however long
+    "stuck_ms": (0, 3_600_000, 0),  # 0: a touch without motion is a finger for any duration
     "flavour": (HOLD_PREFERRED, TAP_PREFERRED, BALANCED),
 }
 _USAGES = {KEYBOARD: (1, 0xE7), CONSUMER: (1, 0xFFF)}
@@ -56,31 +61,41 @@ _LAYER_ACTIONS = (MOMENTARY, TOGGLE, ONCE)
 
 
 class LayoutError(ValueError):
-    """A layout that must not be used; the text says why."""
+    """The layout is invalid; the text says why."""
 
 
 def action(kind, number, modifiers=0):
-    """Return an action as lines hold it."""
+    """Return the integer of an action.
+
+    Parameters
+    ----------
+    kind : int
+        `KEYBOARD`, `CONSUMER`, `MOMENTARY`, `TOGGLE` or `ONCE`.
+    number : int
+        HID usage, or number of a layer.
+    modifiers : int
+        Bits of the modifier keys.
+    """
     return kind << 20 | modifiers << 12 | number
 
 
 class Layout:
-    """A checked layout.
+    """A validated layout.
 
     Parameters
     ----------
     lines : iterable of str
-        The statements.
+        Text lines such as ``key 0 100 7340036 0 0 0 0 0``; the module describes all statements.
 
     Attributes
     ----------
     keys : array of int
-        `KEY_SIZE` for each key; a row is where one begins.
+        `KEY_SIZE` integers for each key. The index of the first one is the row of the key.
     pages : tuple of int
-        The HID usage pages that its actions use.
+        HID usage pages of all actions.
 
-    The names of `LIMITS` are attributes too, those in ms as ticks (see contact.py) by names that
-    end in ``_t``.
+    Each statement of `LIMITS` is an attribute too. Durations are in ticks (see contact.py), and
+    their names end in ``_t`` instead of ``_ms``.
 
     Raises
     ------
@@ -110,12 +125,14 @@ class Layout:
                 row = _integers(line, KEY_SIZE)
                 after = keys[-KEY_SIZE + HIGH] if firsts and len(keys) > firsts[-1] else 0
                 if not firsts or not after <= row[LOW] < row[HIGH] <= FULL:
-                    raise LayoutError("'%s': keys follow each other in a layer, to 1000" % line)
+                    raise LayoutError("'%s': keys must ascend and end at 1000 or before" % line)
                 keys.extend(row)
             else:
-                raise LayoutError("no statement is called '%s'" % name)
+                raise LayoutError("no statement is called '%s': remove it" % name)
         if not keys or len(firsts) > LAYERS_MAX or len(keys) > KEYS_MAX * KEY_SIZE:
-            raise LayoutError("a layout has 1 to %d keys in %d layers" % (KEYS_MAX, LAYERS_MAX))
+            raise LayoutError(
+                "a layout needs 1 to %d keys, 1 to %d layers" % (KEYS_MAX, LAYERS_MAX)
+            )
         self.layers = len(firsts)
         self.keys = array("i", keys)
         self._firsts = array("i", firsts + [len(keys)])
@@ -134,15 +151,15 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key, or where the last layer ends."""
+        """Return the row of a layer's first key; for `layers`, the end of the last layer."""
         return self._firsts[layer]
 
     def is_on(self, layer, row):
-        """Return whether a row belongs to a layer."""
+        """Return whether the key at a row belongs to a layer."""
         return self._firsts[layer] <= row < self._firsts[layer + 1]
 
     def swipe(self, layer, plus):
-        """Return a layer's action for a swipe, `plus` for one away from the sensor."""
+        """Return a layer's action for a swipe; `plus` is True for a swipe away from the sensor."""
         return self._swipes[2 * layer + (1 if plus else 0)]
 
     def _check(self, action, pages):
@@ -155,7 +172,7 @@ class Layout:
                 return
         elif (kind in _LAYER_ACTIONS and number < self.layers) or action == 0:
             return
-        raise LayoutError("there is no action %d" % action)
+        raise LayoutError("the action %d is invalid" % action)
 
 
 def _integers(line, count):
@@ -169,7 +186,7 @@ def _integers(line, count):
 
 
 def default_lines():
-    """Return the lines of ten keys, 1 to 9 and 0, for a board without a layout."""
+    """Return the lines of the default layout: ten keys in a row, 1 to 9 and 0."""
     lines = ["layer 0 0"]
     for i in range(10):
         lines.append("key %d %d %d 0 0 0 0 0" % (100 * i, 100 * i + 100, action(KEYBOARD, 30 + i)))

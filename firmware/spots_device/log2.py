@@ -1,16 +1,16 @@
-"""Base-2 logarithm of a whole number, in Q20, by table and integers only.
+"""Base-2 logarithm of an integer in Q20, computed with a table and integers only.
 
-The mantissa is looked up in 512 steps and the chord between two entries is
-followed. A chord lies below a concave curve, so each entry is raised by half
-the chord's largest error, which halves it. Worst error against the exact value:
-one unit of Q20 (9.5e-7), over every argument from 1 to 2**24.
+The table has 512 steps of the mantissa, with linear interpolation between two entries. The chord
+between two entries lies below the concave curve. So each entry is raised by half the chord's
+largest error, which halves the error. The largest error is one unit of Q20 (9.5e-7), over all
+arguments from 1 to 2**24.
 """
 
 from array import array
 
 Q = 20
 ONE = 1 << Q
-# Largest argument: 64 averaged samples of 16 bits, times 4.
+# Largest argument: 64 averaged samples of 16 bits, multiplied by 4.
 LIMIT = 1 << 24
 
 _STEPS_LOG2 = 9
@@ -20,8 +20,8 @@ _GUARD = 4  # the table holds Q24
 
 def _table():
     def exact_q24(step):
-        # Bit by bit: squaring the mantissa doubles its logarithm. Needs 62-bit
-        # products, so it allocates on a board; it runs once, at import.
+        # Computes one bit at a time: squaring the mantissa doubles its logarithm. The products
+        # have 62 bits, so it allocates on a board; it runs once, at import.
         mantissa = (_STEPS + step) << (30 - _STEPS_LOG2)
         bits = 0
         for _ in range(Q + _GUARD + 1):
@@ -42,7 +42,7 @@ def _table():
 
 
 TABLE = _table()
-del _table  # room on a board
+del _table  # frees memory on a board
 
 
 def log2_q20(n):
@@ -53,12 +53,12 @@ def log2_q20(n):
     Parameters
     ----------
     n : int
-        1 to 2**24; larger values give 24.0.
+        1 to 2**24. For larger values the result is 24.0.
 
     Returns
     -------
     int
-        log2(n) * 2**20, within one unit.
+        log2(n) * 2**20, with an error of at most 1.
     """
     if n >= LIMIT:
         return 24 << Q

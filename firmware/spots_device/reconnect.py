@@ -1,4 +1,4 @@
-"""A sensor that does not answer: searched again and again, reported once."""
+"""Reconnects a sensor that does not answer: repeats the start, and reports the fault once."""
 
 import gc
 
@@ -10,25 +10,29 @@ _RETRY_US = const(100_000)
 
 
 class Reconnect:
-    """Whether the sensor answers, and the search for it.
+    """Records whether the sensor answers, and starts it again if it does not.
 
     Parameters
     ----------
     strip : strip.Strip
+        Starts the sensor.
     clock : object
-        ``sleep_us``.
+        ``sleep_us(us)``.
     replies : command.Replies
-    on_found, on_lost : callable
-        Called without arguments once the sensor samples, and whenever it does not answer.
+        Sends the log lines.
+    on_found : callable
+        Called without arguments after each successful start in `search`.
+    on_lost : callable
+        Called without arguments each time the sensor does not answer.
 
     Attributes
     ----------
     lost : bool
-        Whether the sensor has to be searched.
+        True while the sensor does not answer.
     fault : str or None
-        Why it was lost, until it has sampled again.
+        Sentence about the last fault; None after the next sample.
     faults : int
-        How often it was lost.
+        Number of faults so far.
     """
 
     def __init__(self, strip, clock, replies, on_found, on_lost):
@@ -42,9 +46,9 @@ class Reconnect:
         self.faults = 0
 
     def search(self):
-        """Try to start the sensor, once; takes 0.1 s if it does not answer."""
-        # Nothing is sampled now, so a pause costs nothing. A heap full of what earlier searches
-        # left would slow the loop down as long as nobody sends a command.
+        """Try to start the sensor once; takes 0.1 s if it does not answer."""
+        # A pause costs no sample now. Garbage of earlier attempts would slow down the loop until
+        # the next command.
         gc.collect()
         try:
             self._strip.start()
@@ -54,7 +58,7 @@ class Reconnect:
             return
         self.lost = False
         self._on_found()
-        gc.collect()  # what was loaded and parsed just now left garbage
+        gc.collect()  # imports and parsing left garbage
 
     def restart(self):
         """Restart the sensor with the present settings; does nothing while it is lost."""
@@ -65,13 +69,19 @@ class Reconnect:
                 self.lose(error)
 
     def lose(self, error):
-        """Record that the sensor does not answer; `search` has to follow."""
+        """Record that the sensor does not answer; the caller must call `search` next.
+
+        Parameters
+        ----------
+        error : OSError or as7341.SensorError
+            Cause of the loss.
+        """
         self.lost = True
         self._on_lost()
         known, self.fault = self.fault, str(error)
         if isinstance(error, OSError):
             self.fault = "the I2C bus failed (%s)" % error
-        if not known:  # once, not a flood
+        if not known:  # report a fault only once
             self.faults += 1
             self._replies.log("error", self.fault)
 
@@ -81,6 +91,6 @@ class Reconnect:
         self._replies.log("info", "the sensor is back")
 
     def report(self, reply):
-        """Put what ``get`` returns of faults into a reply."""
+        """Add the number of faults and the present fault to a reply to ``get`` (dict)."""
         reply["faults"] = self.faults
         reply["fault"] = self.fault

@@ -1,4 +1,4 @@
-"""The search for a good gain, LED current and exposure; loaded only for the command ``auto``."""
+"""Searches gain, LED current and exposure for the command ``auto``; imported only then."""
 
 from .exposure import (
     AGAIN,
@@ -11,28 +11,32 @@ from .exposure import (
     actual_mA,
 )
 
-# The search aims between these, in 1/1024 of full scale: 60 % to 90 %. The least LED current
-# grows by half in its first step, so the band must not be narrower than a factor of 1.5.
+# Target band of the brightest channel, in 1/1024 of full scale: 60 % to 90 %. The lowest LED
+# current grows by half in its first step, so the band must not be narrower than a factor of 1.5.
 _FULL = 1024
 _LOW = 615
 _AIM = 768
 _HIGH = 921
-# From below this a step of the gain does not overshoot: it is 2.05 at most, not 2.
+# Below this level, one step of the gain does not exceed the band: a step is at most 2.05.
 _STEP_FROM = 440
 
 
 class Search:
-    """Find the setting that puts the brightest channel at 60-90 % of full scale.
+    """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
-    Gain first (factors of 2), then LED current for the rest; a longer exposure only when both
-    are spent, where full scale no longer grows with it.
+    It changes the gain first (factors of 2), then the LED current. Only if both are at their
+    maximum, it sets a longer exposure, at least 182 ms: there, full scale is independent of it.
 
     Parameters
     ----------
-    gain, led_mA, exposure_us : int
-        The setting to begin with.
+    gain : int
+        First gain, as register code 0 to 10.
+    led_mA : int
+        First LED current in mA.
+    exposure_us : int
+        First exposure in us.
     led_max_mA : int
-        Largest current of the LED.
+        Largest LED current in mA.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):
@@ -43,21 +47,22 @@ class Search:
         self._tries = 24
 
     def step(self, peak, full_scale, saturated):
-        """Judge a sample taken at the present setting and choose the next one.
+        """Evaluate a sample and choose the next settings.
 
         Parameters
         ----------
         peak : int
             Dark-subtracted count of the brightest channel.
         full_scale : int
-            Largest count at this exposure.
+            Largest possible count at the present exposure.
         saturated : bool
             Whether the sensor reported saturation.
 
         Returns
         -------
         int
-            `DONE`, `AGAIN` with the new setting in the attributes, `TOO_DARK` or `TOO_BRIGHT`.
+            `DONE`, `TOO_DARK` or `TOO_BRIGHT` at the end of the search. `AGAIN` if another sample
+            is needed; the attributes `gain`, `led_mA` and `exposure_us` are its settings.
         """
         level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
         if _LOW <= level < _HIGH:
@@ -76,7 +81,7 @@ class Search:
             wanted_mA = actual_mA(self.led_mA * _AIM // level)
             self.led_mA = min(self._led_max_mA, max(self.led_mA + 2, wanted_mA))
         elif self.gain < GAIN_MAX:
-            self.gain += 1  # a step too much, taken back by the LED
+            self.gain += 1  # one step too bright; a lower LED current compensates it
             self.led_mA = actual_mA(self.led_mA * _AIM // (2 * level))
         elif self.exposure_us < MAX_US:
             self.exposure_us = min(MAX_US, max(self.exposure_us, 182_000) * _AIM // level)

@@ -1,8 +1,8 @@
-"""What the user may set, and text files that survive a power cut.
+"""Settings of the board, and text files that survive a power cut.
 
-A file ends in a checksum line. A new one is written beside the old one, which remains as the last
-good copy: at every moment of a save there is at least one valid file. Only the command ``save``
-writes.
+A file ends with a checksum line. A new file is written beside the old file, which remains as the
+last good copy. So at least one valid file exists at every moment of a save. Only the command
+``save`` writes files.
 """
 
 import os
@@ -17,7 +17,7 @@ from .smux import smux_map
 SETTINGS_FILE = "settings.txt"
 DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 
-# name: smallest, largest, default
+# Name of a setting: minimum, maximum, default.
 LIMITS = {
     "exposure_us": (exposure.MIN_US, exposure.MAX_US, exposure.DEFAULT_US),
     "gain": (0, exposure.GAIN_MAX, exposure.DEFAULT_GAIN),
@@ -25,12 +25,12 @@ LIMITS = {
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
-    "dark_every": (0, 10_000, 0),  # one dark sample in so many, also while touched; 0 for none
+    "dark_every": (0, 10_000, 0),  # one of so many samples is dark, even while touched; 0: off
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
 }
-# A change of these needs no restart of the sensor.
+# Settings that can change without a restart of the sensor.
 _AFTER_THE_SENSOR = (
     "average",
     "strain_ppm",
@@ -43,17 +43,18 @@ _AFTER_THE_SENSOR = (
 
 
 class BoardSettings:
-    """What the user may set.
+    """Settings that the user can change.
 
     Parameters
     ----------
     led_max_mA : int
-        Largest current of the board's LED.
+        Maximum current of the board's LED in mA.
 
     Attributes
     ----------
     values : dict
-        By name: those of `LIMITS`, and ``plan``, a tuple of six diodes.
+        Values by name: an int for each name in `LIMITS`, and ``plan``, a tuple of the names of
+        six diodes.
     """
 
     def __init__(self, led_max_mA):
@@ -62,19 +63,24 @@ class BoardSettings:
         self.values["plan"] = DEFAULT_PLAN
 
     def change(self, words):
-        """Apply assignments such as ``gain=9``; atomic, unchanged on error.
+        """Change settings; on an error no setting changes.
 
-        Exposure and LED current become what the chip makes of them.
+        Exposure and LED current are rounded to values that the chip supports.
+
+        Parameters
+        ----------
+        words : list of str
+            Assignments such as ``gain=9``.
 
         Returns
         -------
         bool
-            Whether the sensor has to be restarted.
+            Whether the sensor must be restarted.
 
         Raises
         ------
         ValueError
-            If one is unknown or out of range; the text says which and what would do.
+            If a setting is unknown or out of range. The text names it and the valid values.
         """
         checked = {}
         for word in words:
@@ -86,7 +92,7 @@ class BoardSettings:
                 checked[name] = self._number(name, text)
             else:
                 raise ValueError(
-                    "no setting is called '%s'; there are %s"
+                    "no setting is called '%s'; use one of %s"
                     % (name, ", ".join(sorted(LIMITS) + ["plan"]))
                 )
         if "exposure_us" in checked:
@@ -98,13 +104,13 @@ class BoardSettings:
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
     def reply(self):
-        """Return the settings as replies contain them."""
+        """Return the settings as a dict for a reply; ``plan`` is a list."""
         reply = dict(self.values)
         reply["plan"] = list(reply["plan"])
         return reply
 
     def lines(self):
-        """Return the settings as assignments, as `change` takes them."""
+        """Return all settings as a list of assignments for `change`."""
         return ["%s=%d" % (name, self.values[name]) for name in sorted(LIMITS)] + [
             "plan=" + ",".join(self.values["plan"])
         ]
@@ -125,27 +131,39 @@ class BoardSettings:
 
 
 def checksum(lines):
-    """Return the CRC-32 of lines, as eight hexadecimal digits."""
+    """Return the CRC-32 of lines (list of str, without line ends) as eight hexadecimal digits."""
     crc = array("H", (0xFFFF, 0xFFFF))
-    for line in lines:  # one by one: a board may have no room for all in one piece
+    for line in lines:  # line by line: the memory may not suffice for all lines in one piece
         data = (line + "\n").encode()
         crc32(data, len(data), crc)
     return "%04x%04x" % (crc[1] ^ 0xFFFF, crc[0] ^ 0xFFFF)
 
 
 def save_lines(path, lines):
-    """Replace a text file so that a cut of power leaves the new one or the old one.
+    """Replace a text file; a power cut leaves the new file or the old file, never a mixture.
 
-    Flash wears: what is stored already is not written again.
+    An unchanged file is not written again, because flash wears out.
+
+    Parameters
+    ----------
+    path : str
+        Name of the file.
+    lines : list of str
+        New lines, without line ends.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
     """
     if _lines_of(path) == list(lines):
         return
-    _move_in(path)  # what an earlier save could not end: it may be the only good copy
+    _move_in(path)  # completes an interrupted save, whose file may be the only good copy
     with open(path + ".new", "w") as file:
         for line in lines:
             file.write(line + "\n")
         file.write("crc " + checksum(lines) + "\n")
-    # Only a whole file may take the place of the last good copy.
+    # Only a valid file may replace the last good copy.
     if _lines_of(path) is not None:
         _remove(path + ".old")
         os.rename(path, path + ".old")
@@ -154,7 +172,7 @@ def save_lines(path, lines):
 
 def _move_in(path):
     if _lines_of(path) is None and _lines_of(path + ".new") is not None:
-        _remove(path)  # FAT renames only to where nothing is
+        _remove(path)  # FAT cannot rename to an existing name
         os.rename(path + ".new", path)
 
 
@@ -162,26 +180,31 @@ def _remove(path):
     try:
         os.remove(path)
     except OSError:
-        pass  # there was none
+        pass  # the file does not exist
 
 
 def load_lines(path):
-    """Return the lines of a file or of its newest good copy; none if there is no file.
+    """Return the lines of a file or of its newest valid copy; an empty list without a file.
+
+    Parameters
+    ----------
+    path : str
+        Name of the file, as for `save_lines`.
 
     Raises
     ------
     ValueError
-        If there are some and none is whole.
+        If the file and all its copies are damaged.
     """
     damaged = False
     for candidate in (path, path + ".new", path + ".old"):
         lines = _lines_of(candidate)
         if lines is not None:
             return lines
-        # A new file that is cut short was never valid.
+        # An incomplete new file was never valid, so it does not count as damaged.
         damaged = damaged or (candidate != path + ".new" and _exists(candidate))
     if damaged:
-        raise ValueError("the file %s and its copies are damaged" % path)
+        raise ValueError("%s and its copies are damaged; save again" % path)
     return []
 
 
@@ -194,11 +217,11 @@ def _exists(path):
 
 
 def _lines_of(path):
-    """Return the lines of a file, or None if there is no whole one."""
+    """Return the lines of a file, or None if it is missing or its checksum is wrong."""
     try:
         with open(path) as file:
             lines = list(filter(None, file.read().split("\n")))
-    except (OSError, ValueError):  # none; or bytes that are no text
+    except (OSError, ValueError):  # the file is missing, or is not text
         return None
     if lines and lines[-1] == "crc " + checksum(lines[:-1]):
         return lines[:-1]

@@ -1,7 +1,7 @@
-"""The SMUX map: which photodiodes feed which of the six ADCs.
+"""The SMUX map: connects photodiodes to the six ADCs.
 
-Source: ams AN000666, table of pixels. Pixel p is a nibble of byte p >> 1, the
-high one if p is odd; the nibble holds 0 (off) or ADC + 1.
+Source: ams AN000666, table of pixels. Each pixel p is a nibble of byte p >> 1: the high nibble if p
+is odd, else the low one. Its value is 0 (off) or the number of the ADC + 1.
 """
 
 PIXELS = {
@@ -21,12 +21,16 @@ CHANNELS = 6
 
 
 def smux_map(plan):
-    """Return the 20 bytes that connect each diode of a plan to its own ADC.
+    """Return the 20 bytes of the SMUX map that connects each diode of a plan to one ADC.
 
     Parameters
     ----------
     plan : sequence of str
-        Six different diode names of `PIXELS`, ADC 0 first.
+        Names of six different diodes of `PIXELS`, in the order of ADC 0 to 5.
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------
@@ -38,7 +42,9 @@ def smux_map(plan):
     image = bytearray(20)
     for adc in range(CHANNELS):
         if plan[adc] not in PIXELS:
-            raise ValueError("no diode is called " + plan[adc])
+            raise ValueError(
+                "no diode is called '%s': use F1 to F8, CLEAR, NIR or DARK" % plan[adc]
+            )
         for pixel in PIXELS[plan[adc]]:
             image[pixel >> 1] |= (adc + 1) << (4 * (pixel & 1))
     return bytes(image)

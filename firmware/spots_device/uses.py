@@ -1,20 +1,20 @@
-"""Keys and gamepad: what readings become besides frames.
+"""Turns readings into key events and gamepad reports, if the settings enable them.
 
-The settings choose; a board without USB HID sends keys as frames alone. What is switched off is not
-loaded, which saves memory.
+A board without USB HID sends keys as frames only. Modules of disabled functions are not imported,
+which saves memory.
 """
 
-# USB interface, and the setting that wants it.
+# Name of each USB interface, and the setting that enables it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
-# HID usage pages as in layout.py, which is loaded only where it is used.
+# HID usage pages as in layout.py, which is imported only if a layout is used.
 _KEYBOARD_PAGE = 7
 _CONSUMER_PAGE = 12
 _NO_MEMORY = "no memory is left for keys: save and reboot"
 
 
 def check_layout(lines):
-    """Raise LayoutError, a ValueError, if lines are no layout."""
-    from .layout import Layout  # only where it is used
+    """Raise LayoutError, a ValueError, if lines (list of str) are not a valid layout."""
+    from .layout import Layout  # imported only if a layout is used
 
     Layout(lines)
 
@@ -25,20 +25,22 @@ class Uses:
     Parameters
     ----------
     settings : settings.BoardSettings
-        ``keys`` and ``gamepad``; read at `apply`.
+        Settings of the board; `apply` reads ``keys`` and ``gamepad``.
     framer : frame.Framer
+        Sends each key event as a KEY frame.
     time : frame.Time32
-        Set to the time of an event before the event is passed on.
+        Board time; the caller updates it before each event.
     usb : object or None
-        ``open(names) -> dict``: for each interface of `INTERFACES` that there is now, what sends
-        its reports. Raises OSError with a sentence if it cannot. None on a board without.
+        USB stack. Its method ``open(names) -> dict`` opens interfaces of `INTERFACES` and returns
+        a function ``send(report) -> bool`` for each opened one. It raises OSError with a sentence
+        on failure. None on a board without USB HID.
     layout_lines : list of str
-        Lines of a `layout.Layout` that were checked, or none for ten keys in a row.
+        Validated lines of a `layout.Layout`; an empty list selects ten keys in a row.
 
     Attributes
     ----------
     fault : str or None
-        Why the USB interfaces that were wanted at start are not there.
+        Sentence that says why the USB interfaces could not be opened at start, or None.
     """
 
     def __init__(self, settings, framer, time, usb, layout_lines):
@@ -52,19 +54,28 @@ class Uses:
         self._memory_fault = None
         self._keypad = self._layout = None
         self._keyboard = self._consumer = self._axes = None
-        self._there = {}  # interfaces by name
-        self._outputs = ()  # the same: the loop allocates nothing over a tuple
+        self._there = {}  # opened interfaces by name
+        self._outputs = ()  # the same as a tuple: iterating over it allocates nothing
         self._keys_on = self._gamepad_on = False
         self.layout_lines = layout_lines
         self._open()
 
     def use_layout(self, lines):
-        """Take lines of a layout that were checked, or none; `apply` has to follow."""
+        """Store validated lines of a layout (list of str; empty: the default layout).
+
+        The caller must call `apply` next.
+        """
         self.layout_lines = lines
         self._layout = None
 
     def apply(self, calibration):
-        """Release all keys, then follow the settings and this calibration, or None."""
+        """Release all keys, then use the present settings and a calibration.
+
+        Parameters
+        ----------
+        calibration : calibration.Calibration or None
+            None switches keys and gamepad off.
+        """
         self.release()
         known = calibration is not None
         self._memory_fault = None
@@ -76,7 +87,18 @@ class Uses:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
 
     def note(self, calibration):
-        """Return what keeps keys or gamepad from working although they are on, or None."""
+        """Return why keys or gamepad do not work although they are switched on.
+
+        Parameters
+        ----------
+        calibration : calibration.Calibration or None
+            Calibration in use; None without one.
+
+        Returns
+        -------
+        str or None
+            One or more sentences for the user; None if everything works.
+        """
         wanted = self._wanted()
         if not wanted:
             return None
@@ -97,9 +119,19 @@ class Uses:
         return "; ".join(notes) or None
 
     def take(self, sensor, decode):
-        """Take a reading; return whether what lies there has rested too long to be a finger.
+        """Process a reading. Allocates nothing.
 
-        Allocates nothing.
+        Parameters
+        ----------
+        sensor : int
+            Number of the sensor, from 0.
+        decode : decode.Decode
+            Contains the reading.
+
+        Returns
+        -------
+        bool
+            True if the touch has not moved for so long that it cannot be a finger.
         """
         self._sensor = sensor
         self._rests = False
@@ -112,7 +144,15 @@ class Uses:
         return self._rests
 
     def key(self, page, usage, modifiers, pressed):
-        """Send a key event, as a frame and to the host's driver."""
+        """Send a key event as a frame, and as a USB report if there is a keyboard interface.
+
+        Parameters
+        ----------
+        page, usage, modifiers : int
+            HID usage page, usage, and bits of the modifier keys.
+        pressed : bool
+            True for a press, False for a release.
+        """
         self._framer.key(self._sensor, page, usage, modifiers, pressed)
         if page == _KEYBOARD_PAGE:
             if self._keyboard is not None:
@@ -121,38 +161,46 @@ class Uses:
             self._consumer.key(usage, pressed)
 
     def stuck(self):
-        """Record that what lies on the strip is not a finger."""
+        """Record that the present touch is not a finger."""
         self._rests = True
 
     def pump(self):
-        """Offer queued reports to the host, once; return whether all queues are empty."""
+        """Offer the oldest report of each queue to the host; return True if no report waits."""
         idle = True
         for output in self._outputs:
             idle = output.outbox.pump() and idle
         return idle
 
     def release(self):
-        """Release all; a touch that lasts counts again only after it was lifted."""
+        """Release all keys and the gamepad; ignore the present touch until it is lifted."""
         if self._keypad is not None:
             self._keypad.release()
         for output in self._outputs:
             output.release()
 
     def finish(self, clock, until):
-        """Release all and send it to the host; give up at these ticks."""
+        """Release all keys and the gamepad, and wait until the host has read the reports.
+
+        Parameters
+        ----------
+        clock : object
+            ``ticks_us``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
+        until : int
+            Deadline in ticks.
+        """
         self.release()
         while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
-            clock.sleep_us(1_000)  # there is nothing else to do
+            clock.sleep_us(1_000)
 
     def dropped(self):
-        """Return how many reports were never sent."""
+        """Return the number of reports that were never sent."""
         dropped = 0
         for output in self._outputs:
             dropped += output.outbox.dropped
         return dropped
 
     def _prepare_keypad(self, length_um):
-        """Load the keypad and its layout; return whether memory sufficed."""
+        """Load the keypad and its layout; return False if memory is short."""
         try:
             if self._keypad is None:
                 from .keypad import Keypad

@@ -1,1 +1,1 @@
-"""The simulated sensor and the virtual board. Knows neither the driver nor the decoder."""
+"""The simulated sensor and the virtual board; shares no code with the driver and the decoder."""

@@ -1,6 +1,6 @@
-"""The Cramer-Rao bound: the least standard deviation that any unbiased estimator can reach.
+"""The Cramer-Rao bound: the smallest standard deviation of any unbiased estimator.
 
-From the sensor's own optics and noise, sharing nothing with the estimator or its calibration.
+It is computed from the simulated optics and noise, without the estimator and its calibration.
 """
 
 from __future__ import annotations
@@ -18,26 +18,30 @@ _STEP_MM = 1e-3
 
 
 class Bound:
-    """Least standard deviations of (position, ln of the light) from six counts.
+    """Smallest standard deviations of position and ln of the light, estimated from six counts.
 
     Parameters
     ----------
     sensor : SensorFile
+        Simulated sensor.
     plan : sequence of str
-        Diodes of the six counts.
+        Names of the six diodes, in the order of the counts.
     gain : int
-        Register code.
-    exposure_us, led_mA : float
+        Register code of the gain, 0 to 10.
+    exposure_us : float
+        Integration time in us.
+    led_mA : float
+        LED current in mA.
     average : int
-        Samples that are summed.
+        Number of samples in a reading.
     change : Change
-        Since the calibration.
+        Change of the sensor since the calibration.
     """
 
     def __init__(
         self, sensor: SensorFile, plan, gain: int, exposure_us, led_mA, average=1, change=NONE
     ):
-        optics = Optics(sensor, change, sensor.temperature.led_K_per_mA * led_mA)  # warm
+        optics = Optics(sensor, change, sensor.temperature.led_K_per_mA * led_mA)  # warm LED
         self._sensor = sensor
         self._optics = optics
         self._columns = [optics.names.index(diode) for diode in plan]
@@ -58,37 +62,39 @@ class Bound:
         position_um : float
             Distance of the press from the sensor's end, in um.
         force_mN : float
-            In mN.
+            Force of the press in mN.
         width_mm : float
             Width of the press along the strip, in mm.
         strain : float
-            Elongation over length at rest.
+            Strain of the strip: elongation divided by the length at rest.
         bend_deg : float
-            In degrees.
+            Bending angle of the strip in degrees.
 
         Returns
         -------
         numpy.ndarray, shape (6,)
+            Expected counts.
         """
         rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg)
         return rates[self._columns] * self._scale * coupling(self._sensor.contact, force_mN)
 
     def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
-        """Return the least standard deviations, from the Cramer-Rao bound.
+        """Return the Cramer-Rao bound of one reading.
 
         Parameters
         ----------
         position_um : float
             Distance of the press from the sensor's end, in um.
         force_mN : float
-            In mN.
+            Force of the press in mN.
         **press : float
-            Others of `counts`.
+            Further parameters of `counts`: width_mm, strain, bend_deg.
 
         Returns
         -------
         tuple of float
-            Of the position in um, and of the natural logarithm of the light.
+            Smallest standard deviation of the position in um, and of the natural logarithm of the
+            light.
         """
         counts = self.counts(position_um, force_mN, **press)
         step_um = 1000 * _STEP_MM
@@ -100,7 +106,7 @@ class Bound:
             + (counts + self._pedestal) / self._electrons
             + (1e-6 * self._sensor.converter.ratio_noise_ppm * counts) ** 2
         ) / self._average
-        # Fisher information of two parameters; the LED's common noise is part of the second.
+        # Fisher information of two parameters. The common noise of the LED belongs to the second.
         jacobian = np.stack([(ahead - back) / (2 * step_um), counts], axis=1)
         covariance = np.linalg.inv(jacobian.T @ (jacobian / variance[:, None]))
         return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))

@@ -1,4 +1,4 @@
-"""An I2C bus with one chip on it: timing, acknowledgement, and what the transfers cost."""
+"""A simulated I2C bus with one chip: timing, acknowledgement, and the cost of transfers."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Protocol
 
 
 class SimulationClock(Protocol):
-    """What the simulation takes its time from."""
+    """Clock of a simulation."""
 
     def now_us(self) -> float:
-        """Return the time since power-on."""
+        """Return the time since power-on, in us."""
 
     def spend_us(self, duration_us: float) -> None:
-        """Let a transfer or a sleep take its time."""
+        """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Let time pass in which the board does nothing."""
+        """Wait while the board does nothing; the duration is in us."""
 
 
 @dataclass
 class SimulatedClock:
-    """A clock that moves only with transfers and sleeps."""
+    """A clock that advances only by transfers and sleeps."""
 
     time_us: float = 0.0
 
@@ -37,7 +37,7 @@ class SimulatedClock:
 
 
 class RealClock:
-    """The host's monotonic clock; transfers take the time that they take."""
+    """The host's monotonic clock; transfers take real time."""
 
     def __init__(self):
         self.started_s = time.monotonic()
@@ -54,7 +54,7 @@ class RealClock:
 
 @dataclass
 class BusCost:
-    """Transfers, bytes on the wire (addresses and registers included) and bus time."""
+    """Counts transfers, bytes on the wire (with addresses and registers) and bus time in us."""
 
     transactions: int = 0
     wire_bytes: int = 0
@@ -63,7 +63,19 @@ class BusCost:
 
 @dataclass
 class I2CBus:
-    """A controller's view of the wires: 9 clocks a byte, and START, STOP, repeated START."""
+    """A simulated I2C controller: 9 clocks a byte, and START, STOP, repeated START.
+
+    Attributes
+    ----------
+    chip : chip.AS7341
+        The chip on the bus.
+    clock : SimulationClock
+        Advanced by each transfer.
+    frequency_hz : int
+        Frequency of the bus in Hz.
+    ledger : BusCost
+        Cost of all transfers so far.
+    """
 
     chip: object
     clock: SimulationClock
@@ -76,13 +88,14 @@ class I2CBus:
         Parameters
         ----------
         address : int
-            7 bits.
+            Address of the chip, 7 bits.
         data : bytes
+            Bytes to write.
 
         Raises
         ------
         OSError
-            ENODEV, without an acknowledge.
+            ENODEV if no chip acknowledges the address.
         """
         self._address(address)
         self._spend(2, 1 + len(data))
@@ -95,24 +108,25 @@ class I2CBus:
         Parameters
         ----------
         address : int
-            Of the chip, 7 bits.
+            Address of the chip, 7 bits.
         data : bytes
-            What is written.
+            Bytes to write.
         size : int
             Number of bytes to read.
 
         Returns
         -------
         bytes
+            The bytes that were read.
 
         Raises
         ------
         OSError
-            ENODEV, without an acknowledge.
+            ENODEV if no chip acknowledges the address.
         """
         self._address(address)
         bits, count = 3, 2 + len(data) + size
-        # The chip is read as its first byte goes out, which is before the transfer ends.
+        # The chip is read when its first byte is sent, before the transfer ends.
         self.chip.advance(self.clock.now_us() + self._bits_us(bits + 9 * (2 + len(data))))
         self.chip.write(data)
         answer = self.chip.read(size)
@@ -120,23 +134,24 @@ class I2CBus:
         return answer
 
     def read(self, address: int, size: int) -> bytes:
-        """Send START, address; read `size` bytes from the register pointer on; STOP.
+        """Send START, address; read `size` bytes from the chip's register pointer; STOP.
 
         Parameters
         ----------
         address : int
-            Of the chip, 7 bits.
+            Address of the chip, 7 bits.
         size : int
             Number of bytes to read.
 
         Returns
         -------
         bytes
+            The bytes that were read.
 
         Raises
         ------
         OSError
-            ENODEV, without an acknowledge.
+            ENODEV if no chip acknowledges the address.
         """
         self._address(address)
         self._spend(2, 1 + size)
@@ -144,14 +159,12 @@ class I2CBus:
         return self.chip.read(size)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Release (1) or pull (0) the wires by hand, and return the level of SDA.
-
-        The chip responds to transfers only and ignores it.
+        """Set the wires without a transfer, and return the level of SDA. The chip ignores it.
 
         Parameters
         ----------
         scl, sda : int
-            Level that the controller sets: 1 to release, 0 to pull.
+            1 releases the wire, 0 pulls it low.
 
         Returns
         -------
@@ -161,7 +174,7 @@ class I2CBus:
         return sda
 
     def refuse(self) -> None:
-        """Spend the bus time of an address without acknowledge, and raise OSError(ENODEV)."""
+        """Advance the clock by an address without acknowledge, and raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

@@ -1,7 +1,7 @@
-"""CircuitPython's ``busio.I2C`` over a simulated bus, so that published drivers run unmodified.
+"""CircuitPython's ``busio.I2C`` on a simulated bus, so that published drivers run unmodified.
 
-Names, keywords and errors are those of CircuitPython's documentation. A transfer without the lock
-is refused here as it is there, since a driver that forgets it would fail on a board only.
+Names, keywords and errors are those of CircuitPython's documentation. As in CircuitPython, a
+transfer without the lock raises RuntimeError.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from types import ModuleType
 
 from .bus import I2CBus, SimulationClock
 
-# The seven-bit addresses that the I2C specification does not reserve.
+# The 7-bit addresses that the I2C specification does not reserve.
 _ADDRESSES = range(0x08, 0x78)
 
 
 class I2C:
-    """An I2C controller as CircuitPython's drivers know it.
+    """An I2C controller with the API of CircuitPython's ``busio.I2C``.
 
     Parameters
     ----------
     bus : bus.I2CBus
-        Whose clock and ledger every transfer is entered in.
+        Simulated bus that executes the transfers.
     """
 
     def __init__(self, bus: I2CBus):
@@ -30,38 +30,38 @@ class I2C:
         self._locked = False
 
     def try_lock(self) -> bool:
-        """Take the bus; False if it is taken."""
+        """Lock the bus; return False if it is already locked."""
         if self._locked:
             return False
         self._locked = True
         return True
 
     def unlock(self) -> None:
-        """Let the bus go."""
+        """Unlock the bus."""
         self._locked = False
 
     def scan(self) -> list[int]:
-        """Return the addresses that acknowledge."""
+        """Return the 7-bit addresses that acknowledge."""
         return [address for address in _ADDRESSES if self._acknowledges(address)]
 
     def writeto(self, address: int, buffer, *, start: int = 0, end: int | None = None) -> None:
-        """Write ``buffer[start:end]``.
+        """Write ``buffer[start:end]`` to a chip.
 
         Parameters
         ----------
         address : int
-            Of the chip, 7 bits.
+            Address of the chip, 7 bits.
         buffer : bytes-like
-            What is written.
+            Contains the bytes to write.
         start, end : int, optional
-            Range of the buffer; all of it, if not given.
+            Range of the buffer; the whole buffer by default.
 
         Raises
         ------
         OSError
-            ENODEV, without an acknowledge.
+            ENODEV if no chip acknowledges the address.
         RuntimeError
-            Without the lock, see `try_lock`.
+            If the bus is not locked, see `try_lock`.
         """
         self._need_lock()
         self._bus.write(address, bytes(buffer[start:end]))
@@ -69,23 +69,23 @@ class I2C:
     def readfrom_into(
         self, address: int, buffer, *, start: int = 0, end: int | None = None
     ) -> None:
-        """Fill ``buffer[start:end]``.
+        """Read bytes from a chip into ``buffer[start:end]``.
 
         Parameters
         ----------
         address : int
-            Of the chip, 7 bits.
+            Address of the chip, 7 bits.
         buffer : bytearray or memoryview
-            What is filled.
+            Receives the bytes.
         start, end : int, optional
-            Range of the buffer; all of it, if not given.
+            Range of the buffer; the whole buffer by default.
 
         Raises
         ------
         OSError
-            ENODEV, without an acknowledge.
+            ENODEV if no chip acknowledges the address.
         RuntimeError
-            Without the lock, see `try_lock`.
+            If the bus is not locked, see `try_lock`.
         """
         self._need_lock()
         target = memoryview(buffer)[start:end]
@@ -102,27 +102,27 @@ class I2C:
         in_start: int = 0,
         in_end: int | None = None,
     ) -> None:
-        """Write, then read after a repeated START.
+        """Write bytes to a chip, then read bytes after a repeated START.
 
         Parameters
         ----------
         address : int
-            Of the chip, 7 bits.
+            Address of the chip, 7 bits.
         out_buffer : bytes-like
-            What is written.
+            Contains the bytes to write.
         in_buffer : bytearray or memoryview
-            What is filled.
+            Receives the bytes.
         out_start, out_end : int, optional
-            Range of `out_buffer`; all of it, if not given.
+            Range of `out_buffer`; the whole buffer by default.
         in_start, in_end : int, optional
-            Range of `in_buffer`; all of it, if not given.
+            Range of `in_buffer`; the whole buffer by default.
 
         Raises
         ------
         OSError
-            ENODEV, without an acknowledge.
+            ENODEV if no chip acknowledges the address.
         RuntimeError
-            Without the lock, see `try_lock`.
+            If the bus is not locked, see `try_lock`.
         """
         self._need_lock()
         target = memoryview(in_buffer)[in_start:in_end]
@@ -143,16 +143,17 @@ class I2C:
 
 @contextlib.contextmanager
 def simulated_time(driver: ModuleType, clock: SimulationClock) -> Iterator[None]:
-    """Let a driver that did ``from time import monotonic, sleep`` live by a simulated clock.
+    """Replace ``sleep`` and ``monotonic`` in a driver module by a simulated clock.
 
-    Its own names are replaced, not those of ``time``, and put back at the end.
+    For drivers with ``from time import monotonic, sleep``. The module ``time`` is not changed. The
+    original functions are restored at the end of the ``with`` block.
 
     Parameters
     ----------
     driver : module
-        Where the names were imported to.
+        Module of the driver, with the names ``sleep`` and ``monotonic``.
     clock : bus.SimulationClock
-        Spent by ``sleep(seconds)``, read by ``monotonic()``.
+        ``sleep(seconds)`` advances this clock; ``monotonic()`` returns its time in seconds.
 
     Yields
     ------

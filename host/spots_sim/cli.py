@@ -1,4 +1,4 @@
-"""Commands of the laboratory: the demonstration, and measuring and designing a simulated sensor."""
+"""The commands ``spots demo``, ``spots characterize`` and ``spots design``."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def demo(parser: Parser):
       spots demo --use keyboard --seconds 10
     """
     arguments.add_seconds(parser, "stop after this time; 10 if the output is not a terminal")
-    parser.add_argument("--json", action="store_true", help="no picture; end with figures as JSON")
-    parser.add_argument("--fast", action="store_true", help="simulated time; equal runs are equal")
+    parser.add_argument("--json", action="store_true", help="print only figures, as JSON")
+    parser.add_argument("--fast", action="store_true", help="simulated time: same output each run")
     parser.add_argument("--page", action="store_true", help="show it in a browser, until Ctrl-C")
     parser.add_argument(
-        "--use", help="strip, keyboard, controller, wearable, fivebar; in this terminal"
+        "--use", help="application: strip, keyboard, controller, wearable or fivebar"
     )
     arguments.add_simulation(parser)
     _add_change(parser)
-    parser.set_defaults(scenario=None)  # that of the application
+    parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
 
 
@@ -42,19 +42,21 @@ def characterize(parser: Parser):
       spots characterize --change phosphor --rezero 3
     """
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
-    parser.add_argument("--seed", type=arguments.seed, default=0, help="of the noise")
-    parser.add_argument("--exposure-us", type=int, default=100_000, help="1000 to 1000000")
-    parser.add_argument("--average", type=int, default=1, help="exposures a reading, 1 to 64")
+    parser.add_argument("--seed", type=arguments.seed, default=0, help="random seed of the noise")
+    parser.add_argument(
+        "--exposure-us", type=int, default=100_000, help="integration time, 1000 to 1000000"
+    )
+    parser.add_argument("--average", type=int, default=1, help="samples in a reading, 1 to 64")
     _add_change(parser)
     parser.add_argument(
-        "--rezero", type=int, default=0, metavar="MARKS", help="after the change: 0, 1 or 3 marks"
+        "--rezero", type=int, default=0, metavar="MARKS", help="re-zero at 0, 1 or 3 marks"
     )
-    parser.add_argument("--presses", type=arguments.presses, default=1, help="of each mark")
+    parser.add_argument("--presses", type=arguments.presses, default=1, help="presses on each mark")
     parser.add_argument(
-        "--mark-error-um", type=float, default=0.0, help="standard deviation of each press"
+        "--mark-error-um", type=float, default=0.0, help="standard deviation of the press position"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    parser.add_argument("--out", metavar="DIR", help="draw figures there")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--out", metavar="DIR", help="draw figures into this folder")
     return _characterize
 
 
@@ -64,10 +66,10 @@ def design(parser: Parser):
     example:
       spots design --length-mm 85 --resolution-um 50 --rate-hz 100
     """
-    parser.add_argument("--length-mm", type=float, required=True, help="of the strip")
-    parser.add_argument("--resolution-um", type=float, required=True, help="of the position")
-    parser.add_argument("--rate-hz", type=float, required=True, help="readings a second")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--length-mm", type=float, required=True, help="length of the strip")
+    parser.add_argument("--resolution-um", type=float, required=True, help="position resolution")
+    parser.add_argument("--rate-hz", type=float, required=True, help="readings per second")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--out", metavar="DIR", help="write sensor file and figure there")
     names = "length_mm", "resolution_um", "rate_hz", "json", "out"
     return calls("spots_sim.design:design_command", *names)
@@ -77,7 +79,7 @@ COMMANDS = demo, characterize, design
 
 
 def _add_change(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--change", metavar="FILE", help="what changed since the calibration")
+    parser.add_argument("--change", metavar="FILE", help="file or name of a change of the sensor")
 
 
 def _demo(options: argparse.Namespace) -> None:
@@ -116,17 +118,17 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise SpotsError for options of the demo that do not go together."""
+    """Raise SpotsError for options of the demo that exclude each other."""
     from .demo import FIVEBAR
 
     if options.page and (options.seconds or options.json or options.fast):
         raise SpotsError(
-            "--page is shown in real time until Ctrl-C: leave out --seconds, --json and --fast"
+            "--page always runs in real time until Ctrl-C: leave out --seconds, --json and --fast"
         )
     if options.use == FIVEBAR and options.scenario:
-        raise SpotsError("--use fivebar goes along a path of its own: leave out --scenario")
+        raise SpotsError("--use fivebar has a fixed scenario: leave out --scenario")
     if options.use == FIVEBAR and options.fast and options.seconds:
-        raise SpotsError("--use fivebar --fast goes along its path once: leave out --seconds")
+        raise SpotsError("--use fivebar --fast ends at the end of its path: leave out --seconds")
 
 
 def _characterize(options: argparse.Namespace) -> None:

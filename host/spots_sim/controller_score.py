@@ -1,4 +1,4 @@
-"""Scores how closely a controller followed the finger of a scenario."""
+"""Measures how closely a controller follows the finger of a scenario."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from spots.outputs.devices import AXIS_MAX, REST, State
 
 from .scenario import Scenario
 
-# What a state may still answer: exposure, transfer, filter, a landing's way over the threshold.
+# Longest latency of a state: exposure, transfer, filter, and force below the touch threshold.
 _BACK_S = 0.05
-# A finger on its way up is away for the strip before it is for the scenario.
+# The strip loses a finger that lifts earlier than the scenario does.
 _LIFT_S = 0.1
 _STEP_S = 0.001
 
 
 class ControllerScore:
-    """Compares X with where the one finger of the scenario is, through the same curve.
+    """Compares the axis X with its true value, computed from the scenario's only finger.
 
     Parameters
     ----------
     settings : ControllerSettings
+        Settings of the controller, with the response curve of X.
     length_um : float
-        Of the strip.
+        Length of the strip in um.
     scenario : Scenario
-        The truth.
+        True fingers over time.
     started_s : float
-        Host time of the scenario's time 0.
+        Host time in seconds at which the scenario's time is 0.
 
     Attributes
     ----------
     states : int
-        How many were sent.
+        Number of states sent so far.
     """
 
     def __init__(
@@ -52,14 +53,14 @@ class ControllerScore:
         self.states = 0
 
     def read(self, touch: Touch, state: State) -> None:
-        """Compare the state made of a reading with the truth at its time.
+        """Compare a state with the true X at the time of its reading.
 
         Parameters
         ----------
         touch : Touch
-            The reading.
+            A reading.
         state : State
-            What the controller makes of it.
+            Gamepad state that the controller computed from this reading.
         """
         wanted = self._wanted(touch.time_s)
         if touch.trusted and wanted is not None:
@@ -72,9 +73,9 @@ class ControllerScore:
         Parameters
         ----------
         state : State
-            What the gamepad gets.
+            Gamepad state that was sent.
         now_s : float
-            In seconds by the link's clock.
+            Time of sending in seconds, on the link's clock.
         """
         start_s = max(self._last_s, now_s - 1) - _BACK_S
         end_s = now_s + (_LIFT_S if state[:3] == REST[:3] else 0)
@@ -86,7 +87,7 @@ class ControllerScore:
         self.states += 1
 
     def _wanted(self, time_s: float) -> int | None:
-        """Return X for the one finger at a time, None without or with two."""
+        """Return the true X at a time; None if the number of fingers is not 1."""
         presses = self._scenario.presses(time_s - self._started_s)
         if len(presses) != 1 or self._settings is None:
             return None
@@ -96,7 +97,7 @@ class ControllerScore:
         return axis_value(deflection(value, rest, low, high), self._settings)
 
     def summary(self) -> dict:
-        """Return the run in figures; per cent of the way from rest to an end of X."""
+        """Return the figures of the run; errors in per cent of the way from centre to end."""
         rms = math.sqrt(self._squares / self._compared) if self._compared else None
         return {
             "states": self.states,

@@ -1,7 +1,7 @@
-"""The firmware in this Python, on a simulated bus, for machines without a MicroPython.
+"""Runs the firmware in CPython on a simulated bus, for computers without MicroPython.
 
-It runs one pass of the firmware's loop at a time. What it cannot do: it has no prompt, so it cannot
-be flashed; it has no watchdog; and memory and integers have no limits here.
+It runs one pass of the firmware's loop at a time. Limits: it has no prompt, so it cannot be
+flashed; it has no watchdog; and memory and integers are not limited.
 """
 
 from __future__ import annotations
@@ -24,39 +24,38 @@ from typing import Protocol
 
 import spots_device
 from spots.deploy.staging import KERNEL_VIPER, device_of
+from spots_device.runtime.common import ADDRESS, AFTER_CRASH_MS, CRASH_CHARACTERS, free_bus
 
 from .bus import I2CBus
 from .faults import BoardFaults, FaultyBus
 from .protocol import protocol
 from .usb import UsbHost
 
-_ADDRESS = 0x39
-_RECOVERY_CLOCKS = 9
 _TICKS = protocol.PERIOD_US
-_AFTER_CRASH_US = 1_000_000
-_CRASH_CHARACTERS = 300  # the end of a traceback; more would not fit a frame
 
 _numbers = itertools.count()
-_loading = threading.Lock()  # of `sys.modules`, where a stand-in lies meanwhile
+_loading = threading.Lock()  # guards `sys.modules` while it contains a stand-in
 
 
 class BoardPort(Protocol):
-    """The board's end of its serial port. Neither call blocks."""
+    """The board's end of its serial port. The methods do not block."""
 
     def receive(self) -> bytes:
-        """Return what the host has written since the last call."""
+        """Return all bytes that the host has written since the last call."""
 
     def send(self, data: bytes) -> int:
-        """Return how many of the bytes there was room for."""
+        """Send bytes; return how many of them the port accepted."""
 
 
 class PowerLostError(BaseException):
-    """Ends what the firmware does, wherever it is. Not an `Exception`, which it may catch.
+    """Interrupts the firmware at a power failure.
+
+    It is not an `Exception`, because the firmware may catch that.
 
     Attributes
     ----------
     off_us : float
-        How long the board is without power.
+        Duration of the power failure in us.
     """
 
     def __init__(self, off_us: float):
@@ -65,18 +64,23 @@ class PowerLostError(BaseException):
 
 
 class CPythonBoard:
-    """A virtual board: a folder as file system, and the firmware's modules of its own.
+    """A virtual board with its own file system and its own copy of the firmware's modules.
 
     Parameters
     ----------
     board_id : str
-        Hexadecimal.
+        Unique id of the board, hexadecimal.
     bus : bus.I2CBus or faults.FaultyBus
+        I2C bus with the simulated sensor.
     usb : usb.UsbHost
+        Computer that gets the USB reports.
     port : BoardPort
+        The board's end of its serial port.
     faults : faults.BoardFaults, optional
+        Faults of power and clock.
     folder : Path, optional
-        For settings and calibration; a new one, removed at the end, if not given.
+        File system for settings and calibration. By default a temporary folder, which `close`
+        removes.
     """
 
     def __init__(
@@ -103,7 +107,7 @@ class CPythonBoard:
 
     @property
     def bus(self):
-        """The I2C bus; another one may be put in its place."""
+        """The I2C bus; assign another bus to replace it."""
         return self._requests.bus
 
     @bus.setter
@@ -111,7 +115,7 @@ class CPythonBoard:
         self._requests.bus = bus
 
     def step(self) -> None:
-        """Run one pass of the firmware's loop, or what a reset or a power cut does instead."""
+        """Run one pass of the firmware's loop; after a reboot, crash or power failure, boot."""
         try:
             if self._app.reboot:
                 self._app.run()  # ends at once, and cleanly
@@ -119,19 +123,19 @@ class CPythonBoard:
             else:
                 self._app.step()
         except PowerLostError as lost:
-            self._port.receive()  # what it had not read is lost
+            self._port.receive()  # a board without power loses bytes that it has not read
             self.bus.clock.pause_us(lost.off_us)
             self.bus.chip.power_on(self.bus.clock.now_us())
             self._boot()
         except Exception:
-            text = traceback.format_exc()[-_CRASH_CHARACTERS:]
+            text = traceback.format_exc()[-CRASH_CHARACTERS:]
             self._app.log("error", "crashed and restarts: " + text)
             with contextlib.suppress(PowerLostError):
-                self._requests.sleep_us(_AFTER_CRASH_US)
+                self._requests.sleep_us(1000 * AFTER_CRASH_MS)
             self._boot()
 
     def close(self) -> None:
-        """Remove its file system; closing twice is closing once."""
+        """Remove the temporary file system; a second call has no effect."""
         self._unload()
         if self._own:
             self._own.cleanup()
@@ -157,9 +161,9 @@ class CPythonBoard:
 
 
 def _load(folder: Path) -> str:
-    """Import the firmware once more, under a name of its own, with a folder as file system.
+    """Import a new copy of the firmware with a folder as file system; return its package name.
 
-    So a reset forgets everything, and boards share nothing.
+    So a reset loses all state, and boards share no state.
     """
     name = f"_spots_board_{next(_numbers)}"
     spec = importlib.util.spec_from_file_location(
@@ -187,13 +191,13 @@ def _load(folder: Path) -> str:
         rename=lambda old, new: os.rename(folder / old, folder / new),
         stat=lambda path: os.stat(folder / path),
     )
-    # The garbage here is that of the whole program: to collect it would cost samples.
+    # A collection here would cover the whole program and cost samples.
     sys.modules[f"{name}.app"].gc = SimpleNamespace(collect=lambda: None)
     return name
 
 
 class _Requests:
-    """The bus as the board asks for it, and the board's clock."""
+    """The board's access to its bus, and the board's clock."""
 
     def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):
         self.bus = bus
@@ -201,7 +205,7 @@ class _Requests:
         self._rate = faults.rate if faults else 1.0
 
     def ask(self, transfer, *arguments):
-        """Carry out a transfer, unless the power fails before it."""
+        """Call ``transfer(*arguments)``, unless the power fails before it."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is not None:
             raise PowerLostError(off_us)
@@ -221,29 +225,29 @@ class _Requests:
 
 
 class _Sensor:
-    """The sensor's registers, as `spots_device.runtime` has them on a board."""
+    """Reads and writes the sensor's registers; the bus that `spots_device.as7341` describes."""
 
     def __init__(self, requests: _Requests):
         self._requests = requests
+        self._wires = [1, 1]  # levels of SCL and SDA: 1 released, 0 pulled low
 
     def read_into(self, register: int, buffer) -> None:
         r = self._requests
-        buffer[:] = r.ask(r.bus.write_read, _ADDRESS, bytes((register,)), len(buffer))
+        buffer[:] = r.ask(r.bus.write_read, ADDRESS, bytes((register,)), len(buffer))
 
     def write(self, buffer) -> None:
-        self._requests.ask(self._requests.bus.write, _ADDRESS, bytes(buffer))
+        self._requests.ask(self._requests.bus.write, ADDRESS, bytes(buffer))
 
     def recover(self) -> None:
-        """Clock out a chip that holds SDA in the middle of a byte, then STOP (UM10204, 3.1.16)."""
-        for _ in range(_RECOVERY_CLOCKS):
-            if self._lines(1, 1):
-                break
-            self._lines(0, 1)
-        for scl, sda in ((0, 1), (0, 0), (1, 0), (1, 1)):
-            self._lines(scl, sda)
+        """Free the bus, without waits: the simulated wires have no minimum pulse width."""
+        free_bus(0, 1, self._level, self._put)
 
-    def _lines(self, scl: int, sda: int) -> int:
-        return self._requests.ask(self._requests.bus.lines, scl, sda)
+    def _level(self, sda: int) -> int:
+        return self._requests.ask(self._requests.bus.lines, *self._wires)
+
+    def _put(self, wire: int, level: int) -> None:
+        self._wires[wire] = level
+        self._level(wire)
 
 
 class _Serial:
@@ -280,13 +284,13 @@ class _UsbDevice:
 
 
 class InProcessBoard(CPythonBoard):
-    """A board whose serial port ends in this program: a `BoardPort` at one end.
+    """A `CPythonBoard` whose serial port is a pair of buffers in this process.
 
-    Takes what `CPythonBoard` does, but the port.
+    Its parameters are those of `CPythonBoard` without `port`.
     """
 
     free_bytes = None
-    _ROOM = 1 << 16  # bytes a direction
+    _ROOM = 1 << 16  # size of the buffer for each direction, in bytes
 
     def __init__(self, board_id: str, bus, usb: UsbHost, faults=None, folder=None):
         self._to_board, self._to_host = bytearray(), bytearray()
@@ -297,11 +301,11 @@ class InProcessBoard(CPythonBoard):
         super().__init__(board_id, bus, usb, port, faults, folder)
 
     def received(self) -> bytes:
-        """Return what the board has sent since the last call."""
+        """Return all bytes that the board has sent since the last call."""
         return _take(self._to_host)
 
     def send(self, data: bytes) -> int:
-        """Return how many of the bytes there was room for, where the board finds them."""
+        """Send bytes to the board; return how many of them the buffer accepted."""
         return _put(self._to_board, data, self._ROOM)
 
 

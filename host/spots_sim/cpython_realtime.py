@@ -1,7 +1,7 @@
-"""A virtual board on CPython in real time: a process of its own with a PTY or a loopback socket.
+"""A virtual board on CPython in real time: a process with a pseudo-terminal or a loopback socket.
 
-Run as ``python -m spots_sim.cpython_realtime SENSOR SCENARIO SEED``. It prints one JSON object as
-`realtime` does and lives as long: until its standard input closes or its parent ends.
+Run it as ``python -m spots_sim.cpython_realtime SENSOR SCENARIO SEED``. It prints the same JSON
+object as `realtime`, and ends when its standard input closes or its parent ends.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import os
 import socket
 import sys
 import threading
-import time
 
 from spots.errors import SpotsError
 
@@ -22,41 +21,34 @@ from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .runtimes import is_socket
 from .scenario import Scenario
-from .starting import report
+from .starting import PseudoTerminal, report, when_parent_ends
 from .usb import UsbHost
 from .world import chip
 
 _CHUNK = 4096
-_END_S = 5.0  # for the board to end cleanly once the parent has
 
 
-class PtyPort:
-    """A pseudo-terminal. The host's end stays open here, so that a reader may come and go."""
-
-    def __init__(self):
-        import pty
-        import tty
-
-        self._end, host_end = pty.openpty()
-        tty.setraw(host_end)  # or it would echo frames back as commands
-        os.set_blocking(self._end, False)
-        self.name = os.ttyname(host_end)
+class PtyPort(PseudoTerminal):
+    """A pseudo-terminal as a `cpython_board.BoardPort`."""
 
     def receive(self) -> bytes:
         try:
-            return os.read(self._end, _CHUNK)
+            return os.read(self.board_end, _CHUNK)
         except BlockingIOError:
             return b""
 
     def send(self, data: bytes) -> int:
         try:
-            return os.write(self._end, data)
+            return os.write(self.board_end, data)
         except BlockingIOError:
             return 0
 
 
 class SocketPort:
-    """A TCP socket on loopback, for one program at a time: further ones are disconnected."""
+    """A TCP socket on loopback as a `cpython_board.BoardPort`.
+
+    It accepts one client at a time and disconnects further ones.
+    """
 
     def __init__(self):
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -80,7 +72,7 @@ class SocketPort:
 
     def send(self, data: bytes) -> int:
         if self._peer is None:
-            return len(data)  # as a port that nobody has opened
+            return len(data)  # discards data like a port that no program has opened
         try:
             return self._peer.send(data)
         except BlockingIOError:
@@ -105,7 +97,17 @@ class SocketPort:
 
 
 class NoisyPort:
-    """Damages the bytes of another port, as a scenario says."""
+    """Damages the bytes of another port.
+
+    Parameters
+    ----------
+    port : BoardPort
+        Port without faults.
+    faults : Faults
+        Faults of the scenario.
+    clock : RealClock
+        Clock of the faults.
+    """
 
     def __init__(self, port: BoardPort, faults: Faults, clock: RealClock):
         self._port, self._faults, self._clock = port, faults, clock
@@ -119,21 +121,22 @@ class NoisyPort:
 
 
 def main(sensor_name: str, scenario_name: str, seed: int) -> None:
-    """Serve a board until standard input closes or the parent ends.
+    """Run a virtual board until standard input closes or the parent ends.
 
     Parameters
     ----------
     sensor_name, scenario_name : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise and of the faults.
+        Random seed of noise and faults.
 
     Raises
     ------
     SpotsError
         If a file is missing or invalid.
     """
-    parent, ended = os.getppid(), _end_of_input()
+    ended = threading.Event()
+    when_parent_ends(ended.set)
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)
     clock = RealClock()
@@ -147,29 +150,8 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
         CPythonBoard(board_id(sensor), bus, UsbHost(), port, board_faults)
     ) as board:
         report({"port": outer.name, "console": outer.name, "started_s": clock.started_s})
-        # Another process may have inherited the pipe and keep it open after the parent ends.
-        while not ended.is_set() and os.getppid() == parent:
+        while not ended.is_set():
             board.step()
-
-
-def _end_of_input() -> threading.Event:
-    """Return what is set at the end of standard input.
-
-    A thread of its own notices it, for Windows cannot wait for a pipe in any other way. It ends the
-    process if the rest of it does not in time, also if it fails itself: so it is not guarded.
-    """
-    ended, stdin = threading.Event(), sys.stdin.fileno()
-
-    def watch():
-        try:
-            os.read(stdin, 1)
-        finally:
-            ended.set()
-            time.sleep(_END_S)
-            os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-    return ended
 
 
 if __name__ == "__main__":

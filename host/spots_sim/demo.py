@@ -1,4 +1,4 @@
-"""The main job on the virtual board."""
+"""``spots demo``: runs the virtual board with one of the applications."""
 
 from __future__ import annotations
 
@@ -40,38 +40,40 @@ def demo(
     quiet: bool,
     use: str = "strip",
 ) -> dict:
-    """Run the virtual board, show its readings, and return the run in figures.
+    """Run the virtual board, show its readings, and return the figures of the run.
 
     Parameters
     ----------
-    sensor, scenario : str
-        Files, by path or name; no scenario for that of the use.
+    sensor : str
+        Sensor file: a path or a name.
+    scenario : str or None
+        Scenario file: a path or a name. None selects the default scenario of the application.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     seconds : float or None
-        Length of the run; None for no end.
+        Duration of the run in seconds; None for no limit.
     fast : bool
-        In simulated time: as fast as the machine can, the same bytes every time.
+        True for simulated time: as fast as possible, with the same bytes in each run.
     quiet : bool
-        Show nothing.
+        True to print nothing.
     use : str
-        A key of `USES`, or `FIVEBAR`: two boards on a linkage with a path of its own.
+        Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
 
     Returns
     -------
     dict
-        The run in figures, as JSON can hold it.
+        Figures of the run, with values that JSON supports.
 
     Raises
     ------
     SpotsError
-        If there is no such use or file, or the virtual board does not run.
+        If `use` is unknown, a file is missing or invalid, or the virtual board does not start.
     """
     if use == FIVEBAR:
         return demonstrate(sensor, seed, seconds, fast, quiet)
     if use not in USES:
         known = ", ".join([*USES, FIVEBAR])
-        raise SpotsError(f"there is no demo of '{use}': --use takes one of {known}")
+        raise SpotsError(f"there is no demo of '{use}': use one of {known} with --use")
     show, usual = USES[use]
     scenario = scenario or usual
     file = load(ScenarioFile, scenario)
@@ -85,7 +87,7 @@ def demo(
         if not quiet:
             print(headline(board.info["runtime"]), flush=True)
         if file.faults:
-            board.command("save")  # or a restart would cost the calibration
+            board.command("save")  # otherwise a restart would lose the calibration
         summary = show(board, truth, started_s, seconds, quiet)
     if digest is not None:
         summary["stream_sha256"] = digest.hexdigest()
@@ -129,8 +131,9 @@ def _with_link(board: Board, figures: dict) -> dict:
     }
 
 
-# What is shown of a board, the truth and the host time of its time 0, for so long, or quietly;
-# each returns the run in figures. With it the scenario that is played if no other is named.
+# Function and default scenario of each application. The function gets the board, the scenario, the
+# host time in s at the scenario's time 0, the duration in s, and whether to print nothing. It
+# returns the figures of the run.
 USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
     "strip": (_strip, "demo"),
     "keyboard": (_keyboard, "typing"),
@@ -142,24 +145,25 @@ USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dic
 def open_fast(
     sensor: str, truth: Scenario, seed: int, faults: Faults | None = None
 ) -> tuple[Board, hashlib._Hash]:
-    """Return a calibrated virtual board in simulated time, and the SHA-256 of all it sends.
+    """Open a calibrated virtual board in simulated time, and hash all bytes that it sends.
 
     Parameters
     ----------
     sensor : str
-        A file, by path or name.
+        Sensor file: a path or a name.
     truth : Scenario
-        What happens to the strip.
+        Fingers, strain and light over time.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     faults : Faults, optional
-        Between board and host, and on the I2C bus.
+        Faults of the link, the I2C bus and the board.
 
     Returns
     -------
     board : Board
+        The caller must close it.
     digest : hash object
-        SHA-256, updated while the board is read.
+        SHA-256 of all bytes from the board; updated while the board is read.
 
     Raises
     ------
@@ -181,16 +185,16 @@ def open_fast(
 
 
 def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
-    """Serve the virtual board, and open the page where there is a screen and somebody at it.
+    """Serve the web UI with a virtual board, and open it in a browser if there is a display.
 
     Parameters
     ----------
     use : str
-        ``fivebar`` shows a simulated linkage; the others are on the page all the time.
+        ``fivebar`` shows a simulated linkage. All other applications are always in the web UI.
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     """
     from spots.web.serve import LOOPBACK, serve
 

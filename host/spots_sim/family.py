@@ -1,4 +1,4 @@
-"""Whether strips of other lengths and dyes share one response."""
+"""Measures whether strips with other lengths and dyes have the same response."""
 
 from __future__ import annotations
 
@@ -11,16 +11,24 @@ from .files import SensorFile
 from .stage import Stage
 
 LENGTHS_MM = (30.0, 85.0, 200.0)
-DYES = (0.5, 1.0, 2.0)  # times the sensor's own
+DYES = (0.5, 1.0, 2.0)  # dye strength relative to that of the sensor
 _PLACES = 18
 _SAMPLES = 12
-_LIT = 4.0  # counts, below which a logarithm is mostly rounding
+_LIT = 4.0  # minimum counts: below this, rounding dominates the logarithm
 _CURVE_DEGREE = 7
 
 
 @dataclass(frozen=True)
 class Response:
-    """ln of the ratio of two channels along a strip."""
+    """Logarithm of the ratio of two channels along a strip.
+
+    Attributes
+    ----------
+    x_um : numpy.ndarray, shape (n,)
+        Distance from the sensor's end, in um.
+    log_ratio : numpy.ndarray, shape (n,)
+        Natural logarithm of the ratio of the counts.
+    """
 
     x_um: np.ndarray
     log_ratio: np.ndarray
@@ -29,20 +37,24 @@ class Response:
 def family(
     sensor: SensorFile, channels: tuple[str, str], seed: int, exposure_us: int
 ) -> dict[str, dict[float, Response]]:
-    """Measure the responses of strips of other lengths and dyes through the firmware.
+    """Measure the responses of strips with other lengths and dyes, through the firmware.
 
     Parameters
     ----------
     sensor : SensorFile
+        Sensor that is varied.
     channels : tuple of str
-        Diodes of the ratio: the second over the first.
-    seed, exposure_us : int
+        Names of two diodes; the ratio is the second divided by the first.
+    seed : int
+        Random seed of the noise.
+    exposure_us : int
+        Integration time in us.
 
     Returns
     -------
     dict
-        ``length``: by length in mm, at the sensor's own dye; ``dye``: by dye relative to the
-        sensor's own, at its own length.
+        ``length``: dict of `Response` by length in mm, with the dye of `sensor`. ``dye``: dict of
+        `Response` by relative dye strength, with the length of `sensor`.
     """
 
     def measured(**changes):
@@ -59,7 +71,13 @@ def family(
 
 
 def departure_um(lengths: dict[float, Response]) -> float:
-    """Return the largest distance between the positions that two lengths give for one response."""
+    """Return the largest position difference in um between two strips for the same response.
+
+    Parameters
+    ----------
+    lengths : dict of float to Response
+        Responses by length in mm. Each strip is compared with the longest one.
+    """
     longest = lengths[max(lengths)]
     degree = min(_CURVE_DEGREE, len(longest.x_um) // 2)
     curve = np.polynomial.Chebyshev.fit(longest.x_um, longest.log_ratio, degree)

@@ -1,10 +1,9 @@
 """Applies a scenario's faults to a link, a bus and a board, and counts them.
 
-Each fault has a random generator of its own that depends on the seed alone: the sensor's noise is
-the same with and without faults, and one fault does not change another. Times are
-those of the simulation. Each wrapper works alone, so that a test takes the one that it needs:
-`FaultyLink` damages bytes, `FaultyBus` transfers, `BoardFaults` is asked before each of the
-board's requests.
+Each fault has its own random generator, which depends only on the seed. So the sensor's noise is
+the same with and without faults, and one fault does not change another. All times are times of
+the simulation. Each wrapper can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages
+transfers, and `BoardFaults` applies faults of power and clock before each request of the board.
 """
 
 from __future__ import annotations
@@ -23,12 +22,12 @@ from spots.link.serial_link import Link, LinkWrapper
 from .bus import I2CBus
 from .files import FaultsFile, Moments, ScenarioFile, SerialFaults
 
-# Separates these generators from others with the same seed.
+# Part of the seed; separates these generators from others with the same seed.
 _OWN = 0xFA017
 _CTRL_C = 3
 WAYS = ("flip", "drop", "double", "insert")
 _CLOCKS_THAT_FREE_SDA = 9
-# How long a controller waits for a bus that is held.
+# Timeout of a controller whose bus is held low.
 _BUS_TIMEOUT_US = 50_000.0
 
 
@@ -39,9 +38,10 @@ class FaultLedger:
     Attributes
     ----------
     counts : collections.Counter
-        By kind, such as ``to_host.flip`` (bytes), ``i2c.nack`` (transfers), ``power.brown_outs``.
+        Number of faults by kind, such as ``to_host.flip`` (bytes), ``i2c.nack`` (transfers) or
+        ``power.brown_outs``.
     spells : list of (str, float, float)
-        Kind, begin and end in us, of what lasts: bursts, outages, restarts.
+        Kind, begin and end in us of each fault with a duration: bursts, outages, restarts.
     """
 
     counts: Counter = field(default_factory=Counter)
@@ -49,20 +49,22 @@ class FaultLedger:
 
 
 class Spells:
-    """When a fault acts. Ask with times that do not run backwards.
+    """The intervals in which a fault acts. Call its methods with times that do not decrease.
 
     Parameters
     ----------
     moments : files.Moments
+        Fixed and random moments, and the duration.
     seconds : float
-        After which the scenario, and `moments.at_s` with it, repeats.
+        Duration of the scenario in seconds; `moments.at_s` repeats with it.
     from_s : float
-        Nothing begins earlier.
+        Earliest begin of an interval, in seconds.
     rng : numpy.random.Generator
-        Of the random ones; used by nothing else.
+        Generator of the random moments; must not be used for anything else.
     kind : str
+        Name of the fault in the ledger.
     ledger : FaultLedger
-        Records each that has begun.
+        Records each interval that has begun.
     """
 
     def __init__(
@@ -78,7 +80,10 @@ class Spells:
         self._ledger = ledger
 
     def begun(self, now_us: float) -> tuple[float, float] | None:
-        """Return begin and end of the next one that has begun, each once."""
+        """Return begin and end in us of the next interval that has begun, or None.
+
+        Each interval is returned once.
+        """
         if now_us < self._next_us:
             return None
         spell = self._next_us, self._next_us + self._last_us
@@ -89,7 +94,7 @@ class Spells:
         return spell
 
     def active(self, now_us: float) -> bool:
-        """Return whether it acts now."""
+        """Return whether the fault acts at a time in us."""
         while self.begun(now_us):
             pass
         return now_us < self._until_us
@@ -99,7 +104,7 @@ class Spells:
 
 
 def _repeated(at_s: list[float], seconds: float, from_s: float) -> Iterator[float]:
-    turns = itertools.count(int(from_s // seconds))  # a long way, one by one
+    turns = itertools.count(int(from_s // seconds))  # skips repetitions before from_s
     return (at for turn in turns for at in (turn * seconds + one for one in at_s) if at >= from_s)
 
 
@@ -111,14 +116,29 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes of one direction. How a stream is cut into pieces changes nothing.
+    """Damages the bytes of one direction; the result does not depend on the size of the pieces.
+
+    Parameters
+    ----------
+    file : files.SerialFaults
+        Shares of damaged bytes, in per cent.
+    bursts : Spells
+        Intervals with dense damage.
+    from_s : float
+        Begin of the damage in seconds.
+    rng : numpy.random.Generator
+        Generator of the damage.
+    kind : str
+        Name of the direction in the ledger, such as ``to_host``.
+    ledger : FaultLedger
+        Counts the damaged bytes.
 
     Attributes
     ----------
     passed : int
-        Bytes taken so far.
+        Number of bytes so far.
     touched : collections.deque of int
-        Which of them were damaged, by their number, the latest ones.
+        Numbers of the last damaged bytes, counted from 0.
     """
 
     _KEPT = 1 << 20
@@ -136,7 +156,7 @@ class Damage:
         self.touched: deque[int] = deque(maxlen=self._KEPT)
 
     def __call__(self, data: bytes, now_us: float) -> bytes:
-        """Return what arrives of bytes that are sent at `now_us`."""
+        """Return the bytes that arrive if `data` is sent at the time `now_us`."""
         first, self.passed = self.passed, self.passed + len(data)
         if now_us < self._from_us or not data:
             return data
@@ -166,17 +186,19 @@ class Damage:
         return bytes((self._allowed(byte ^ 1 << int(8 * draw)),))
 
     def _allowed(self, byte: int) -> int:
-        # Ctrl-C stops the application for good, as it should: no test of anything else.
+        # Ctrl-C stops the application, so damage must not create it.
         return byte ^ 0x80 if byte == _CTRL_C else byte
 
 
 class FaultyLink(LinkWrapper):
-    """A `link.serial_link.Link` whose bytes are damaged in both directions.
+    """A link whose bytes are damaged in both directions.
 
     Parameters
     ----------
-    link : serial_link.Link
+    link : spots.link.serial_link.Link
+        Link to the board.
     faults : Faults
+        Faults of the run.
     """
 
     def __init__(self, link: Link, faults: Faults):
@@ -191,12 +213,14 @@ class FaultyLink(LinkWrapper):
 
 
 class FaultyBus:
-    """A `bus.I2CBus` with faults between its controller and chip.
+    """A `bus.I2CBus` whose transfers fail or are damaged.
 
     Parameters
     ----------
     bus : bus.I2CBus
+        Bus without faults.
     faults : Faults
+        Faults of the run.
     """
 
     def __init__(self, bus: I2CBus, faults: Faults):
@@ -216,7 +240,7 @@ class FaultyBus:
 
     @property
     def frequency_hz(self) -> int:
-        """Of the bus; the board sets it."""
+        """Frequency of the bus in Hz; the board sets it."""
         return self.bus.frequency_hz
 
     @frequency_hz.setter
@@ -236,12 +260,12 @@ class FaultyBus:
         return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Release (1) or pull (0) each wire and return the level of SDA: `bus.I2CBus.lines`.
+        """Set the wires and return the level of SDA, like `bus.I2CBus.lines`.
 
         Parameters
         ----------
         scl, sda : int
-            Level that the controller sets: 1 to release, 0 to pull.
+            1 releases the wire, 0 pulls it low.
 
         Returns
         -------
@@ -258,7 +282,7 @@ class FaultyBus:
         return 0
 
     def _meet(self) -> float | None:
-        # Fail, or return where in the transfer a bit is to be wrong, or None.
+        # Raises an error, or returns the place of a wrong bit (0 to 1 of the transfer), or None.
         now_us = self.clock.now_us()
         self._plug(now_us)
         if self._sda_is_held():
@@ -303,12 +327,17 @@ class FaultyBus:
 
 
 class BoardFaults:
-    """Power and clock of a board; asked before each of its requests is answered.
+    """Faults of the power and the clock of a board; call `step` before each of its requests.
+
+    Parameters
+    ----------
+    faults : Faults
+        Faults of the run.
 
     Attributes
     ----------
     rate : float
-        Seconds that the board counts in one.
+        Seconds that the board's clock counts in one true second.
     """
 
     def __init__(self, faults: Faults):
@@ -318,13 +347,18 @@ class BoardFaults:
         self._brown_outs = faults.spells("power.brown_outs")
 
     def step(self, bus) -> float | None:
-        """Apply the faults that are due.
+        """Apply the faults that have begun.
+
+        Parameters
+        ----------
+        bus : I2CBus or FaultyBus
+            Bus of the board, with its chip and clock.
 
         Returns
         -------
         float or None
-            None, or for how many us a brown-out keeps the board off: the caller ends the
-            board, lets that time pass, calls `bus.chip.power_on` and boots it.
+            Duration of a brown-out in us, or None without a brown-out. The caller must stop the
+            board, wait for this duration, call `bus.chip.power_on` and boot the board.
         """
         now_us = bus.clock.now_us()
         while spell := self._stalls.begun(now_us):
@@ -343,14 +377,18 @@ class Faults:
     Parameters
     ----------
     file : files.FaultsFile
+        Faults as the scenario file lists them.
     seconds : float
-        Length of the scenario.
+        Duration of the scenario in seconds.
     seed : int
+        Random seed of the faults.
 
     Attributes
     ----------
     ledger : FaultLedger
+        Counts of all faults so far.
     to_host, to_board : Damage
+        Damage to the bytes in each direction.
     """
 
     def __init__(self, file: FaultsFile, seconds: float, seed: int = 0):
@@ -362,11 +400,11 @@ class Faults:
         self.to_board = self._damage("to_board", file.to_board)
 
     def rng(self, kind: str) -> np.random.Generator:
-        """Return the generator of one kind of fault."""
+        """Return a new random generator for one kind of fault, such as ``i2c``."""
         return np.random.default_rng([_OWN, self._seed, *kind.encode()])
 
     def spells(self, kind: str) -> Spells:
-        """Return the intervals in which one kind of fault acts; `kind` is its index in the file."""
+        """Return the intervals of a fault; `kind` is its key in the file, as ``clock.stalls``."""
         moments = self.file.moments()[kind]
         rng = self.rng(kind)
         return Spells(moments, self._seconds, self.file.from_s, rng, kind, self.ledger)
@@ -384,7 +422,7 @@ def of_scenario(file: ScenarioFile, seed: int) -> Faults | None:
     file : ScenarioFile
         The scenario.
     seed : int
-        Of the moments at which faults happen.
+        Random seed of the faults.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""Sensor and scenario files: TOML, every key checked, units in the names.
+"""Reads sensor, scenario, linkage and path files: TOML with units in the names.
 
-The comments in ``data/*.toml`` say where each default comes from.
+Every key is validated. The comments in ``data/*.toml`` name the source of each default.
 """
 
 from __future__ import annotations
@@ -40,7 +40,25 @@ class _SimulationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class Led(_SimulationFile):
-    """A phosphor-converted white LED."""
+    """A phosphor-converted white LED: two Gaussian peaks.
+
+    Attributes
+    ----------
+    blue_nm, phosphor_nm : float
+        Centre wavelengths of the peaks.
+    blue_fwhm_nm, phosphor_fwhm_nm : float
+        Full widths of the peaks at half maximum.
+    blue_share : float
+        Share of the blue peak in the light, 0 to 1.
+    irradiance_uW_cm2_per_mA : float
+        Irradiance at the sensor for a full contact at its end of the strip.
+    bend_mA : float
+        The light is proportional to I / (1 + I / bend_mA) for a current I.
+    noise_ppm_10ms : float
+        Relative standard deviation of the light in an exposure of 10 ms.
+    warm_up_percent, warm_up_s : float
+        Additional light at power-on, and the time constant of its decay.
+    """
 
     blue_nm: Wavelength
     blue_fwhm_nm: Positive
@@ -55,7 +73,17 @@ class Led(_SimulationFile):
 
 
 class Dye(_SimulationFile):
-    """Decay in the dyed guide: an absorbance that ends at an edge, over a clear base."""
+    """Decay of the light in the dyed guide, by wavelength.
+
+    Attributes
+    ----------
+    strength_per_mm : float
+        Decay by the dye below the edge.
+    edge_nm, edge_width_nm : float
+        Wavelength and width of the edge, above which the dye is clear.
+    clear_per_mm : float
+        Decay by the clear material at every wavelength.
+    """
 
     strength_per_mm: NotNegative
     edge_nm: Wavelength
@@ -87,14 +115,22 @@ class Converter(_SimulationFile):
 
 
 class Stretch(_SimulationFile):
-    """What stretching and bending do to the guides, see `optics.Optics.press`."""
+    """Effect of stretching and bending on the guides, see `optics.Optics.press`.
+
+    Attributes
+    ----------
+    poisson_ratio : float
+        Poisson's ratio of the material.
+    bend_loss_percent : float
+        Loss of light at a bend of 180 degrees.
+    """
 
     poisson_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.45
     bend_loss_percent: Annotated[float, msgspec.Meta(ge=0, lt=100)] = 5.0
 
 
 class Surroundings(_SimulationFile):
-    """Steady ambient light, added to a scenario's."""
+    """Constant ambient light; a scenario can add more."""
 
     irradiance_uW_cm2: NotNegative = 0.0
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
@@ -103,7 +139,17 @@ class Surroundings(_SimulationFile):
 
 
 class JointFile(_SimulationFile):
-    """A sliding indenter that a joint moves along the strip."""
+    """An indenter that a joint slides along the strip.
+
+    Attributes
+    ----------
+    radius_mm : float
+        Way of the indenter on the strip per rad of the joint.
+    force_mN : float
+        Force of the indenter.
+    play_deg : float
+        Backlash of the joint.
+    """
 
     radius_mm: Positive = 25.0
     force_mN: Positive = 4000.0
@@ -125,14 +171,14 @@ class SensorFile(_SimulationFile):
     change: Change = Change()
 
     def unchanged(self) -> SensorFile:
-        """Return the strip as it was calibrated."""
+        """Return a copy without the change since the calibration."""
         return msgspec.structs.replace(self, change=Change())
 
 
 class Finger(_SimulationFile):
     """One finger: points of (time s, position mm, force mN), joined by straight lines.
 
-    A tilted one presses harder than its mean at one end of its width, by so many per cent.
+    `tilt_percent` is the difference between the pressure at one end of its width and the mean.
     """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
@@ -160,9 +206,9 @@ class Ambient(_SimulationFile):
 
 
 class Moments(_SimulationFile):
-    """When a fault begins and how long it lasts: at moments of the scenario, at random, or both.
+    """Begin and duration of a fault: at fixed moments, at random moments, or both.
 
-    A scenario repeats, and the moments in `at_s` with it.
+    The moments in `at_s` repeat with the scenario.
     """
 
     at_s: list[Time] = []
@@ -171,13 +217,13 @@ class Moments(_SimulationFile):
 
 
 class Bursts(Moments):
-    """Times of dense damage: so many of the bytes, each in one of four ways."""
+    """Intervals of dense damage to `damage_percent` of the bytes, of four kinds equally."""
 
     damage_percent: Percent = 100.0
 
 
 class SerialFaults(_SimulationFile):
-    """Damage to the bytes in one direction: the share of damaged bytes, and bursts."""
+    """Damage to the bytes in one direction: shares of damaged bytes, and bursts."""
 
     flip_percent: Percent = 0.0
     drop_percent: Percent = 0.0
@@ -188,14 +234,15 @@ class SerialFaults(_SimulationFile):
     def __post_init__(self):
         shares = self.flip_percent, self.drop_percent, self.double_percent, self.insert_percent
         if sum(shares) > 100:
-            raise ValueError("more than 100 % of the bytes would be damaged")
+            raise ValueError("the shares of damaged bytes must add up to at most 100 %")
 
 
 class BusFaults(_SimulationFile):
     """Damage to transfers on the I2C bus.
 
-    `nack_percent` of them nobody acknowledges, and during `nack_bursts` none; `wrong_percent`
-    carry a wrong bit; `sda_low`: SDA is held low until nine clocks, at most for that time.
+    `nack_percent` of the transfers have no acknowledge, and all transfers during `nack_bursts`.
+    `wrong_percent` of the transfers have a wrong bit. During `sda_low`, SDA is held low until nine
+    clocks or the end of the interval.
     """
 
     nack_percent: Percent = 0.0
@@ -205,7 +252,7 @@ class BusFaults(_SimulationFile):
 
 
 class PowerFaults(_SimulationFile):
-    """Brown-outs take board and sensor down together; the other two only the sensor."""
+    """Brown-outs stop board and sensor; the other two faults affect only the sensor."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -213,14 +260,14 @@ class PowerFaults(_SimulationFile):
 
 
 class ClockFaults(_SimulationFile):
-    """The board's oscillator, fast if positive, and times in which its processor stands still."""
+    """Error of the board's oscillator, positive if fast, and intervals in which it stalls."""
 
     oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
     stalls: Moments = Moments()
 
 
 class FaultsFile(_SimulationFile):
-    """What goes wrong in a scenario, from `from_s` of the run on; see `faults`."""
+    """Faults of a scenario; they begin at `from_s` of the run. See `faults`."""
 
     from_s: Time = 0.0
     to_host: SerialFaults = SerialFaults()
@@ -230,7 +277,7 @@ class FaultsFile(_SimulationFile):
     clock: ClockFaults = ClockFaults()
 
     def moments(self) -> dict[str, Moments]:
-        """Return every set of moments by its place in the file."""
+        """Return all `Moments` by their key in the file, such as ``clock.stalls``."""
         parts = (getattr(self, name) for name in self.__struct_fields__[1:])
         return {
             f"{part}.{name}": value
@@ -241,13 +288,14 @@ class FaultsFile(_SimulationFile):
 
 
 class ScenarioFile(_SimulationFile):
-    """What happens to the strip; it repeats after `seconds`.
+    """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are those on the strip as it is, stretched or not. `strain` and `bend` are points of
-    (time s, percent) and (time s, degrees), `leak` of (time s, share of full contact, position
-    mm): light that couples without a finger, each of `change` of (time s, change since the
-    calibration). All are joined by straight lines and keep their first and last value outside.
-    `strain_percent` and `bend_deg` are the short form.
+    Positions are measured on the strip in its present, possibly stretched, state. These keys are
+    lists of points: `strain` (time s, percent), `bend` (time s, degrees) and `leak` (time s, share
+    of full contact, position mm). So is each key of `change` (time s, change since calibration).
+    A leak is light that couples without a finger. Points are joined by straight lines; before the
+    first and after the last point the value is constant. `strain_percent` and `bend_deg` are
+    constants, used instead of points.
     """
 
     seconds: Cycle
@@ -263,10 +311,12 @@ class ScenarioFile(_SimulationFile):
 
     def __post_init__(self):
         if any(touch.points[-1][0] > self.seconds for touch in self.touch):
-            raise ValueError(f"a touch ends after the scenario's {self.seconds:g} seconds")
+            raise ValueError(
+                f"a touch ends after the scenario's {self.seconds:g} seconds: shorten it"
+            )
         for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
             if getattr(self, name) and constant:
-                raise ValueError(f"{name} is given twice: as points and as a constant")
+                raise ValueError(f"{name} is given twice, as points and as a constant: remove one")
         lines = {name: getattr(self, name) for name in ("strain", "bend", "leak")}
         lines |= {f"change.{k}": v for k, v in msgspec.structs.asdict(self.change).items()}
         for name, points in lines.items():
@@ -274,19 +324,21 @@ class ScenarioFile(_SimulationFile):
             if any(b <= a for a, b in zip(times, times[1:])):
                 raise ValueError(f"the times of {name} must ascend")
             if times and times[-1] > self.seconds:
-                raise ValueError(f"{name} ends after the scenario's {self.seconds:g} seconds")
+                raise ValueError(
+                    f"{name} ends after the scenario's {self.seconds:g} seconds: shorten it"
+                )
         for place, moments in self.faults.moments().items() if self.faults else ():
             if any(at_s >= self.seconds for at_s in moments.at_s):
                 raise ValueError(
-                    f"faults.{place} has a moment after the scenario's {self.seconds:g} seconds"
+                    f"faults.{place} has a moment after the end at {self.seconds:g} s: remove it"
                 )
 
 
 class LinkageFile(_SimulationFile):
-    """A five-bar linkage with a strip in either base joint: nominal, and as built.
+    """A five-bar linkage with a strip in each base joint: nominal values and their true errors.
 
-    Bars are inner 1, outer 1, outer 2, inner 2. `lowest_deg` is the angle of each joint, counted
-    as in Eqs. 3 and 4, with its indenter at the low end of its travel.
+    The bars are inner 1, outer 1, outer 2, inner 2. `lowest_deg` is the angle of each joint (as in
+    Eqs. 3 and 4 of the paper) with its indenter at the low end of its travel.
     """
 
     bar_mm: tuple[Positive, Positive, Positive, Positive]
@@ -298,14 +350,14 @@ class LinkageFile(_SimulationFile):
 
 
 class Stroke(_SimulationFile):
-    """A line of the terminal through points (x mm, y mm); curved, if smooth."""
+    """A line of the terminal through points (x mm, y mm); a smooth curve if `smooth` is true."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
     smooth: bool = False
 
 
 class PathFile(_SimulationFile):
-    """Where a hand guides the terminal of a linkage: strokes, and straight lines between them."""
+    """Path of a linkage's terminal, guided by hand: strokes, and straight lines between them."""
 
     speed_mm_s: Positive
     stroke: Annotated[list[Stroke], msgspec.Meta(min_length=1)]
@@ -327,7 +379,7 @@ _KINDS = {
 
 
 def to_toml(sensor: SensorFile) -> str:
-    """Return a sensor file's text, without comments."""
+    """Return the text of a sensor file in TOML, without comments."""
     lines, sections = [], []
     for name, value in msgspec.to_builtins(sensor).items():
         if isinstance(value, dict):
@@ -338,17 +390,22 @@ def to_toml(sensor: SensorFile) -> str:
 
 
 def _assignment(name: str, value: float | bool) -> str:
-    # What Python writes of a number is TOML too; of a truth value it is not.
+    # Python's text of a number is valid TOML; that of a bool needs lower case.
     return f"{name} = {str(value).lower()}"
 
 
 def load_change(name: str | Path) -> Change:
-    """Read a file with the keys of `Change`, bare or in a table ``[change]``.
+    """Read a change file: the keys of `Change`, at the top level or in a table ``[change]``.
+
+    Parameters
+    ----------
+    name : str or Path
+        A path, or the name of a change file that comes with the package.
 
     Raises
     ------
     SpotsError
-        If there is no such file, or a key in it is unknown or out of range.
+        If the file does not exist, or a key is unknown or out of range.
     """
     path, text = toml.find(name, DATA / "changes", "change")
     if re.search(r"^\s*\[change\]", text, re.MULTILINE):
@@ -358,19 +415,19 @@ def load_change(name: str | Path) -> Change:
 
 @contextmanager
 def changed(sensor: str, change: str | None) -> Iterator[str]:
-    """Give the name of a sensor file with a change file added, as long as the context lasts.
+    """Write a temporary sensor file that includes a change, for the duration of the context.
 
     Parameters
     ----------
     sensor : str
-        A path, or the name of a file that comes with the package.
+        Sensor file: a path, or the name of a file that comes with the package.
     change : str or None
-        A path; without it the sensor file itself is given.
+        Change file: a path or a name. With None, `sensor` is used unchanged.
 
     Yields
     ------
     str
-        A path or name, as `load` takes it.
+        Path or name of the sensor file, for `load`.
     """
     if change is None:
         yield sensor
@@ -401,7 +458,7 @@ def load(kind: type[_File], name: str | Path) -> _File:
     Raises
     ------
     SpotsError
-        If there is no such file, or a key in it is unknown, missing or out of range.
+        If the file does not exist, or a key is unknown, missing or out of range.
     """
     what = _KINDS[kind]
     path, text = toml.find(name, DATA / f"{what}s", what)

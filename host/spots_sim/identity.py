@@ -1,4 +1,4 @@
-"""The unique id of a virtual board: two sensor files, two boards."""
+"""The unique id of a virtual board: different sensor files get different ids."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LATER = {
 
 
 def board_id(sensor: SensorFile) -> str:
-    """Return 8 bytes in hexadecimal, the same for the same sensor however it changed."""
+    """Return 8 bytes in hexadecimal; the id does not depend on the change of the sensor."""
     keys = msgspec.to_builtins(sensor)
     del keys["change"]
     for (table, key), default in _LATER.items():

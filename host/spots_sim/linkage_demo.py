@@ -1,4 +1,4 @@
-"""A simulated linkage in real time, and the error of its twin on a path."""
+"""Runs a simulated linkage in real time, and measures the error of its twin on a path."""
 
 from __future__ import annotations
 
@@ -28,55 +28,57 @@ def endless(
     seed: int = 0,
     exposure_us: int = EXPOSURE_US,
 ) -> Endless:
-    """Return a simulated linkage that goes along a path again and again, in real time.
+    """Return a simulated linkage that repeats a path without end, in real time.
 
     Parameters
     ----------
     sensor, linkage, path : str
-        Files, by path or name.
+        Sensor, linkage and path file: a path or a name.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us : int
-        Of both strips.
+        Integration time of both strips, in us.
 
     Returns
     -------
     Endless
+        Its boards start when `Endless.open` is called.
 
     Raises
     ------
     SpotsError
-        If a file is wrong, or the linkage is of boards.
+        If a file is missing or invalid, or `linkage` is the file of a real linkage.
     """
     if is_mounted(linkage):
         raise SpotsError(
-            f"{linkage} is of boards: a simulated linkage goes with --port virtual, and its files "
-            "hold lowest_deg, as 'default' does"
+            f"{linkage} describes a linkage with real boards: leave out --port virtual, or name a "
+            "simulated linkage such as 'default', whose file has lowest_deg"
         )
     files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, linkage, path))]
-    print("calibrating two simulated strips, some seconds ...", file=sys.stderr, flush=True)
+    print("calibrating two simulated strips (some seconds) ...", file=sys.stderr, flush=True)
     return Endless(*files, seed, exposure_us)
 
 
 def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
-    """Show the default linkage on its path, in real time or fast, and return the run in figures.
+    """Show the default linkage on its path and return the figures of the run.
 
     Parameters
     ----------
     sensor : str
-        A file, by path or name.
+        Sensor file: a path or a name.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     seconds : float or None
-        Length in real time; no limit if None. Without effect when fast.
+        Duration in seconds of real time; None for no limit. Ignored if `fast` is true.
     fast : bool
-        Whether time is simulated: the path is followed once.
+        True for simulated time; the linkage follows its path once.
     quiet : bool
-        Whether nothing is printed.
+        True to print nothing.
 
     Returns
     -------
     dict
+        Figures of the run.
 
     Raises
     ------
@@ -102,17 +104,17 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
 
 
 def compare(options) -> None:
-    """Follow a path in simulated time, and print the twin's error.
+    """Follow a path in simulated time and print the error of the twin.
 
     Parameters
     ----------
     options : argparse.Namespace
-        Of ``spots twin``.
+        Options of ``spots twin``.
 
     Raises
     ------
     SpotsError
-        If a file is wrong, or the picture cannot be written.
+        If a file is missing or invalid, or the picture cannot be written.
     """
     picture = options.picture and Path(options.picture)
     names = options.sensor, options.linkage, options.path or PATH
@@ -120,9 +122,9 @@ def compare(options) -> None:
     if picture:
         maps.require()
         if picture.suffix.lower() != ".png":
-            raise SpotsError(f"--picture takes the name of a PNG file, not '{picture}'")
+            raise SpotsError(f"--picture needs a file name that ends in .png, not '{picture}'")
         if not picture.parent.is_dir():
-            raise SpotsError(f"there is no folder {picture.parent} for the picture")
+            raise SpotsError(f"there is no folder {picture.parent}: make it first")
     exposure_us = options.exposure_us or EXPOSURE_US
     found = follow(*files, options.seed, exposure_us, _ignore if options.json else Lines())
     if picture:
@@ -133,8 +135,8 @@ def compare(options) -> None:
         return
     error = summary["error_mm"]
     print(
-        f"{summary['terminals']} terminals, {summary['rate_hz']:g} a second; off by "
-        f"{error['mean']:.3f} mm in the mean, {error['max']:.3f} mm at most"
+        f"{summary['terminals']} terminals, {summary['rate_hz']:g} a second; error: "
+        f"{error['mean']:.3f} mm mean, {error['max']:.3f} mm maximum"
     )
 
 

@@ -1,7 +1,7 @@
-"""A virtual board in simulated time, stepped by whoever reads from it.
+"""A virtual board in simulated time, which runs only while the host reads from it.
 
-The board runs only while the host reads: one sensor, scenario and seed give the same bytes every
-time, as fast as the machine allows. It is a link as `link.serial_link.SerialLink` is one.
+The same sensor, scenario and seed give the same bytes in each run. The class has the same methods
+as `link.serial_link.SerialLink`.
 """
 
 from __future__ import annotations
@@ -28,22 +28,23 @@ class LockstepLink:
     Parameters
     ----------
     sensor : files.SensorFile
+        Simulated sensor.
     scenario : scenario.Scenario or scenario.Held
-        Time 0 is power-on.
+        Fingers, strain and light over time; its time 0 is power-on.
     seed : int
-        Of all noise.
+        Random seed of all noise.
     folder : Path, optional
-        See `vm.MicroPythonProcess`.
+        File system of the board. By default a temporary folder with the firmware.
     started_s : float
-        How long everything but the board's processor has been on: the LED is as warm as then.
+        Time in seconds for which the supply and the LED have been on before the board boots.
     board : str
-        See `vm.MicroPythonProcess`.
+        Name of the virtual board, ``virtual`` or ``virtual_circuitpython``.
     faults : faults.Faults, optional
-        What goes wrong with bus and board; with the bytes, `faults.FaultyLink` does it.
+        Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
     busy_us : callable, optional
-        ``busy_us(free_bytes)``: what a pass of the board's loop costs its processor, by what is
-        free of its heap; spent at each read of registers, on MicroPython alone. Without it the
-        processor takes no time.
+        ``busy_us(free_bytes) -> float`` returns the processor time of one loop pass in us, for a
+        number of free bytes in the heap. It is added at each read of registers, on MicroPython
+        only. By default the processor takes no time.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ class LockstepLink:
 
     @property
     def bus(self):
-        """The board's I2C bus; another one may be put in its place."""
+        """The board's I2C bus; assign another bus to replace it."""
         return self._board.bus
 
     @bus.setter
@@ -88,15 +89,15 @@ class LockstepLink:
 
     @property
     def free_bytes(self) -> int | None:
-        """Free heap, as the board reported last; None on CPython."""
+        """Free bytes of the heap, as last reported by the board; None on CPython."""
         return self._board.free_bytes
 
     def now_s(self) -> float:
-        """Return the simulated time."""
+        """Return the simulated time in seconds."""
         return self.clock.now_us() * 1e-6
 
     def read(self, timeout_s: float) -> bytes:
-        """Let the board run until it has sent something, at most for `timeout_s`."""
+        """Run the board until it has sent data, at most for `timeout_s`; return the data."""
         self._check_open()
         horizon_us = self.clock.now_us() + 1e6 * timeout_s
         while True:
@@ -106,14 +107,14 @@ class LockstepLink:
             self._board.step()
 
     def sleep(self, duration_s: float) -> None:
-        """Let the board run unplugged: what it sends is lost."""
+        """Run the board for a time in seconds and discard the data that it sends."""
         end_us = self.clock.now_us() + 1e6 * duration_s
         while self.clock.now_us() < end_us:
             self._board.step()
         self._board.received()
 
     def write(self, data: bytes) -> None:
-        """Put bytes where the board finds them at its next look; if they do not fit, let it run."""
+        """Send bytes to the board; while its buffer is full, run the board."""
         self._check_open()
         deadline_us = self.clock.now_us() + 1e6 * WRITE_TIMEOUT_S
         while data := data[self._board.send(data) :]:
@@ -122,10 +123,10 @@ class LockstepLink:
             self._board.step()
 
     def close(self) -> None:
-        """End the board; closing twice is closing once."""
+        """Stop the board; a second call has no effect."""
         self._is_open = False
         self._board.close()
 
     def _check_open(self) -> None:
         if not self._is_open:
-            raise SpotsError("the virtual board was closed")
+            raise SpotsError("the virtual board is closed: open it again")

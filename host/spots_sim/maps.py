@@ -1,4 +1,4 @@
-"""Pictures of a five-bar linkage (paper, Fig. 7). Needs matplotlib, the extra ``plots``."""
+"""Draws pictures of a five-bar linkage (paper, Fig. 7). Needs matplotlib (extra ``plots``)."""
 
 from __future__ import annotations
 
@@ -16,26 +16,28 @@ _SAMPLES = 721
 
 
 def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> tuple:
-    """Return where the terminal goes while one joint stands: a line of Fig. 7B.
+    """Return the path of the terminal while one joint is fixed: a line of Fig. 7B.
 
     Parameters
     ----------
     linkage : Linkage
+        Five-bar linkage.
     joint : int
-        That stands, 0 or 1.
+        Number of the fixed joint, 0 or 1.
     theta_rad : float
-        Its angle.
+        Angle of the fixed joint in rad.
     usable : callable, optional
-        Takes x and y, and returns which of them to keep.
+        ``usable(x_mm, y_mm)`` returns a bool array: which places are in the workspace.
 
     Returns
     -------
     x_mm, y_mm : numpy.ma.MaskedArray, shape (n,)
+        Places of the terminal in mm; masked outside the workspace.
     """
     other = np.linspace(-np.pi, np.pi, _SAMPLES)
     theta = (theta_rad, other) if joint == 0 else (other, theta_rad)
     x_mm, y_mm = linkage.forward(*theta)
-    # Where arms stretch, elbows turn inwards, and the angles are no longer those of Eqs. 3 and 4.
+    # Beyond a stretched arm the elbow turns inwards; Eqs. 3 and 4 do not hold there.
     back = linkage.inverse(x_mm, y_mm)[joint]
     keep = np.ma.filled(abs(back - theta_rad) < 1e-6, False)
     if usable is not None:
@@ -44,22 +46,23 @@ def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> t
 
 
 def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> Path:
-    """Draw the lines of equal angles over the workspace, as Fig. 7B.
+    """Draw lines of equal joint angles over the workspace, as in Fig. 7B.
 
     Parameters
     ----------
     linkage : Linkage
+        Five-bar linkage.
     path : Path
-        The PNG file.
+        PNG file to write.
     step_deg : int
-        From line to line.
+        Angle between two lines in degrees.
     mechanism : spots_sim.mechanism.Mechanism, optional
-        Whose joints' travel bounds the workspace.
+        Mechanism whose travel limits the workspace. By default the travel is not limited.
 
     Returns
     -------
     Path
-        That of the file.
+        The PNG file.
 
     Raises
     ------
@@ -85,7 +88,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
             axis.plot(x_mm, y_mm, color=colour, linewidth=1.5 if strong else 0.7, label=name)
             named = True
             if strong:
-                # On the rim, where the line begins: the terminal nearest to the other joint's side.
+                # The label is at the begin of the line, on the rim of the workspace.
                 i = int(np.ma.argmin(x_mm) if joint == 0 else np.ma.argmax(x_mm))
                 side = "right" if joint == 0 else "left"
                 offset = (-4 if joint == 0 else 4, -3)
@@ -106,19 +109,19 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
 
 
 def deviation(survey: Survey, path: Path) -> Path:
-    """Draw the deviation over the workspace, as Fig. 7C, before and after kinematic calibration.
+    """Draw the deviation over the workspace before and after kinematic calibration, as in Fig. 7C.
 
     Parameters
     ----------
     survey : Survey
-        With the deviations in mm.
+        Measured deviations in mm.
     path : Path
-        The PNG file.
+        PNG file to write.
 
     Returns
     -------
     Path
-        The same.
+        The PNG file.
 
     Raises
     ------
@@ -146,19 +149,19 @@ def deviation(survey: Survey, path: Path) -> Path:
 
 
 def trajectory(run: PathRun, path: Path) -> Path:
-    """Draw a path and the twin's estimate of it, as Fig. 7D, and the error over time.
+    """Draw a true path, the path that the twin estimated, and the error over time, as in Fig. 7D.
 
     Parameters
     ----------
     run : PathRun
-        Truth and estimate, in mm and s.
+        True and estimated path, in mm and s.
     path : Path
-        The PNG file.
+        PNG file to write.
 
     Returns
     -------
     Path
-        The same.
+        The PNG file.
 
     Raises
     ------
@@ -193,7 +196,7 @@ def trajectory(run: PathRun, path: Path) -> Path:
 
 
 def _bars(axis, linkage: Linkage, at_mm) -> None:
-    """Draw the linkage with its terminal at a place."""
+    """Draw the bars of a linkage with its terminal at a place (x, y) in mm."""
     theta1, theta2 = linkage.inverse(*at_mm)
     a1, _, _, a2 = linkage.bar_mm
     elbow1 = (a1 * np.sin(theta1), a1 * np.cos(theta1))

@@ -1,6 +1,6 @@
-"""A five-bar linkage with backlash and wrong lengths that moves an indenter along two strips.
+"""A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-The truth to compare a twin with. It shares no formula with `linkage.fivebar`.
+It is the truth with which a twin is compared. It shares no formula with `linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -17,22 +17,25 @@ from .change import NONE, Change
 from .files import LinkageFile, PathFile, SensorFile, Stroke
 from .scenario import Pose, Press
 
-TRAVEL = (0.1, 0.9)  # of the strip, that the indenter travels
+TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
 _STEP_S = 1e-3
 _WIDTH_MM = 4.0
-_CURVE_STEPS = 24  # from one point of a smooth stroke to the next
-_PAUSE_S = 0.2  # after each stroke, and after each way to the next
+_CURVE_STEPS = 24  # steps between two points of a smooth stroke
+_PAUSE_S = 0.2  # after each stroke, and before the next one
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the terminal, in steps of time.
+    """A motion of the terminal, sampled over time.
 
     Attributes
     ----------
-    time_s, x_mm, y_mm : numpy.ndarray, shape (n,)
+    time_s : numpy.ndarray, shape (n,)
+        Ascending times in seconds.
+    x_mm, y_mm : numpy.ndarray, shape (n,)
+        Places of the terminal in mm.
     drawing : numpy.ndarray of bool, shape (n,)
-        Whether the terminal is on a stroke, or goes from one to the next.
+        True on a stroke, False between two strokes.
     """
 
     time_s: np.ndarray
@@ -42,31 +45,34 @@ class Motion:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Time of the last sample in seconds."""
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the terminal was; before and after the motion, where that began or ended."""
+        """Return x and y of the terminal in mm at times in s; constant outside the motion."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
 class Mechanism:
-    """A linkage as it came out.
+    """A linkage as built, with its true lengths.
 
     Parameters
     ----------
     file : LinkageFile
+        Nominal lengths and their errors.
     sensor : SensorFile
-        Of both strips; its `joint` has radius, force and backlash of the indenters.
+        Sensor file of both strips. Its `joint` has radius, force and backlash of the indenters.
 
     Attributes
     ----------
-    bar_mm, base_mm : tuple of float, float
-        The true lengths.
+    bar_mm : tuple of float
+        True lengths of the four bars in mm.
+    base_mm : float
+        True distance of the base joints in mm.
     zero_rad : tuple of float
-        Of each joint, the angle of Eqs. 3 and 4 where its own calibration has 0.
+        For each joint, the angle of Eqs. 3 and 4 in rad at which its own calibration has 0.
     travel_deg : float
-        Of either indenter.
+        Travel of each indenter in degrees.
     """
 
     def __init__(self, file: LinkageFile, sensor: SensorFile):
@@ -82,17 +88,18 @@ class Mechanism:
         self.travel_deg = math.degrees((last_mm - self._first_mm) / self._joint.radius_mm)
 
     def angles_deg(self, x_mm, y_mm) -> np.ndarray:
-        """Return the angles of the joints, by their own calibration, for places of the terminal.
+        """Return the joint angles for places of the terminal.
 
         Parameters
         ----------
         x_mm, y_mm : array_like
-            Places in mm, in the frame of the base joints; of one shape.
+            Places in mm in the frame of the base joints; both have the same shape.
 
         Returns
         -------
         numpy.ndarray, shape (2, ...)
-            NaN where the terminal cannot be.
+            Angles of joint 1 and 2 in degrees, counted from the zero of each joint's calibration.
+            NaN if the linkage cannot reach a place.
         """
         a1, b1, b2, a2 = self.bar_mm
         x_mm, y_mm = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
@@ -102,12 +109,12 @@ class Mechanism:
         return np.degrees(angles - zero_rad)
 
     def reaches(self, x_mm, y_mm) -> np.ndarray:
-        """Return whether both indenters stay on their travel for places of the terminal.
+        """Return whether both indenters are within their travel for places of the terminal.
 
         Parameters
         ----------
         x_mm, y_mm : array_like
-            Places in mm, in the frame of the base joints; of one shape.
+            Places in mm in the frame of the base joints; both have the same shape.
 
         Returns
         -------
@@ -118,23 +125,24 @@ class Mechanism:
         return ((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
 
     def drive(self, motion: Motion, again: bool = False) -> tuple[JointScenario, JointScenario]:
-        """Return what happens to the two strips in a motion.
+        """Return the scenarios of the two strips during a motion.
 
         Parameters
         ----------
         motion : Motion
+            Motion of the terminal.
         again : bool
-            Whether it restarts at its end.
+            True to repeat the motion without end.
 
         Returns
         -------
         tuple of JointScenario
-            Of joint 1 and joint 2.
+            Scenarios of joint 1 and joint 2.
 
         Raises
         ------
         SpotsError
-            If the linkage cannot follow it.
+            If the linkage cannot follow the motion.
         """
         angles_deg = self.angles_deg(motion.x_mm, motion.y_mm)
         off = ~((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
@@ -142,12 +150,12 @@ class Mechanism:
             i = int(np.argmax(off))
             raise SpotsError(
                 f"the linkage cannot follow the path: ({motion.x_mm[i]:.1f}, {motion.y_mm[i]:.1f}) "
-                "mm is beyond its bars, or beyond the travel of a joint"
+                "mm is beyond its bars, or beyond the travel of a joint: move the path"
             )
         return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
     def turn(self, time_s: np.ndarray, angle_deg: np.ndarray, again: bool = False) -> JointScenario:
-        """Return the scenario of the strip of one joint.
+        """Return the scenario of one joint's strip for given joint angles.
 
         Parameters
         ----------
@@ -156,7 +164,7 @@ class Mechanism:
         angle_deg : numpy.ndarray, shape (n,)
             Angle of the joint at these times, in degrees.
         again : bool
-            Whether it restarts at its end, instead of staying there.
+            True to repeat the motion without end; False to stay at its last angle.
 
         Returns
         -------
@@ -169,14 +177,22 @@ class Mechanism:
 
 
 class JointScenario:
-    """An indenter on a strip that its joint bends; a scenario as `scenario.Scenario` is one.
+    """Scenario of a strip in a joint: an indenter slides on it while the joint bends it.
+
+    Like `scenario.Scenario`, it has ``pose``, ``presses``, ``change`` and ``ambient_uW_cm2``.
 
     Parameters
     ----------
-    time_s, place_mm, bend_deg : numpy.ndarray, shape (n,)
+    time_s : numpy.ndarray, shape (n,)
+        Ascending times in seconds.
+    place_mm : numpy.ndarray, shape (n,)
+        Position of the indenter in mm at these times.
+    bend_deg : numpy.ndarray, shape (n,)
+        Bending angle in degrees at these times.
     force_mN : float
+        Force of the indenter in mN.
     again : bool
-        Whether it restarts at its end, instead of staying there.
+        True to repeat without end; False to stay at the last values.
     """
 
     still = False
@@ -187,11 +203,11 @@ class JointScenario:
         self._period_s = float(time_s[-1] - time_s[0]) if again else math.inf
 
     def pose(self, time_s: float) -> Pose:
-        """Return how the joint bends the strip."""
+        """Return the bend of the strip at a time in seconds."""
         return Pose(bend_deg=float(self._at(time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return the indenter."""
+        """Return the press of the indenter at a time in seconds."""
         place_mm = float(self._at(time_s, self._place_mm))
         return [Press(place_mm, self._force_mN, _WIDTH_MM)]
 
@@ -205,18 +221,19 @@ class JointScenario:
         return NONE
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
-        """Return 0: a joint is covered."""
+        """Return 0, because a joint is covered."""
         return 0.0
 
 
 def guided(file: PathFile, start_s: float = 0.0) -> Motion:
-    """Return the motion of a hand along a path.
+    """Return the motion of a terminal that a hand guides along a path.
 
     Parameters
     ----------
     file : PathFile
+        Strokes, speed and tremor.
     start_s : float
-        When it begins.
+        Begin of the motion in seconds.
 
     Returns
     -------
@@ -231,7 +248,7 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
     places, drawing = [legs[0][0][:1]], [np.array([False])]
     for line, draws in legs:
         lengths = np.append(0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
-        # From rest to rest with the least jerk; the mean speed is that of the file.
+        # Minimum-jerk motion from rest to rest, with the mean speed of the file.
         seconds = max(lengths[-1] / file.speed_mm_s, 10 * _STEP_S)
         share = np.arange(1, round(seconds / _STEP_S) + 1) * _STEP_S / seconds
         share = np.minimum(share, 1)
@@ -247,22 +264,24 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
     return Motion(
         time_s,
         x_mm + file.tremor_mm * np.sin(phase),
-        y_mm + file.tremor_mm * np.sin(1.3 * phase),  # an open figure, not a circle
+        y_mm + file.tremor_mm * np.sin(1.3 * phase),  # a different frequency avoids a circle
         np.concatenate(drawing),
     )
 
 
 def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motion:
-    """Return a motion that stops at each place; between two places each joint turns evenly.
+    """Return a motion that stops at each place; between two places the joints turn evenly.
 
     Parameters
     ----------
     x_mm, y_mm : array_like, shape (n,)
-        Places of the terminal.
+        Places of the terminal in mm.
     start_s : float
-        Arrival at the first place.
-    dwell_s, move_s : float
-        Time at a place, and to the next one.
+        Time of arrival at the first place, in seconds.
+    dwell_s : float
+        Duration of each stop in seconds.
+    move_s : float
+        Duration of the move between two places, in seconds.
 
     Returns
     -------
@@ -275,7 +294,7 @@ def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motio
 
 
 def closed(file: PathFile) -> PathFile:
-    """Return a path with a last stroke that leads back to its first point."""
+    """Return a path with an additional last stroke back to its first point."""
     back = Stroke(points=[file.stroke[-1].points[-1], file.stroke[0].points[0]])
     return msgspec.structs.replace(file, stroke=[*file.stroke, back])
 
@@ -284,7 +303,7 @@ def _line(stroke: Stroke) -> np.ndarray:
     points = np.array(stroke.points)
     if not stroke.smooth or len(points) < 3:
         return points
-    # Catmull and Rom's cubic: through each point, parallel to the line between its neighbours.
+    # Catmull-Rom spline: passes through each point, parallel to the line between its neighbours.
     ends = [2 * points[:1] - points[1:2], points, 2 * points[-1:] - points[-2:-1]]
     p0, p1, p2, p3 = (np.concatenate(ends)[i : i + len(points) - 1] for i in range(4))
     t = np.linspace(0, 1, _CURVE_STEPS, endpoint=False)[:, None, None]
@@ -295,7 +314,7 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Return the angle of an arm from +y, by where circles about joint and terminal cross."""
+    """Return the angle of an arm from +y: intersection of circles about joint and terminal."""
     reach2 = x_mm**2 + y_mm**2
     with np.errstate(all="ignore"):
         along = (reach2 + inner**2 - outer**2) / (2 * reach2)
@@ -304,7 +323,7 @@ def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
 
 
 def _lag(angle_deg: np.ndarray, half_deg: float) -> np.ndarray:
-    """Return where the indenter stands: it moves only when the joint has passed its backlash."""
+    """Return the angle of the indenter, which moves only when the joint has passed its backlash."""
     lagging = np.empty(len(angle_deg))
     at = angle_deg[0]
     for i, angle in enumerate(angle_deg.tolist()):

@@ -1,4 +1,4 @@
-"""Options of the simulation for commands that take a board or a linkage."""
+"""Simulation options for commands that use a board or a linkage."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from spots.cli import arguments
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
-    """Add what a virtual board has and feels; the parser has the defaults."""
+    """Add the options of a virtual board; the caller sets their defaults in the parser."""
     group = parser.add_argument_group("virtual board")
     group.add_argument("--sensor", metavar="FILE", help="sensor file or name")
     group.add_argument("--scenario", metavar="FILE", help="scenario file or name")
-    group.add_argument("--seed", type=arguments.seed, help="of the noise")
+    group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
 
 
 def add_linkage(parser: argparse.ArgumentParser) -> None:
-    """Add what a simulated linkage is and does; the parser has the defaults."""
+    """Add the options of a simulated linkage; the caller sets their defaults in the parser."""
     group = parser.add_argument_group("simulated linkage")
     group.add_argument("--path", metavar="FILE", help="path file or name")
     group.add_argument("--sensor", metavar="FILE", help="sensor file or name")
-    group.add_argument("--seed", type=arguments.seed, help="of the noise")
-    group.add_argument("--exposure-us", type=arguments.exposure_us, help="of both strips")
-    group.add_argument("--picture", metavar="FILE.png", help="draw the path and the true path")
+    group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
+    group.add_argument(
+        "--exposure-us", type=arguments.exposure_us, help="integration time of both strips"
+    )
+    group.add_argument("--picture", metavar="FILE.png", help="draw the true and the estimated path")

@@ -12,13 +12,14 @@ from .lockstep import LockstepLink
 class PacedLink(LinkWrapper):
     """A `lockstep.LockstepLink` that never runs ahead of real time.
 
-    Links with the same epoch have one clock: two boards can be parts of one machine.
+    Links with the same epoch share one clock, so two boards can belong to one linkage.
 
     Parameters
     ----------
     link : LockstepLink
+        Link in simulated time.
     epoch_s : float
-        Of ``time.monotonic()``, when the link's clock was or would have been at 0.
+        Value of ``time.monotonic()`` in seconds at which the link's clock is 0.
     """
 
     def __init__(self, link: LockstepLink, epoch_s: float):
@@ -26,7 +27,7 @@ class PacedLink(LinkWrapper):
         self._epoch_s = epoch_s
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait until real time has reached the board's time, then let it run."""
+        """Wait until real time has reached the board's time, then run the board."""
         self._wait()
         return self._link.read(timeout_s)
 

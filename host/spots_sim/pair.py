@@ -1,4 +1,4 @@
-"""The paper's estimate by one pair of channels, to compare six channels with."""
+"""The paper's position estimate from two channels, for comparison with six channels."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ _CURVE_DEGREE = 7
 
 
 class OnePair:
-    """Position from ln of the ratio of two channels (Eq. 2 of the paper), here the best two.
+    """Estimates the position from the ratio of the two best channels (Eq. 2 of the paper).
 
     Parameters
     ----------
     along : Presses
-        One force at places along the whole strip.
+        Presses with one force at places along the whole strip.
     noise : Noise
+        Noise of the counts.
 
     Attributes
     ----------
     channels : tuple of int
-        The pair with the least noise for its slope.
+        Indices of the two channels with the lowest position noise.
     """
 
     def __init__(self, along: Presses, noise: Noise):
@@ -39,10 +40,16 @@ class OnePair:
         self._curve = Chebyshev.fit(self.log_ratio(along.counts), along.position_um, _CURVE_DEGREE)
 
     def log_ratio(self, counts: np.ndarray) -> np.ndarray:
-        """Return ln of the ratio of the two channels of dark-subtracted counts."""
+        """Return the natural logarithm of the ratio of the two channels.
+
+        Parameters
+        ----------
+        counts : numpy.ndarray, shape (..., 6)
+            Dark-subtracted counts.
+        """
         i, j = self.channels
         return np.log(counts[..., j] / counts[..., i])
 
     def position_um(self, counts: np.ndarray) -> np.ndarray:
-        """Return the position by this pair alone."""
+        """Return positions in um, estimated from dark-subtracted counts of shape (..., 6)."""
         return self._curve(self.log_ratio(counts))

@@ -1,4 +1,4 @@
-"""A virtual board in MicroPython, held at a request of its own until it is allowed to go on."""
+"""A virtual board in MicroPython that stops at each of its requests until `step` is called."""
 
 from __future__ import annotations
 
@@ -17,31 +17,34 @@ from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
 from .vm import MicroPythonProcess
 
-_LOOK_S = 0.05  # real time, after which a board that asks for nothing may wait to be read
-_HANGS_S = 60.0  # real time, in which a board that runs asks for something
+_LOOK_S = 0.05  # real time without a request, after which the output pipe may be full
+_HANGS_S = 60.0  # real time without a request, after which the board counts as hung
 
 
 class PipedBoard:
-    """MicroPython in a process of its own, whose serial port is a pair of pipes.
+    """A virtual board in a separate MicroPython process, with a pair of pipes as serial port.
 
     Parameters
     ----------
     board_id : str
-        See `vm.MicroPythonProcess`.
+        Unique id of the board, hexadecimal.
     bus : bus.I2CBus or faults.FaultyBus
+        I2C bus with the simulated sensor.
     usb : usb.UsbHost
-    faults : faults.BoardFaults, optional
-    folder : Path, optional
-        See `vm.MicroPythonProcess`.
+        Computer that gets the USB reports.
+    faults : faults.BoardFaults or None
+        Faults of power and clock.
+    folder : Path or None
+        File system of the board, see `vm.MicroPythonProcess`.
     board : str
-        See `vm.MicroPythonProcess`.
-    busy_us : callable, optional
-        See `lockstep.LockstepLink`.
+        Name of the virtual board, see `vm.MicroPythonProcess`.
+    busy_us : callable or None
+        Processor time of a loop pass, see `lockstep.LockstepLink`.
 
     Attributes
     ----------
     free_bytes : int or None
-        Free heap, as the board reported last.
+        Free bytes of the heap, as last reported by the board.
     """
 
     def __init__(
@@ -61,12 +64,12 @@ class PipedBoard:
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
         os.set_blocking(self._to_board, False)
-        self._sent = b""  # taken out of the pipe, so that the board can go on
+        self._sent = b""  # read from the full pipe, so that the board can continue
         self._board_in = board_in
         self._open = [board_in, self._to_board, self._from_board, board_out]
         stdin, data = board_in, None
         if device_of(board).runtime == "circuitpython":
-            # Nobody types at its console; what it prints there goes out with the frames.
+            # The console has no input; its output is sent with the frames.
             stdin, data = os.open(os.devnull, os.O_RDONLY), (board_in, board_out)
             self._open.append(stdin)
         self._machine = MicroPythonProcess(
@@ -82,14 +85,14 @@ class PipedBoard:
         self._pending = self._next_request()
 
     def send(self, data: bytes) -> int:
-        """Return how many bytes there was room for, where the board finds them."""
+        """Send bytes to the board; return how many of them the pipe accepted."""
         try:
             return os.write(self._to_board, data)
         except BlockingIOError:
             return 0
 
     def received(self) -> bytes:
-        """Return what the board has sent since the last call."""
+        """Return all bytes that the board has sent since the last call."""
         sent, self._sent = self._sent, b""
         try:
             return sent + os.read(self._from_board, 1 << 16)
@@ -97,7 +100,7 @@ class PipedBoard:
             return sent
 
     def step(self) -> None:
-        """Answer the pending request and let the board run until its next one."""
+        """Answer the pending request and run the board until its next request."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
             if self._busy_us and server.is_poll(self._pending):
@@ -109,7 +112,7 @@ class PipedBoard:
         self._pending = self._next_request()
 
     def close(self) -> None:
-        """End the board; closing twice is closing once."""
+        """Stop the board; a second call has no effect."""
         self._machine.close()
         while self._open:
             os.close(self._open.pop())
@@ -117,7 +120,7 @@ class PipedBoard:
     def _brown_out(self, off_us: float) -> None:
         self._machine.shut_down()
         if select.select([self._board_in], [], [], 0)[0]:
-            os.read(self._board_in, 1 << 16)  # what it had not read is lost
+            os.read(self._board_in, 1 << 16)  # a board without power loses bytes it has not read
         self.bus.clock.pause_us(off_us)
         self.bus.chip.power_on(self.bus.clock.now_us())
         self._machine.boot()
@@ -133,13 +136,15 @@ class PipedBoard:
             elif not server.is_reset(request):
                 return request
             self._machine.boot()
-        raise SpotsError("the virtual board reboots without end")
+        raise SpotsError("the virtual board reboots at each start: check main.py and its output")
 
     def _request(self) -> bytes | None:
         deadline_s = time.monotonic() + _HANGS_S
         while not select.select([self._machine.requests], [], [], _LOOK_S)[0]:
-            # A board that has more to send than the pipe takes asks for nothing before it is sent.
+            # A board whose output pipe is full makes no request until the pipe is read.
             self._sent = self.received()
             if time.monotonic() >= deadline_s:
-                raise SpotsError(f"the virtual board hangs: no request for {_HANGS_S:.0f} s")
+                raise SpotsError(
+                    f"the virtual board hangs: no request for {_HANGS_S:.0f} s; open it again"
+                )
         return server.read_request(self._machine.requests)

@@ -1,4 +1,4 @@
-"""What the simulator and a virtual board have to agree on: the file that the board itself has."""
+"""The protocol between simulator and virtual board, read from the board's own file."""
 
 from __future__ import annotations
 

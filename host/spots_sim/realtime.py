@@ -1,10 +1,11 @@
-"""A virtual board in real time: a process of its own with PTYs that pyserial opens.
+"""A virtual board in real time: a process with pseudo-terminals that pyserial opens.
 
-Run as ``python -m spots_sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
-file system, used as it is; where it is empty, a new one gets the firmware. It prints one JSON
-object: the ports for frames and for the prompt, which are one but on CircuitPython, and the host's
-monotonic time of power-on. It lives until its standard input closes or its parent ends, whatever it
-does just then, so that it never outlives whoever started it.
+Run it as ``python -m spots_sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
+file system, used without changes; if it is an empty string, a temporary folder gets the firmware.
+
+The process prints one JSON object: the port for frames, the port for the prompt, and the host's
+monotonic time of power-on. The two ports differ only on CircuitPython. The process ends when its
+standard input closes or its parent ends, so it never outlives its parent.
 """
 
 from __future__ import annotations
@@ -15,8 +16,6 @@ import os
 import pty
 import select
 import sys
-import threading
-import time
 import tty
 from pathlib import Path
 
@@ -29,29 +28,28 @@ from .faults import BoardFaults, Faults, FaultyBus, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .identity import board_id
 from .scenario import Scenario
-from .starting import report
+from .starting import PseudoTerminal, report, when_parent_ends
 from .usb import UsbHost
 from .vm import MicroPythonProcess
 from .world import chip
 
 _RAW_PROMPT, _FRIENDLY_PROMPT = 1, 2  # Ctrl-A and Ctrl-B
 
-_STUCK_S = 0.002  # between two tries to write what a reader has no room for
-_PARENT_EVERY_S = 0.5  # between two looks whether the parent is there
-_END_S = 5.0  # for the board to end cleanly once the parent has
+_STUCK_S = 0.002  # interval between two attempts to write to a full pipe
 
 
 class Inlet:
-    """A descriptor to write to, and what its reader has no room for yet; never blocks.
+    """Writes to a file descriptor without blocking, and buffers the bytes that do not fit.
 
     Parameters
     ----------
     fd : int
+        File descriptor to write to.
 
     Attributes
     ----------
     stuck : bool
-        Whether something waits. Give it no more then, so that no more waits than one read's worth.
+        True while bytes are buffered. Write no new bytes then, which limits the buffer.
     """
 
     def __init__(self, fd: int):
@@ -64,31 +62,16 @@ class Inlet:
         return bool(self._waiting)
 
     def write(self, data: bytes = b"") -> None:
-        """Write what waits and this, as far as there is room."""
+        """Write the buffered bytes and `data`; buffer the rest if the reader is full."""
         self._waiting += data
         with contextlib.suppress(BlockingIOError):
             self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
 
 
-class SerialPort:
-    """A USB serial port: its host's end, by name, and the board's.
-
-    Raw before anyone opens it: a terminal would echo the board's frames back as commands. The
-    host's end stays open here, so that the board sees no hang-up between two readers.
-    """
-
-    def __init__(self):
-        self.board_end, host_end = pty.openpty()
-        tty.setraw(host_end)
-        os.set_blocking(self.board_end, False)
-        self.name = os.ttyname(host_end)
-
-
-class Console(SerialPort):
+class Console(PseudoTerminal):
     """The port with the prompt.
 
-    What the host writes passes through a terminal of MicroPython's own, since it has a prompt
-    only on one.
+    The host's bytes pass through a second terminal, because MicroPython needs one for a prompt.
     """
 
     def __init__(self):
@@ -99,7 +82,7 @@ class Console(SerialPort):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Give the board what the host has written, changed by ``damaged(data)``."""
+        """Send the host's bytes to the board, after the function ``damaged(data) -> bytes``."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
@@ -107,27 +90,29 @@ class Console(SerialPort):
         self.to_board.write(data)
 
     def after_soft_reset(self) -> None:
-        """Print a board's message, and return to the raw prompt if it was there."""
-        with contextlib.suppress(BlockingIOError):  # nobody reads it
+        """Print MicroPython's message, and restore the raw prompt if it was active."""
+        with contextlib.suppress(BlockingIOError):  # no program reads the port
             os.write(self.board_end, b"MPY: soft reboot\r\n")
         if self.raw_prompt:
             self.to_board.write(bytes((_RAW_PROMPT,)))
 
 
 class PortNoise:
-    """Damages the bytes between a board and the port for its frames, as a scenario says.
+    """Damages the bytes between a board and its port for frames.
 
-    The board writes into a pipe and, where the port is not its console, reads from another one.
+    The board writes into a pipe. If the port is not its console, it also reads from a pipe.
 
     Parameters
     ----------
     faults : faults.Faults
+        Faults of the scenario.
     clock : RealClock
-    port : SerialPort
+        Clock of the faults.
+    port : PseudoTerminal
         The port for frames.
     """
 
-    def __init__(self, faults: Faults, clock: RealClock, port: SerialPort):
+    def __init__(self, faults: Faults, clock: RealClock, port: PseudoTerminal):
         self._faults = faults
         self._clock = clock
         self._port_end = port.board_end
@@ -136,44 +121,45 @@ class PortNoise:
         self.to_board, self.to_host = Inlet(to_board), Inlet(self._port_end)
 
     def damaged(self, data: bytes) -> bytes:
-        """Return what arrives at the board."""
+        """Return the bytes that arrive at the board if the host sends `data` now."""
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
-        """Give the board what the host has written to a port for frames alone."""
+        """Send the host's bytes to the board, damaged; for a port that is not the console."""
         self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:
-        """Give the host what the board has sent."""
+        """Send the board's bytes to the host, damaged."""
         data = os.read(self.from_board, 4096)
         self.to_host.write(self._faults.to_host(data, self._clock.now_us()))
 
 
 def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: str) -> None:
-    """Serve a board until standard input closes or the parent ends.
+    """Run a virtual board until standard input closes or the parent ends.
 
     Parameters
     ----------
     sensor_name, scenario_name : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise and of the faults.
+        Random seed of noise and faults.
     board : str
-        A name that ``spots boards`` lists.
+        Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
     folder : str
-        The board's file system.
+        File system of the board, used without changes; empty for a temporary folder.
 
     Raises
     ------
     SpotsError
         If a file is missing or invalid.
     """
-    parent_end = _end_of_parent()
+    parent_end, open_end = os.pipe()  # the first end becomes readable with the parent's end
+    when_parent_ends(lambda: os.close(open_end))
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)
     scenario = Scenario(file)
     console = Console()
-    data = SerialPort() if device_of(board).runtime == "circuitpython" else None
+    data = PseudoTerminal() if device_of(board).runtime == "circuitpython" else None
     clock = RealClock()
     bus, usb = I2CBus(chip(sensor, scenario, seed), clock), UsbHost()
     noise = board_faults = None
@@ -206,37 +192,13 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
         machine.close()
 
 
-def _end_of_parent() -> int:
-    """Return a descriptor that ends with the parent.
-
-    A thread detects it, and ends the process if the main thread does not in time; the keeper of
-    MicroPython then ends that. The thread is not guarded: its failure ends the process too.
-    """
-    parent, stdin = os.getppid(), sys.stdin.fileno()
-    gone, there = os.pipe()
-
-    def watch():
-        try:
-            # Another process may have inherited the pipe and keep it open after the parent ends.
-            while os.getppid() == parent:
-                if select.select([stdin], [], [], _PARENT_EVERY_S)[0] and not os.read(stdin, 1):
-                    break
-        finally:
-            os.close(there)
-            time.sleep(_END_S)
-            os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-    return gone
-
-
 def _serve(
     parent_end: int,
     machine: MicroPythonProcess,
     bus: I2CBus | FaultyBus,
     usb: UsbHost,
     console: Console,
-    data: SerialPort | None,
+    data: PseudoTerminal | None,
     noise: PortNoise | None,
     board_faults: BoardFaults | None,
 ) -> None:

@@ -1,4 +1,4 @@
-"""A simulated strip, exposed and calibrated, that gives readings of known presses."""
+"""A simulated and calibrated strip that returns readings of known presses."""
 
 from __future__ import annotations
 
@@ -19,23 +19,27 @@ _DARK_TIMEOUT_S = 60.0
 
 
 class Rig:
-    """An exposed and calibrated strip on the stage.
+    """A calibrated strip on the simulated stage. Use it in a ``with`` statement.
 
     Parameters
     ----------
     sensor : SensorFile
+        Simulated sensor.
     seed : int
-        Of the noise.
-    exposure_us, average : int
-        Integration time, and how many of them make a reading.
+        Random seed of the noise.
+    exposure_us : int
+        Integration time in us.
+    average : int
+        Number of samples in a reading.
 
     Attributes
     ----------
     along : dict of int to Presses
-        What was calibrated with, by strain in ppm.
+        Presses of the calibration along the strip, by strain in ppm.
     noise : Noise
+        Noise of the counts, measured from these presses.
     lines : tuple of str
-        The calibration; the board has it as `shift` shifted it.
+        Lines of the calibration, without the shift of `shift`.
     """
 
     def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
@@ -44,7 +48,6 @@ class Rig:
         self.average = average
         self._shift = None
         try:
-            # How good the strip is at this exposure is the question.
             self.stage.expose(exposure_us)
             self.along = {0: self.stage.along()}
             self._pressed = self.stage.pressed()
@@ -62,16 +65,16 @@ class Rig:
 
     @property
     def conditions(self):
-        """What the calibration belongs to."""
+        """Board and settings for which the calibration is valid."""
         return self.stage.reader.conditions
 
     @property
     def reading_us(self) -> int:
-        """How long one reading takes."""
+        """Duration of one reading in us."""
         return self.conditions.exposure_us * self.average
 
     def learn_strains(self, percents) -> None:
-        """Calibrate at strains too."""
+        """Add calibrations at strains, given as a sequence of int in per cent."""
         self.board.command("set average=1")
         changed, self.stage.held.changed = self.stage.held.changed, NONE
         for percent in percents:
@@ -83,20 +86,20 @@ class Rig:
         self._use()
 
     def shift(self, place_um, shifts) -> None:
-        """Use the calibration as a re-zero shifts it, see `spots.calibrate.shift`.
+        """Shift the calibration on the board, as a re-zero does; see `spots.calibrate.shift`.
 
         Parameters
         ----------
         place_um : sequence of float, length n
-            Marks, in um from the sensor's end.
+            Positions of the marks, in um from the sensor's end.
         shifts : array_like, shape (n, 6)
-            Of each channel, in units of log2.
+            Shift of each channel at each mark, in units of log2.
         """
         self._shift = place_um, shifts
         self._use()
 
     def set_average(self, average: int) -> None:
-        """Make readings of so many samples from now on."""
+        """Set the number of samples in a reading."""
         self.board.command(f"set average={average}")
         self.average = average
 
@@ -109,22 +112,23 @@ class Rig:
         self.board.command("stream touch spectrum")
 
     def readings(self, position_um: float, force_mN: float, count: int):
-        """Press and return readings that began under the press.
+        """Press the strip and return readings that lie completely within the press.
 
         Parameters
         ----------
         position_um : float
             Distance of the press from the sensor's end, in um.
         force_mN : float
-            In mN.
+            Force of the press in mN.
         count : int
             Number of readings.
 
         Returns
         -------
         touches : list of Touch
+            Readings with position and force.
         counts : numpy.ndarray, shape (count, 6)
-            Dark-subtracted; means over the samples of a reading, which the board rounds.
+            Dark-subtracted counts: means over the samples of each reading, rounded by the board.
         """
         self.stage.press(position_um, force_mN)
         begun_s = self.board.now_s() + 0.5e-6 * self.reading_us

@@ -1,4 +1,4 @@
-"""What runs the firmware of a virtual board, and what its serial port is made of."""
+"""Selects the runtime of a virtual board's firmware, and the kind of its serial port."""
 
 from __future__ import annotations
 
@@ -10,22 +10,27 @@ from spots.errors import SpotsError
 
 from .vm import micropython_command
 
-# Environment variables, with the values that they take. Unset, the machine decides.
+# Environment variables and their valid values. Without them, the computer's features decide.
 _RUNTIME = "SPOTS_VIRTUAL_RUNTIME", ("micropython", "cpython")
 _PORT = "SPOTS_VIRTUAL_PORT", ("pty", "socket")
 
 
 def is_cpython(board: str = "virtual") -> bool:
-    """Return whether the firmware runs in this Python, because there is no MicroPython.
+    """Return whether the firmware runs in CPython, because MicroPython is not installed.
+
+    Parameters
+    ----------
+    board : str
+        Name of a virtual board.
 
     Raises
     ------
     SpotsError
-        If the environment variable has another value.
+        If the environment variable SPOTS_VIRTUAL_RUNTIME has an invalid value.
     """
     if device_of(board).runtime != "micropython":
         return False
-    return (_wanted(*_RUNTIME) or _there_is()) == "cpython"
+    return (_wanted(*_RUNTIME) or _installed()) == "cpython"
 
 
 def is_socket() -> bool:
@@ -34,27 +39,27 @@ def is_socket() -> bool:
     Raises
     ------
     SpotsError
-        If the environment variable has another value.
+        If the environment variable SPOTS_VIRTUAL_PORT has an invalid value.
     """
     there_is = "pty" if importlib.util.find_spec("termios") else "socket"
     return (_wanted(*_PORT) or there_is) == "socket"
 
 
 def headline(runtime: str = "") -> str:
-    """Return the first line of a demonstration: what runs the firmware, and why.
+    """Return the first line of a demonstration: the runtime of the firmware, and its reason.
 
     Parameters
     ----------
     runtime : str
-        As a board names it, if one was asked.
+        Runtime from a board's reply to ``hello``; empty if no board is open.
     """
     if not is_cpython():
         return f"runtime: {runtime or 'micropython'}"
-    why = f"as ${_RUNTIME[0]} asks" if os.environ.get(_RUNTIME[0]) else "no MicroPython here"
+    why = f"${_RUNTIME[0]} is set" if os.environ.get(_RUNTIME[0]) else "MicroPython is missing"
     return f"runtime: {runtime or 'cpython'} ({why})"
 
 
-def _there_is() -> str:
+def _installed() -> str:
     try:
         micropython_command()
     except SpotsError:
@@ -65,5 +70,8 @@ def _there_is() -> str:
 def _wanted(name: str, values: tuple[str, str]) -> str | None:
     value = os.environ.get(name) or None
     if value not in (None, *values):
-        raise SpotsError(f"${name} is one of {', '.join(values)}, not '{value}'")
+        choices = " or ".join(f"'{one}'" for one in values)
+        raise SpotsError(
+            f"the environment variable {name} must be {choices}, not '{value}': change or unset it"
+        )
     return value

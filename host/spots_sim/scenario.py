@@ -1,4 +1,4 @@
-"""What happens to the strip over time: fingers and light. The truth to compare readings with."""
+"""Scenarios: fingers, strain and light on the strip over time; the truth for comparisons."""
 
 from __future__ import annotations
 
@@ -16,7 +16,19 @@ _TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 
 @dataclass(frozen=True)
 class Press:
-    """A finger at one moment."""
+    """A finger on the strip at one moment.
+
+    Attributes
+    ----------
+    position_mm : float
+        Distance from the sensor's end, in mm.
+    force_mN : float
+        Force in mN.
+    width_mm : float
+        Width along the strip, in mm.
+    tilt_percent : float
+        Difference between the pressure at one end of the width and the mean, in per cent.
+    """
 
     position_mm: float
     force_mN: float
@@ -26,17 +38,18 @@ class Press:
 
 @dataclass(frozen=True)
 class Pose:
-    """How the strip lies at one moment.
+    """Strain, bend and leak of the strip at one moment.
 
     Attributes
     ----------
     strain : float
-        Elongation over length at rest.
+        Elongation divided by the length at rest.
     bend_deg : float
+        Bending angle in degrees.
     leak_share : float
         Light that couples without a finger, as a share of full contact.
     leak_mm : float
-        Where.
+        Position of this leak in mm from the sensor's end.
     """
 
     strain: float = 0.0
@@ -46,7 +59,13 @@ class Pose:
 
 
 class Scenario:
-    """A scenario file, played over and over."""
+    """A scenario file that repeats without end.
+
+    Parameters
+    ----------
+    file : ScenarioFile
+        Validated scenario file.
+    """
 
     still = False
 
@@ -58,7 +77,7 @@ class Scenario:
         moves = max(map(len, (self._strain, self._bend, self._leak))) > 1
         self._only_pose = None if moves else self._pose(0.0)
         self._moved = {k: v for k, v in asdict(file.change).items() if v}
-        # Which touches there are between any two moments at which one begins or ends.
+        # Active touches in each interval between two moments at which a touch begins or ends.
         spans = [(touch, [point[0] for point in touch.points]) for touch in file.touch]
         self._edges = sorted({edge for _, times in spans for edge in (times[0], times[-1])})
         self._down = [[]] + [
@@ -66,18 +85,18 @@ class Scenario:
         ]
 
     def pose(self, time_s: float) -> Pose:
-        """Return how the strip lies at `time_s`."""
+        """Return strain, bend and leak of the strip at `time_s`."""
         return self._only_pose or self._pose(time_s % self._file.seconds)
 
     def change(self, time_s: float) -> Change:
-        """Return what has changed since the calibration."""
+        """Return the change of the sensor since the calibration, at `time_s`."""
         if not self._moved:
             return NONE
         phase_s = time_s % self._file.seconds
         return Change(**{name: _on_lines(v, phase_s)[0] for name, v in self._moved.items()})
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return the fingers that touch with any force at `time_s`."""
+        """Return the fingers with a force above 0 at `time_s`."""
         phase_s = time_s % self._file.seconds
         found = []
         for touch, times in self._down[bisect_right(self._edges, phase_s)]:
@@ -87,17 +106,17 @@ class Scenario:
         return found
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
-        """Return the mean irradiance from outside over an interval.
+        """Return the mean irradiance of the ambient light over an interval.
 
         Parameters
         ----------
         start_s, end_s : float
-            The interval, in seconds of the scenario.
+            Begin and end of the interval, in seconds of the scenario.
 
         Returns
         -------
         float
-            In uW/cm2.
+            Irradiance in uW/cm2.
         """
         ambient = self._file.ambient
         if ambient is None:
@@ -112,20 +131,23 @@ class Scenario:
 
 
 class Held:
-    """A scenario that a stage sets by hand: one press, held until it is moved.
+    """A scenario with one press that a stage sets; it has the methods of `Scenario`.
 
     Attributes
     ----------
     press : Press or None
+        The present press.
     strain : float
-        Elongation over length at rest.
+        Elongation divided by the length at rest.
     bend_deg : float
+        Bending angle in degrees.
     changed : Change
-        Since the calibration.
+        Change of the sensor since the calibration.
     tremor : float
-        Amplitude of the force's tremor, as a share of it; 0 of an indenter, not of a finger.
+        Amplitude of the force's tremor, as a share of the force. It is 0 for an indenter and
+        above 0 for a finger.
     still : bool
-        Whether nothing moves while light is collected.
+        True: nothing moves during an exposure.
     """
 
     still = True
@@ -154,18 +176,19 @@ class Held:
 
 
 def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float:
-    """Return the mean over an interval of a lamp's light, relative to its mean over all time.
+    """Return the mean light of a flickering lamp over an interval, relative to its overall mean.
 
     Parameters
     ----------
     lamp : Ambient or Surroundings
-        Its flicker in Hz, per cent and degrees.
+        Lamp with frequency, depth and phase of its flicker.
     start_s, end_s : float
-        The interval, in seconds; not empty.
+        Begin and end of the interval in seconds; `end_s` must be larger.
 
     Returns
     -------
     float
+        1 without flicker.
     """
     omega, phase = 2 * math.pi * lamp.flicker_hz, math.radians(lamp.flicker_phase_deg)
     swing = math.sin(omega * end_s + phase) - math.sin(omega * start_s + phase)
@@ -179,7 +202,7 @@ def _between(touch: Finger, i: int, time_s: float) -> Press:
 
 
 def _on_lines(points: list, time_s: float) -> tuple[float, ...]:
-    # The values at a time on the lines that join the points, whose times are their first values.
+    # Linear interpolation at a time. The first value of each point is its time.
     i = bisect_right(points, time_s, key=lambda point: point[0])
     if i in (0, len(points)):
         return tuple(points[max(0, i - 1)][1:])

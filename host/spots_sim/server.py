@@ -12,7 +12,7 @@ from .usb import UsbHost
 
 
 def read_request(fd: int) -> bytes | None:
-    """Return a request with what it carries, or None if the board closed the pipe."""
+    """Read one request of a board, with its data, from a pipe; return None if the pipe closed."""
     header = os.read(fd, 4)
     if len(header) < 4:
         return None
@@ -21,22 +21,25 @@ def read_request(fd: int) -> bytes | None:
 
 
 def is_reset(request: bytes) -> bool:
-    """Return whether the board asks for its own hard reset, which has no answer."""
+    """Return whether the board requests its own hard reset, which gets no answer."""
     return request[:1] == bytes([protocol.RESET])
 
 
 def is_poll(request: bytes) -> bool:
-    """Return whether the request is a read of registers: most passes of the loop have one."""
+    """Return whether the request reads registers, as most passes of the board's loop do."""
     return request[:1] == bytes([protocol.READ])
 
 
 def reported_free_bytes(request: bytes) -> int | None:
-    """Return the free heap that the board reports, which has no answer, or None."""
+    """Return the free bytes that a memory report contains; None for other requests.
+
+    A memory report gets no answer.
+    """
     return _number(request) if request[:1] == bytes([protocol.MEMORY]) else None
 
 
 def fed_for_us(request: bytes) -> int | None:
-    """Return how long a watchdog waits that this request feeds, or None if it feeds none."""
+    """Return the watchdog timeout in us of a request that feeds it; None for other requests."""
     return 1000 * _number(request) if request[:1] == bytes([protocol.FEED]) else None
 
 
@@ -45,22 +48,25 @@ def _number(request: bytes) -> int:
 
 
 def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0) -> None:
-    """Carry a request out and write its answer, in one piece.
+    """Execute a request of a board and write its answer.
 
     Parameters
     ----------
     request : bytes
+        Request from `read_request`.
     bus : bus.I2CBus
+        I2C bus of the board.
     usb : usb.UsbHost
+        Computer that gets the USB reports.
     fd : int
-        Where to write.
+        File descriptor for the answer.
     rate : float
-        Seconds that the board counts in one.
+        Seconds that the board's clock counts in one true second.
 
     Raises
     ------
     SpotsError
-        If the board has left so many answers unread that no more fit into the pipe.
+        If the pipe is full, because the board does not read its answers.
     """
     data, error, (_, a, b, c) = b"", 0, request[:4]
     try:
@@ -82,14 +88,16 @@ def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0
             case protocol.WRITE:
                 bus.write(a, request[4:])
             case protocol.FEED:
-                pass  # the caller, who can see the board hang, keeps the time: `fed_for_us`
+                pass  # the caller implements the timeout, see `fed_for_us`
     except OSError as failure:
         error = failure.errno
     now = int(bus.clock.now_us() * rate) % protocol.PERIOD_US
     reply = bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data)
     try:
-        os.write(fd, reply)  # shorter than PIPE_BUF: wholly or not at all
+        os.write(fd, reply)  # atomic, because it is shorter than PIPE_BUF
     except BrokenPipeError:
-        pass  # the next request will not come, which the caller sees
+        pass  # the board has ended; the caller detects it at the next request
     except BlockingIOError:
-        raise SpotsError("the virtual board stopped: it reads none of its answers") from None
+        raise SpotsError(
+            "the virtual board does not read its answers: close it and open it again"
+        ) from None

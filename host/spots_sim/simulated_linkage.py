@@ -1,4 +1,4 @@
-"""A simulated linkage, whose two strips are read through two virtual boards in simulated time."""
+"""A simulated linkage with two strips, read through two virtual boards in simulated time."""
 
 from __future__ import annotations
 
@@ -25,16 +25,26 @@ from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
 from .rig import Rig
 
-PATH, EXPOSURE_US = "sust", 30_000  # unless others are named
-START_S = 2.0  # by then the boards are open and stream
-_ANGLES = 11  # as `spots calibrate joint` asks for, up and down
-_WINDOW = 24  # readings of each
+PATH, EXPOSURE_US = "sust", 30_000  # defaults
+START_S = 2.0  # begin of a motion: the boards are open and stream before that
+_ANGLES = 11  # angles in each direction, as in `spots calibrate joint`
+_WINDOW = 24  # readings at each angle
 _MOVE_S = 0.1
-_APART = 0.4  # of an exposure
+_APART = 0.4  # delay between the two boards' exposures, as a share of an exposure
 
 
 class Turned(NamedTuple):
-    """A joint that was turned to an angle and held, as `fit_joint` takes them."""
+    """Measurement of a joint at one angle, for `fit_joint`.
+
+    Attributes
+    ----------
+    angle_deg : float
+        True angle in degrees.
+    direction : int
+        1 if the angle was reached upwards, -1 downwards.
+    position_um, position_sigma_um : float
+        Mean and standard deviation of the measured positions, in um.
+    """
 
     angle_deg: float
     direction: int
@@ -46,21 +56,23 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int
 ) -> CalibrationFile:
-    """Calibrate a strip, then its joint, as a person would do before mounting both.
+    """Calibrate a simulated strip, then its joint.
 
     Parameters
     ----------
     sensor : SensorFile
+        Simulated sensor.
     linkage : LinkageFile
-        For the travel of the indenter.
+        Linkage; determines the travel of the indenter.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us : int
+        Integration time in us.
 
     Returns
     -------
     CalibrationFile
-        With a joint.
+        Calibration that includes the joint.
     """
     mechanism = Mechanism(linkage, sensor)
     angles_deg = np.linspace(0, mechanism.travel_deg, _ANGLES)
@@ -68,7 +80,7 @@ def calibrated(
     with Rig(sensor, seed, exposure_us, 1) as rig:
         sweep = np.concatenate([angles_deg, angles_deg[::-1]])
         ways = np.repeat([1, -1], _ANGLES)
-        # From well below, so that the first angle is reached upwards, and the last ones downwards.
+        # Starts below the first angle and turns above the last one, to pass the backlash.
         scenario = mechanism.turn(
             np.arange(2 * _ANGLES + 2),
             np.concatenate([[-1.0], sweep[:_ANGLES], [mechanism.travel_deg + 1], sweep[_ANGLES:]]),
@@ -86,25 +98,33 @@ def calibrated(
 
 
 class Simulation:
-    """Two boards on a linkage that goes through a motion once. Close it, or use ``with``.
+    """Two virtual boards on a linkage that follows a motion once.
+
+    Call `close` at the end, or use a ``with`` statement.
 
     Parameters
     ----------
     sensor : SensorFile
+        Sensor file of both strips.
     linkage : LinkageFile
+        Nominal linkage and its errors.
     motion : Motion
-        Begins at `START_S`.
+        Motion of the terminal; it must begin at `START_S`.
     seed : int
-        Of the noise, of which each board has its own. The same seed has the same two strips.
+        Random seed. The same seed gives the same two strips.
     exposure_us : int
+        Integration time of both strips, in us.
     run : int
-        Of the same strips: other noise.
+        Number of a run with the same strips; each run has different noise.
 
     Attributes
     ----------
     mechanism : Mechanism
+        The true linkage.
     strips : list of CalibrationFile
+        Calibrations of the two strips.
     boards : list of Board
+        The two boards.
     """
 
     def __init__(
@@ -124,7 +144,7 @@ class Simulation:
         with ExitStack() as opened:
             self.boards: list[Board] = []
             for i, (strip, scenario, s) in enumerate(zip(self.strips, scenarios, noise)):
-                # Two boards are not switched on at the same moment, and never read at the same.
+                # Real boards do not start at the same moment, so their exposures are shifted.
                 on_s = _APART * i * exposure_us * 1e-6
                 link = LockstepLink(sensor, scenario, s, started_s=on_s)
                 self.boards.append(opened.enter_context(Board(link)))
@@ -138,35 +158,46 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """End both boards."""
+        """Stop both boards."""
         self._opened.close()
 
     def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
-        """Return new encoders; with the true mounting unless given."""
+        """Return new encoders of both joints.
+
+        Parameters
+        ----------
+        offset_rad : sequence of float, optional
+            Mounting angle of each joint in rad; the true ones by default.
+        """
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
 
     def readings(self) -> Iterator[tuple[int, Touch]]:
-        """Yield (joint, reading) until the motion is over."""
+        """Yield (number of the joint, reading) until the end of the motion."""
         left_s = self.motion.seconds - max(board.now_s() for board in self.boards)
         return readings(self.boards, left_s)
 
 
 class Endless:
-    """A linkage that goes along a path again and again, in real time from now on.
+    """A simulated linkage that repeats a path without end, in real time.
 
     Parameters
     ----------
     sensor : SensorFile
+        Sensor file of both strips.
     linkage : LinkageFile
+        Nominal linkage and its errors.
     path : PathFile
+        Path of the terminal.
     seed : int
+        Random seed of the noise.
     exposure_us : int
+        Integration time of both strips, in us.
 
     Attributes
     ----------
     linkage : Linkage
-        As it truly is.
+        The linkage with its true lengths.
     """
 
     def __init__(
@@ -185,12 +216,12 @@ class Endless:
         self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
 
     def encoders(self) -> tuple[Encoder, Encoder]:
-        """Return new encoders, mounted as they truly are."""
+        """Return new encoders of both joints, with their true mounting angles."""
         zeros = self._mechanism.zero_rad
         return tuple(Encoder(strip.joint, zero) for strip, zero in zip(self._strips, zeros))
 
     def open(self, joint: int) -> Board:
-        """Power up the board of a joint and open it."""
+        """Start the board of a joint (0 or 1) and return it; the caller must close it."""
         link = LockstepLink(
             self._sensor,
             self._scenarios[joint],
@@ -213,7 +244,7 @@ def _strips(
 
 
 def _seeds(seed: int, what: int) -> list[int]:
-    """Return a seed for each of the two strips, or for the noise of their boards in a run."""
+    """Return two seeds: for the strips (`what` 0), or for the noise of a run (`what` 1, 2, …)."""
     return [int(s) for s in np.random.SeedSequence((seed, what)).generate_state(2)]
 
 
@@ -226,26 +257,28 @@ def visited(
     exposure_us: int,
     run: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stop the terminal at each place and take one reading of each joint there.
+    """Stop the terminal at each place and take one reading of each joint.
 
     Parameters
     ----------
     sensor : SensorFile
-        Of both strips.
+        Sensor file of both strips.
     linkage : LinkageFile
+        Nominal linkage and its errors.
     x_mm, y_mm : array_like, shape (n,)
-        Places of the terminal.
+        Places of the terminal in mm.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us : int
-        Of both strips.
+        Integration time of both strips, in us.
     run : int
-        Distinguishes the noise of runs with one seed.
+        Number of the run; each run has different noise.
 
     Returns
     -------
     angles_rad, sigmas_rad : numpy.ndarray, shape (2, n)
-        By the joints' own calibration, with the backlash taken into account; and standard errors.
+        Measured joint angles and their standard errors in rad. The angles are corrected for
+        backlash and counted from the zero of each joint's calibration.
     """
     motion = dwelling(x_mm, y_mm, START_S, 2.5e-6 * exposure_us, _MOVE_S)
     found = np.full((2, 2, len(x_mm)), np.nan)
@@ -254,7 +287,7 @@ def visited(
         half_s = 0.5e-6 * exposure_us
         for joint, touch in simulation.readings():
             angle = encoders[joint].take(touch)
-            # Between two waypoints with the same place, for the whole of its exposure.
+            # Only readings whose whole exposure lies within a stop.
             i = int(np.searchsorted(motion.time_s, touch.time_s - half_s))
             if i % 2 and i < len(motion.time_s) and touch.time_s + half_s <= motion.time_s[i]:
                 found[:, joint, i // 2] = angle.angle_rad, angle.sigma_rad

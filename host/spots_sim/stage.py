@@ -1,4 +1,4 @@
-"""A stage that presses the simulated strip: real firmware, simulated time, known presses."""
+"""A simulated stage that presses a simulated strip, read through the real firmware."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .scenario import Held, Press
 
 PLACES = 33
 FORCES = 30
-NEAR_UM = 2000.0  # where the light is brightest, with the whole finger on the strip
+NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
-_WARM_S = 120.0  # a person would let the LED warm up, too
+_WARM_S = 120.0  # the LED is warm before the first press
 _SEARCH_TIMEOUT_S = 600.0
 
 
@@ -29,11 +29,11 @@ class Stage:
     Parameters
     ----------
     sensor : SensorFile
-        As it was calibrated; `held.changed` is what changes it.
+        Simulated sensor; its change since the calibration is ignored. Set `held.changed` instead.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     settings : str
-        What to `set` first, such as ``exposure_us=100000``.
+        Assignments for the command ``set``, such as ``exposure_us=100000``.
     """
 
     def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
@@ -52,16 +52,16 @@ class Stage:
 
     @property
     def length_um(self) -> float:
-        """Length of the strip as it is stretched now."""
+        """Present length of the strip in um, including its strain."""
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
 
     def expose(self, exposure_us: int | None = None) -> None:
-        """Let the board find gain and LED current under a full press near the sensor.
+        """Search gain and LED current on the board, under a full press near the sensor.
 
         Parameters
         ----------
         exposure_us : int, optional
-            What the exposure is to be, even if the search lengthened it for a dim strip.
+            Exposure in us to set after the search, which may have changed it for a dim strip.
 
         Raises
         ------
@@ -76,19 +76,19 @@ class Stage:
         self.reader.set_up()
 
     def press(self, position_um: float, force_mN: float) -> None:
-        """Hold a press there from now on.
+        """Press the strip until the next call of `press` or `release`.
 
         Parameters
         ----------
         position_um : float
             Distance of the press from the sensor's end, in um.
         force_mN : float
-            In mN.
+            Force of the press in mN.
         """
         self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
 
     def release(self) -> None:
-        """Touch nothing from now on."""
+        """Lift the indenter."""
         self.held.press = None
 
     def read(self, places_um, forces_mN, samples: int) -> Presses:
@@ -96,14 +96,17 @@ class Stage:
 
         Parameters
         ----------
-        places_um, forces_mN : sequence of float
+        places_um : sequence of float
+            Distances from the sensor's end, in um.
+        forces_mN : sequence of float
+            Forces in mN.
         samples : int
-            For each press; their mean is its reading.
+            Samples for each press; the reading is their mean.
 
         Returns
         -------
         Presses
-            One row for each force and place, places fastest.
+            One row for each press: all places with the first force, then with the next one.
         """
         rows = []
         for force_mN in forces_mN:
@@ -115,30 +118,36 @@ class Stage:
         return Presses(*(np.array(column) for column in zip(*rows)))
 
     def along(self, places: int = PLACES, samples: int = 24) -> Presses:
-        """Press firmly at places along the whole strip.
+        """Press with the force `FIRM_MN` at places along the whole strip.
 
         Parameters
         ----------
         places : int
             Number of places, evenly spaced from end to end.
         samples : int
-            Averaged at each place.
+            Samples that are averaged at each place.
 
         Returns
         -------
         Presses
-            At `FIRM_MN`.
+            One row for each place.
         """
         return self.read(np.linspace(0, self.length_um, places), [FIRM_MN], samples)
 
     def pressed(self, samples: int = 8) -> Presses:
-        """Press at a few places with forces from the least that gives light there up to full."""
+        """Press at a few places with forces from the smallest detectable one to `FULL_MN`.
+
+        Parameters
+        ----------
+        samples : int
+            Samples that are averaged for each press.
+        """
         places_um = [share * self.length_um for share in FORCE_PLACES]
         forces_mN = np.geomspace(self._least_mN(max(places_um)), FULL_MN, FORCES)
         return self.read(places_um, forces_mN, samples)
 
     def _least_mN(self, place_um: float) -> float:
-        # By halving: the least force under which every channel counts.
+        # Bisection for the smallest force with light in every channel.
         low_mN, high_mN = 1.0, FULL_MN
         while high_mN > 1.02 * low_mN:
             middle_mN = (low_mN * high_mN) ** 0.5
@@ -152,7 +161,7 @@ class Stage:
 
 @lru_cache(maxsize=8)
 def calibrate(sensor: SensorFile) -> tuple[str, ...]:
-    """Return the lines of a calibration of a simulated sensor, exposed as suits it.
+    """Search the exposure of a simulated sensor and calibrate it; return the calibration lines.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The simulated stage as the presser of a calibration session."""
+"""Connects the simulated stage to a calibration session, which then needs no person."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from spots.calibrate.spectra import SpectrumReader
 
 from .stage import Stage
 
-_JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
+_JOINT_SHARE = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
 
 
 class StagePresser:
-    """The stage of a simulated strip.
+    """Presses a simulated strip for a calibration session, see `spots.calibrate.presser`.
 
     Parameters
     ----------
     stage : Stage
+        Stage with the simulated strip.
     """
 
     patience_s = 2.0
@@ -53,7 +54,7 @@ class StagePresser:
         first_um, last_um = np.array(_JOINT_SHARE) * self._stage.length_um
         um_per_deg = np.radians(1) * joint.radius_mm * 1000
         angle_deg = round(float(share * (last_um - first_um) / um_per_deg), 3)
-        # The indenter lags behind the joint by half its backlash in either direction.
+        # The indenter lags behind the joint by half the backlash.
         place_um = first_um + (angle_deg - direction * joint.play_deg / 2) * um_per_deg
         return Wanted(
             kind="joint",

@@ -1,17 +1,88 @@
-"""What a process with a virtual board prints when it has started, or why it has not."""
+"""Start and end of a process with a virtual board, and its pseudo-terminal."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
+import select
 import sys
+import threading
+import time
+from collections.abc import Callable
+
+_PARENT_EVERY_S = 0.5  # interval between two checks of the parent
+_END_S = 5.0  # time for the board to end cleanly after its parent
 
 
 def report(message: dict) -> None:
-    """Print one line of JSON, unbuffered, so that the interpreter's end has nothing to flush.
+    """Print one line of JSON without buffering: the ports of the board, or an error.
 
-    Whoever started the process may have ended; then standard input closes too.
+    It ignores a closed pipe: the parent may have ended, and then standard input closes too.
+
+    Parameters
+    ----------
+    message : dict
+        Values that JSON supports.
     """
     with contextlib.suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
+
+
+def when_parent_ends(action: Callable[[], object]) -> None:
+    """Call a function once standard input closes or the parent process ends.
+
+    A thread detects it. It ends this process 5 s later, in case the main thread has not. The
+    thread is not guarded: if it fails, it ends the process too.
+
+    Parameters
+    ----------
+    action : callable
+        Called in that thread, without arguments.
+    """
+    parent, stdin = os.getppid(), sys.stdin.fileno()
+
+    def watch():
+        try:
+            _await_end(parent, stdin)
+        finally:
+            action()
+            time.sleep(_END_S)
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _await_end(parent: int, stdin: int) -> None:
+    if sys.platform == "win32":  # `select` cannot wait for a pipe there
+        while os.read(stdin, 1):
+            pass
+        return
+    # Another process may have inherited the pipe and keep it open after the parent ends.
+    while os.getppid() == parent:
+        if select.select([stdin], [], [], _PARENT_EVERY_S)[0] and not os.read(stdin, 1):
+            return
+
+
+class PseudoTerminal:
+    """A pseudo-terminal as the serial port of a board.
+
+    It is raw from the start; otherwise it would echo frames of the board as commands. The host's
+    end also stays open in this process, so that the board sees no hang-up between two readers.
+
+    Attributes
+    ----------
+    board_end : int
+        File descriptor of the board's end; it does not block.
+    name : str
+        Device name of the host's end.
+    """
+
+    def __init__(self):
+        import pty  # not on Windows
+        import tty
+
+        self.board_end, host_end = pty.openpty()
+        tty.setraw(host_end)
+        os.set_blocking(self.board_end, False)
+        self.name = os.ttyname(host_end)

@@ -1,4 +1,4 @@
-"""The error of a simulated linkage's twin, over its workspace and on a path."""
+"""Measures the error of a simulated linkage's twin, over the workspace and on a path."""
 
 from __future__ import annotations
 
@@ -15,22 +15,25 @@ from .files import LinkageFile, PathFile, SensorFile
 from .mechanism import Mechanism, Motion, guided
 from .simulated_linkage import EXPOSURE_US, START_S, Simulation, visited
 
-# The outer bars stay this far from in line, as is the rule for transmission angles.
+# Smallest angle between the outer bars; the usual rule for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
 CALIBRATION_PLACES = 40
-PLACE_SIGMA_MM = 0.02  # of the machine or grid that measures the terminal
-# How whoever measures has laid that grid: x and y of joint 1, and its turn.
+PLACE_SIGMA_MM = 0.02  # standard deviation of the measured places of the terminal
+# Frame in which these places are measured: x and y of joint 1, and the rotation.
 _GRID = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
 _DRAWS = 2000
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Distances between estimated and true terminals, in mm.
+    """Distances between estimated and true places of the terminal.
 
     Attributes
     ----------
+    error_mm : numpy.ndarray, shape (n,)
+        Distance at each place, in mm.
     mean_mm, max_mm : float
+        Mean and maximum of these distances, in mm.
     """
 
     error_mm: np.ndarray
@@ -46,18 +49,23 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Survey:
-    """The workspace of a linkage, visited place by place with single readings.
+    """Errors of a linkage at places of its workspace, with a single reading at each place.
 
     Attributes
     ----------
     x_mm, y_mm : numpy.ndarray, shape (n,)
-        The places.
-    drawn, given, calibrated : Deviation
-        With lengths and mounting as drawn; with the true ones; and with those of a kinematic
-        calibration that started from the drawn ones.
+        Places of the terminal in mm.
+    drawn : Deviation
+        Errors with the nominal lengths and mounting.
+    given : Deviation
+        Errors with the true lengths and mounting.
+    calibrated : Deviation
+        Errors after a kinematic calibration that started from the nominal values.
     expected_mean_mm, expected_max_mm : float
-        Of what the encoders' own standard errors make, with the true lengths.
+        Expected mean and maximum error in mm with the true lengths, computed from the encoders'
+        standard errors.
     kinematics : kinematics.Kinematics
+        Result of the kinematic calibration.
     """
 
     x_mm: np.ndarray
@@ -77,17 +85,20 @@ def survey(
     exposure_us: int = 100_000,
     pitch_mm: float = 10.0,
 ) -> Survey:
-    """Calibrate a linkage at some places and visit a grid over its workspace.
+    """Calibrate a linkage at some places, then measure its error on a grid over its workspace.
 
     Parameters
     ----------
     sensor : SensorFile
+        Sensor file of both strips.
     linkage : LinkageFile
+        Nominal linkage and its errors.
     seed : int
+        Random seed of the noise.
     exposure_us : int
-        One exposure is a reading.
+        Integration time in us; a reading is one exposure.
     pitch_mm : float
-        Of the grid.
+        Distance between two places of the grid, in mm.
 
     Returns
     -------
@@ -103,7 +114,7 @@ def survey(
     drawn = Linkage(linkage.bar_mm, linkage.base_mm)
     given = Linkage(mechanism.bar_mm, mechanism.base_mm)
     x_mm, y_mm = working(given, mechanism, *_grid(given, pitch_mm, rng))
-    # The places to calibrate with lie between those of the grid, and were never asked for.
+    # The calibration uses other places than the grid.
     few = working(given, mechanism, *_grid(given, pitch_mm, rng, jitter_mm=pitch_mm / 2))
     few = [axis[:CALIBRATION_PLACES] for axis in few]
     angles, sigmas = visited(sensor, linkage, *few, seed, exposure_us)
@@ -135,19 +146,20 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """A path, followed by a twin that was given the true lengths.
+    """Result of a twin with the true lengths that followed a path.
 
     Attributes
     ----------
     motion : Motion
-        The truth.
+        True motion of the terminal.
     linkage : Linkage
+        The linkage with its true lengths.
     terminals : list of Terminal
-        While the motion lasted.
+        Estimates during the motion.
     error_mm : numpy.ndarray, shape (n,)
-        Distance of each from where the terminal was.
+        Distance between each estimate and the true place, in mm; without estimates at a limit.
     lost : int
-        Frames.
+        Number of lost frames.
     """
 
     motion: Motion
@@ -157,7 +169,7 @@ class PathRun:
     lost: int
 
     def summary(self) -> dict:
-        """Return the run in figures."""
+        """Return the figures of the run as a dict for JSON."""
         estimated = [terminal for terminal in self.terminals if not terminal.limit]
         span_s = estimated[-1].time_s - estimated[0].time_s
         expected_mm = np.sqrt(np.mean([terminal.sigma_mm**2 for terminal in estimated]))
@@ -185,26 +197,27 @@ def follow(
     exposure_us: int = EXPOSURE_US,
     report=lambda terminal: None,
 ) -> PathRun:
-    """Guide the terminal of a simulated linkage along a path, and let a twin follow.
+    """Guide the terminal of a simulated linkage along a path, and estimate it with a twin.
 
     Parameters
     ----------
     sensor : SensorFile
-        Of both strips.
+        Sensor file of both strips.
     linkage : LinkageFile
-        The linkage, as nominal and as built.
+        Nominal linkage and its errors.
     path : PathFile
         Strokes of the terminal.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     exposure_us : int
         Integration time of both strips, in us.
     report : callable
-        Called with each terminal.
+        ``report(terminal)`` is called with each estimate.
 
     Returns
     -------
     PathRun
+        Estimates and errors.
 
     Raises
     ------
@@ -223,27 +236,30 @@ def follow(
         lost = sum(board.stats.lost for board in simulation.boards)
     found = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
     if found.size < 6:
-        raise SpotsError("the path is too short: the twin estimated fewer than two terminals")
+        raise SpotsError("the path is too short, with fewer than two estimates: make it longer")
     x_mm, y_mm = motion.at(found[0])
     return PathRun(motion, true, terminals, np.hypot(found[1] - x_mm, found[2] - y_mm), lost)
 
 
 def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places that are in the workspace.
+    """Return those places that are in the workspace.
 
-    Within the travel of both joints, beyond the base, and with the outer bars at least
-    `LEAST_OUTER_RAD` from in line.
+    A place is in the workspace if y > 0 and both joints are within their travel. The angle between
+    the outer bars must be at least `LEAST_OUTER_RAD`.
 
     Parameters
     ----------
     linkage : Linkage
+        Five-bar linkage.
     mechanism : Mechanism
+        Mechanism with the travel of the joints.
     x_mm, y_mm : numpy.ndarray, shape (n,)
-        Places of the terminal.
+        Places of the terminal in mm.
 
     Returns
     -------
     x_mm, y_mm : numpy.ndarray, shape (m,)
+        Places in the workspace, in mm.
     """
     theta = linkage.inverse(x_mm, y_mm)
     apart = np.ma.filled(linkage.outer_angle(*theta), 0.0)
@@ -252,7 +268,7 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 
 
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
-    """Return a grid that holds the workspace, in no order."""
+    """Return the places of a grid that covers the workspace, in random order."""
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1
     x_mm, y_mm = (
@@ -273,7 +289,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return draws of the error at each place from the encoders' standard errors, in mm."""
+    """Return random errors in mm at each place, drawn from the encoders' standard errors."""
     jacobian = np.asarray(linkage.jacobian(*theta))
     draws = sigmas.T * rng.standard_normal((_DRAWS, *sigmas.T.shape))
     return np.hypot(*np.moveaxis(np.einsum("nij,dnj->dni", jacobian, draws), -1, 0))

@@ -1,4 +1,4 @@
-"""The computer that a virtual board is plugged into, as its USB reports see it."""
+"""The simulated USB host of a virtual board, which receives its HID reports."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from .protocol import protocol
 
 
 class UsbHost:
-    """Takes reports from endpoints that hold one each until the host asks for it.
+    """A USB host; each endpoint stores one report until the host polls it.
 
     Attributes
     ----------
     reports : list of (int, bytes)
-        What the host has got: interface and report.
+        Received reports: number of the interface, and the report.
     """
 
     def __init__(self):
@@ -23,7 +23,7 @@ class UsbHost:
 
     @property
     def asks(self) -> bool:
-        """Whether the host asks for reports; a computer that sleeps or starts does not."""
+        """Whether the host polls for reports; set it to False for a sleeping computer."""
         return self._asks
 
     @asks.setter
@@ -34,30 +34,30 @@ class UsbHost:
             self._waiting.clear()
 
     def look(self) -> None:
-        """Do nothing if it is awake.
+        """Check that the host is awake.
 
         Raises
         ------
         OSError
-            ENODEV, if it does not ask for reports.
+            ENODEV if the host does not poll for reports.
         """
         if not self._asks:
             raise OSError(errno.ENODEV, "the host sleeps")
 
     def offer(self, interface: int, report: bytes) -> None:
-        """Take a report into its endpoint; an empty one only asks whether there is room.
+        """Put a report into its endpoint.
 
         Parameters
         ----------
         interface : int
             Number of the HID interface.
         report : bytes
-            Empty to ask whether there is room.
+            HID report; empty to check only whether the endpoint is free.
 
         Raises
         ------
         OSError
-            EAGAIN, if the endpoint is full.
+            EAGAIN if the endpoint is full.
         """
         if interface in self._waiting:
             raise OSError(protocol.EAGAIN, "the endpoint is full")

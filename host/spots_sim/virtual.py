@@ -1,6 +1,6 @@
-"""The port ``virtual``: real firmware on a simulated sensor, in a process of its own.
+"""The port ``virtual``: real firmware on a simulated sensor, in a separate process.
 
-See `spots.link.ports` for what a port scheme is.
+`spots.link.ports` describes port schemes.
 """
 
 from __future__ import annotations
@@ -45,15 +45,16 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     Parameters
     ----------
     rest : str
-        What follows ``virtual`` in the port; ignored.
+        Text after ``virtual`` in the port; ignored.
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise.
+        Random seed of the noise.
 
     Returns
     -------
     Board
+        The caller must close it.
 
     Raises
     ------
@@ -64,16 +65,16 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
 
 
 def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
-    """Check the files of the virtual board.
+    """Validate the files of the virtual board.
 
     Parameters
     ----------
     rest : str
-        What follows ``virtual`` in the port; ignored.
+        Text after ``virtual`` in the port; ignored.
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise; ignored.
+        Random seed of the noise; ignored.
 
     Raises
     ------
@@ -85,25 +86,26 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
 
 
 def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
-    """Return a simulated strip under a stage that presses it, for `spots calibrate`.
+    """Return a simulated strip on a simulated stage, for ``spots calibrate`` and ``spots rezero``.
 
-    It is as it was made with a session or, for `spots rezero`, with a calibration file: then it has
-    changed as the sensor file says.
+    For ``spots rezero``, the strip has the change of the sensor file.
 
     Parameters
     ----------
     options : argparse.Namespace
-        Of ``spots calibrate`` or ``spots rezero``.
+        Options of the command.
     made_with : Session or CalibrationFile
-        What the board was calibrated with.
+        Session of ``spots calibrate``, or calibration of ``spots rezero``. The board gets the
+        settings stored in it.
     out : Path
-        Of the calibration file.
+        Calibration file to write.
     guide : Guide
-        Prints what happens.
+        Prints the progress.
 
     Returns
     -------
     Setup
+        Strip, stage and guide of the session.
 
     Raises
     ------
@@ -113,9 +115,9 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)
     stage = Stage(sensor, options.seed)
-    # The stage is the finger; of the scenario only the strip's bend is used.
+    # The stage replaces the fingers; only the bend of the scenario is used.
     stage.held.bend_deg = scenario.bend_deg
-    # A virtual board forgets its settings when it ends: restore those it was calibrated with.
+    # A virtual board loses its settings when it ends: restore the settings of the calibration.
     made = made_with.conditions
     if isinstance(made_with, CalibrationFile):
         stage.held.changed = sensor.change
@@ -126,31 +128,32 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
     return Setup(stage.reader, StagePresser(stage), guide, made_with, length_um, out)
 
 
-# The port as a whole linkage.
+# Functions of the port scheme for a whole linkage.
 linkage, compare_linkage = endless, compare
 
 
 @contextmanager
 def flash_place(device: Device) -> Iterator[Place]:
-    """Start a virtual board with an empty file system, to be flashed."""
+    """Start a virtual board with an empty file system, for `spots.deploy.flash`."""
     with tempfile.TemporaryDirectory() as folder, virtual_board(Path(folder), device) as there:
         yield there
 
 
 @contextmanager
 def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
-    """Start a virtual board on a file system folder as it is.
+    """Start a virtual board whose file system is a folder.
 
     Parameters
     ----------
     folder : Path
-        Its file system; a CircuitPython board's drive.
+        File system of the board; for CircuitPython, its drive. It is used without changes.
     device : Device
-        The board to simulate.
+        The virtual board to start.
 
     Yields
     ------
     Place
+        Ports and files of the board, for `spots.deploy`.
     """
     start, end = start_simulator("default", "demo", 0, str(folder), device.name)
     try:
@@ -172,7 +175,9 @@ def _await_drive(folder: Path) -> None:
             return
         except SpotsError:
             if time.monotonic() > end_s:
-                raise SpotsError("the virtual board does not start") from None
+                raise SpotsError(
+                    f"the virtual board did not start within {_START_S:g} s: try again"
+                ) from None
         time.sleep(_POLL_S)
 
 
@@ -182,24 +187,24 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     Parameters
     ----------
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise, from 0.
+        Random seed of the noise, 0 or more.
 
     Returns
     -------
     board : Board
-        Ends the virtual board when closed.
+        Closing it stops the virtual board.
     started_s : float
-        Host time of time 0 of its scenario.
+        Host time in seconds at which the scenario's time is 0.
 
     Raises
     ------
     SpotsError
-        If a file is wrong, or the board does not start.
+        If a file is missing or invalid, or the board does not start.
     """
     if seed < 0:
-        raise SpotsError(f"a seed is a whole number from 0, not {seed}")
+        raise SpotsError(f"the seed must be a whole number from 0, not {seed}")
 
     calibration = calibrate(load(SensorFile, sensor))
     start, end = start_simulator(sensor, scenario, seed)
@@ -218,7 +223,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
 
 def _opened(port: str) -> Board:
-    """Open a board that is starting, which takes a busy machine longer than a board that runs."""
+    """Open a board that is still starting; repeat this for up to 10 s on a busy computer."""
     end_s = time.monotonic() + _START_S
     while True:
         try:
@@ -231,37 +236,37 @@ def _opened(port: str) -> Board:
 def start_simulator(
     sensor: str, scenario: str, seed: int, folder: str = "", board: str = VIRTUAL
 ) -> tuple[dict, Callable[[], None]]:
-    """Start a virtual board in a process of its own.
+    """Start a virtual board in a separate process.
 
     Parameters
     ----------
     sensor, scenario : str
-        Files, by path or name.
+        Sensor and scenario file: a path or a name.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     folder : str
-        The board's file system, used as it is, for which there has to be a MicroPython; a new
-        one with the firmware, if empty.
+        File system of the board, used without changes; this needs MicroPython. If it is empty, a
+        temporary folder gets the firmware.
     board : str
-        Which one of the virtual boards.
+        Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
 
     Returns
     -------
     start : dict
-        ``port``, ``console`` (the port with the prompt, the same one but on CircuitPython), and
-        ``started_s``, the host's time of power-on.
+        ``port``: port for frames. ``console``: port with the prompt; it differs from ``port`` only
+        on CircuitPython. ``started_s``: host time of power-on in seconds.
     end : callable
-        Ends it.
+        ``end()`` stops the board and waits for its process.
 
     Raises
     ------
     SpotsError
-        If it does not start.
+        If the board does not start.
     """
     if not folder and is_cpython(board):
         module, more = "cpython_realtime", ()
     else:
-        micropython_command()  # fails before anything is started
+        micropython_command()  # raises SpotsError before the process starts
         module, more = "realtime", (board, folder)
     process = subprocess.Popen(
         [sys.executable, "-m", f"spots_sim.{module}", sensor, scenario, str(seed), *more],
@@ -274,14 +279,14 @@ def start_simulator(
     def end():
         process.stdin.close()
         process.wait()
-        process.stdout.close()  # not before: it may just be starting, and write
+        process.stdout.close()  # only now, because a starting process still writes to it
 
     try:
         line = process.stdout.readline()
     except BaseException:
         end()
         raise
-    start = json.loads(line or '{"error": "the simulator did not start"}')
+    start = json.loads(line or '{"error": "the simulator did not start: see its error above"}')
     if "error" in start:
         end()
         raise SpotsError(start["error"])

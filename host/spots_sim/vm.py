@@ -1,4 +1,4 @@
-"""A real MicroPython that runs the firmware unchanged, wired to a bus server by two pipes."""
+"""A real MicroPython process that runs the unmodified firmware; two pipes carry its requests."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from pathlib import Path
 from spots.deploy.staging import BOARDS, stage
 from spots.errors import SpotsError
 
-# About what an RP2040 leaves to a program, doubled for the 64-bit words of the unix port.
+# Heap of a program on an RP2040, doubled for the 64-bit words of the unix port.
 HEAP_BYTES = 384 * 1024
 # boot.py and code.py share one heap here; on a real board code.py gets a new one.
 _HEAP_OF_BOTH_BYTES = 576 * 1024
-# Shared by the virtual boards.
+# Modules that the virtual boards share.
 _COMMON = BOARDS / "_virtual"
-# Kills its process group, MicroPython included, when its standard input ends: at the latest when
-# the process at the other end does, on every exit path.
+# Kills its process group, including MicroPython, when its standard input closes. That happens on
+# every exit path of this process.
 _KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
-_EXIT_S = 10.0  # for MicroPython to end after it closed its pipes
-# Does what CircuitPython does after a reset, in place of a board's built-in part.
+_EXIT_S = 10.0  # time for MicroPython to end after it has closed its pipes
+# Performs the steps of CircuitPython after a reset; on a real board they are built in.
 _CIRCUITPYTHON = "_circuitpython.py"
 
 
 def micropython_command() -> list[str]:
-    """Return how to start MicroPython's unix port.
+    """Return the command that starts MicroPython's unix port, as a list of str.
 
     Raises
     ------
     SpotsError
-        If this machine has none.
+        If MicroPython is not installed.
     """
     if sys.platform == "win32":
-        raise SpotsError("there is no MicroPython for Windows: this needs Linux or macOS")
+        raise SpotsError("there is no MicroPython for Windows: use Linux or macOS for this")
     if importlib.util.find_spec("micropython_unix"):
         start = "import sys, micropython_unix as m; sys.exit(m.main())"
         return [sys.executable, "-I", "-c", start]
@@ -51,30 +51,30 @@ def micropython_command() -> list[str]:
 
 
 class MicroPythonProcess:
-    """A virtual board: a file system folder, and MicroPython running its entry.
+    """A virtual board: a folder as file system, and MicroPython that runs its main file.
 
     Parameters
     ----------
     board_id : str
-        Hexadecimal, what ``machine.unique_id`` gives.
+        Unique id of the board, hexadecimal; ``machine.unique_id`` returns it.
     simulated_time : bool
-        Whether time is the bus server's.
+        True if the board uses the clock of the bus server, False for real time.
     stdin, stdout : int
         File descriptors of the board's end of the serial port with the prompt.
     folder : Path, optional
-        The board's file system; a new one, removed at the end, if not given.
+        File system of the board. By default a temporary folder, which `close` removes.
     board : str
-        Whose hardware it has: the modules in ``boards/<board>`` replace the built-in ones.
+        Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
     blank : bool
-        Whether to leave the file system as it is, instead of putting the board's files on it.
+        True to use the file system without changes; False to copy the firmware to it.
     terminal : bool
-        Whether `stdin` is a terminal. Then MicroPython's own prompt begins where the entry ends.
+        True if `stdin` is a terminal. Then MicroPython shows its prompt after the main file ends.
     data : tuple of int, optional
-        File descriptors, to read and to write, of a second serial port.
+        File descriptors of a second serial port: one to read, one to write.
     rate : float
-        Seconds that the board counts in one of real time.
+        Seconds that the board's clock counts in one true second.
     reports_memory : bool
-        Whether the board reports its free memory before every sleep and transfer.
+        True if the board must report its free memory before every sleep and transfer.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class MicroPythonProcess:
             "SPOTS_CLOCK_PPM": str(round(1e6 * (rate - 1))),
             "PATH": os.environ.get("PATH", ""),
             "SPOTS_MEMORY_EVERY": "1" if reports_memory else "256",
-            # "held" stands for a finger on the board's button.
+            # "held" simulates a pressed button.
             "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
         }
         self._data = data or ()
@@ -124,7 +124,13 @@ class MicroPythonProcess:
             raise
 
     def boot(self, run_entry: bool = True) -> None:
-        """Start MicroPython, which opens new pipes: `requests` to read, `answers` to write."""
+        """Start MicroPython with new pipes: `requests` to read from, `answers` to write to.
+
+        Parameters
+        ----------
+        run_entry : bool
+            True to run the main file, False to start at the prompt.
+        """
         self.shut_down()
         self.requests, request_end = os.pipe()
         answer_end, self.answers = os.pipe()
@@ -151,31 +157,31 @@ class MicroPythonProcess:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Accept that MicroPython closed its pipes, as it does at Ctrl-D at its prompt.
+        """Check why MicroPython closed its pipes. It does so at Ctrl-D at its prompt.
 
         Parameters
         ----------
         said : bytes
-            Its last output on the serial port, if the caller has it.
+            Last output on the serial port; empty if unknown.
 
         Raises
         ------
         SpotsError
-            If it ended in any other way.
+            If it ended for another reason.
         """
         try:
             code = self._process.wait(_EXIT_S)
         except subprocess.TimeoutExpired:
-            raise SpotsError("the virtual board stopped: it closed its pipes but runs") from None
+            raise SpotsError("the virtual board hangs: close it and open it again") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
             raise SpotsError(f"the virtual board stopped: {lines[-1]}")
 
     def shut_down(self) -> None:
-        """End MicroPython and close the pipes."""
+        """Kill MicroPython and close the pipes."""
         if self._process is None:
             return
-        # The pipes last: a firmware that sees them close may still send its last frames.
+        # The pipes are closed last, because a firmware that detects it may send its last frames.
         self._process.kill()
         self._process.wait()
         os.close(self.requests)
@@ -183,7 +189,7 @@ class MicroPythonProcess:
         self._process = None
 
     def close(self) -> None:
-        """End MicroPython and remove its file system."""
+        """Stop MicroPython and remove a temporary file system."""
         self.shut_down()
         self._keeper.stdin.close()
         self._keeper.wait()
@@ -192,7 +198,7 @@ class MicroPythonProcess:
 
 
 def _in_group(group: int) -> dict:
-    """Return how `subprocess.Popen` starts a process in a group; 0 is one of its own."""
+    """Return the arguments of `subprocess.Popen` for a process group; 0 is a new group."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

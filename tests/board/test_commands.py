@@ -60,12 +60,12 @@ def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("dance", "no such command; there are auto, cal, dark"),
-        ("set", "say what to set"),
+        ("dance", "no such command; use one of auto, cal, dark"),
+        ("set", "name a setting"),
         ("set gain=99", "0 to 10"),
         ("set gain=3 colour=red", "no setting is called 'colour'"),
         ("stream", "touch, spectrum"),
-        ("stream touch off", "off alone"),
+        ("stream touch off", "off takes no other word"),
         ("stream sideways", "touch, spectrum"),
         ("cal end 0000", "cal begin"),
         ("cal", "cal begin"),
@@ -136,7 +136,7 @@ def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibra
     made.board.command("cal begin")
     for _ in range(65):
         made.board.command("cal x " + "9" * 240)
-    with pytest.raises(SpotsError, match="this one is dropped"):
+    with pytest.raises(SpotsError, match="too large"):
         made.board.command("cal x " + "9" * 240)
     assert made.board.command("hello")["calibration"] == checksum(calibration)
 
@@ -144,7 +144,7 @@ def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibra
 def test_an_empty_statement_is_refused(rig):
     made = rig()
     made.board.command("cal begin")
-    with pytest.raises(SpotsError, match="say a line"):
+    with pytest.raises(SpotsError, match="write a line"):
         made.board.command("cal")
 
 

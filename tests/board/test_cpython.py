@@ -178,7 +178,7 @@ def test_an_unknown_runtime_is_one_sentence(capsys, monkeypatch):
     monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", "jython")
     assert main(["demo", "--fast"]) == 2
     error = capsys.readouterr().err
-    assert "$SPOTS_VIRTUAL_RUNTIME is one of micropython, cpython, not 'jython'" in error
+    assert "SPOTS_VIRTUAL_RUNTIME must be 'micropython' or 'cpython', not 'jython'" in error
     assert error.count("\n") == 1
 
 

@@ -92,7 +92,7 @@ def test_another_chip_at_the_address_is_not_taken_for_ours(rig):
     made.link.chip._main[0x92] = 0x10
     made.link.chip.write(bytes((0x80, 0x01)))
     made.settle(1.0)
-    assert "no AS7341 (ID 0x10)" in made.board.command("get")["fault"]
+    assert "not an AS7341 (ID 0x10)" in made.board.command("get")["fault"]
 
 
 def test_a_crash_of_the_firmware_is_one_sentence(rig, tmp_path):

@@ -249,7 +249,7 @@ FIRE = "seconds = 5.0\n[faults]\n"
     ("text", "says"),
     [
         ("[faults.to_host]\nflip_percent = 101", "<= 100.*flip_percent"),
-        ("[faults.to_host]\nflip_percent = 60\ndrop_percent = 60", "more than 100 %"),
+        ("[faults.to_host]\nflip_percent = 60\ndrop_percent = 60", "at most 100 %"),
         ("[faults.i2c]\nnacks = 1", "unknown field `nacks`"),
         ("[faults.power]\nbrown_outs = {at_s = [5.0]}", "power.brown_outs has a moment after"),
         ("[faults.power]\nbrown_outs = {last_ms = 0}", "> 0"),

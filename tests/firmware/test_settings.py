@@ -41,9 +41,9 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("plan=F1,F2,F3,F4,F5,F9", "F9"),
         (
             "colour=red",
-            "there are average, .*gamepad, keys, led_mA, strain_ppm, watchdog, plan",
+            "use one of average, .*gamepad, keys, led_mA, strain_ppm, watchdog, plan",
         ),
-        ("", "there are"),
+        ("", "use one of"),
     ],
 )
 def test_a_bad_setting_is_named_and_nothing_is_taken(word, says):

@@ -73,9 +73,9 @@ def test_there_is_no_room_for_an_output_without_a_buffer():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--page", "--seconds", "3"], "--page is shown in real time"),
-        (["--page", "--json"], "--page is shown in real time"),
-        (["--page", "--fast"], "--page is shown in real time"),
+        (["--page", "--seconds", "3"], "--page always runs in real time"),
+        (["--page", "--json"], "--page always runs in real time"),
+        (["--page", "--fast"], "--page always runs in real time"),
         (["--use", "fivebar", "--scenario", "nope"], "leave out --scenario"),
         (["--use", "fivebar", "--page", "--scenario", "nope"], "leave out --scenario"),
         (["--use", "fivebar", "--fast", "--seconds", "3"], "leave out --seconds"),
@@ -126,5 +126,5 @@ def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed
 
 
 def test_a_seed_that_is_none():
-    with pytest.raises(SpotsError, match="a seed is a whole number from 0, not -1"):
+    with pytest.raises(SpotsError, match="the seed must be a whole number from 0, not -1"):
         spots.open("virtual", seed=-1)

@@ -261,27 +261,17 @@ def test_a_board_that_is_published_in_a_measurement(fault):
     assert closed.done()
 
 
-def test_the_watch_over_a_parent_ends_the_virtual_board():
+@pytest.mark.parametrize(
+    ("platform", "call"), [(sys.platform, "select.select"), ("win32", "os.read")]
+)
+def test_the_watch_over_a_parent_ends_the_virtual_board(platform, call):
     """Without the thread nobody would end it any more."""
-    program = """
+    program = f"""
 import time
-from spots_sim import realtime
+from spots_sim import starting
 def fail(*arguments): raise OSError("put in by a test")
-realtime.select.select, realtime._END_S = fail, 0.0
-realtime._end_of_parent()
-time.sleep(10)
-"""
-    ended = subprocess.run([sys.executable, "-c", program], stdin=subprocess.PIPE)
-    assert ended.returncode == 1
-
-
-def test_the_watch_over_a_parent_ends_the_virtual_board_on_cpython():
-    program = """
-import time
-from spots_sim import cpython_realtime as realtime
-def fail(*arguments): raise OSError("put in by a test")
-realtime.os.read, realtime._END_S = fail, 0.0
-realtime._end_of_input()
+starting.sys.platform, starting.{call}, starting._END_S = {platform!r}, fail, 0.0
+starting.when_parent_ends(lambda: None)
 time.sleep(10)
 """
     ended = subprocess.run([sys.executable, "-c", program], stdin=subprocess.PIPE)
@@ -298,8 +288,7 @@ time.sleep(10)
                 "spots/link/readers.py",
                 "spots/web/board_feed.py",
                 "spots/recording/disk.py",
-                "spots_sim/realtime.py",
-                "spots_sim/cpython_realtime.py",
+                "spots_sim/starting.py",
             },
         ),
         (r"handlers\.Callback\(", {"spots/remote/zenoh_session.py"}),

@@ -351,7 +351,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         (["--port", "recording:a", "--port", "1"], "recordings are played with recordings"),
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
         (["--port", "recording:a", "--measure", "p.csv"], "--measure is for boards"),
-        (["--port", "virtual"], "arm.toml is of boards: a simulated linkage goes with"),
+        (["--port", "virtual"], "arm.toml describes a linkage with real boards: leave out"),
         (["--port", "0", "--port", "1", "--picture", "a.png"], "--picture draws a simulated"),
         (["--port", "0", "--measure", "p.csv", "--picture", "a.png"], "--picture draws"),
         (["--calibrate", "p.csv", "--port", "0"], "--calibrate reads points, and no board"),

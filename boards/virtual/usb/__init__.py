@@ -1,1 +1,1 @@
-"""Stands for MicroPython's library ``usb-device``."""
+"""Replaces MicroPython's library ``usb-device``."""

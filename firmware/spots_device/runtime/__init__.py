@@ -1,1 +1,1 @@
-"""What differs between the runtimes: one module each."""
+"""Code that differs between MicroPython and CircuitPython: one module for each runtime."""

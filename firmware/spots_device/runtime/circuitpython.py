@@ -1,4 +1,4 @@
-"""All that is CircuitPython's own: Adafruit's driver, serial port, clock, identity, entries."""
+"""Code for CircuitPython only: Adafruit's driver, serial port, clock, USB, `boot` and `main`."""
 
 import sys
 import time
@@ -22,12 +22,20 @@ from .stay import told_to_stay
 
 _PERIOD_US = const(1 << 30)
 _HALF_PERIOD_US = const(1 << 29)
-_FINISH_US = const(20_000)  # what a frame longer than the port's buffer may take
-_COMMON_SIZE = const(64)  # frames up to here are sent again and again
+_FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
+_COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 
 
 class BusioBus:
-    """The sensor's registers over ``busio``. Allocates nothing but what Adafruit's device does."""
+    """Reads and writes the sensor's registers over ``busio``.
+
+    It allocates only in Adafruit's I2CDevice.
+
+    Parameters
+    ----------
+    i2c : busio.I2C
+        Controller of the bus.
+    """
 
     def __init__(self, i2c):
         self.device = I2CDevice(i2c, ADDRESS, probe=False)
@@ -49,12 +57,17 @@ class AdafruitSensor(AS7341):
     Parameters
     ----------
     scl, sda : microcontroller.Pin
+        Pins of the I2C bus.
     frequency_hz : int
-        Of the bus. Opening is tried again until it succeeds: it raises RuntimeError where nothing
-        pulls the wires up or something holds them low, such as a chip whose board was reset in the
-        middle of a byte.
+        Frequency of the bus in Hz.
     clock : object
-        As `as7341.AS7341` asks for.
+        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``.
+
+    Notes
+    -----
+    ``busio.I2C`` raises RuntimeError without pull-ups, or if a chip holds a wire low. A chip does
+    so after a reset of the board in the middle of a byte. So each `start` tries again to open the
+    bus.
     """
 
     def __init__(self, scl, sda, frequency_hz, clock):
@@ -88,7 +101,7 @@ class AdafruitSensor(AS7341):
         try:
             self._i2c = busio.I2C(scl, sda, frequency=self._frequency_hz)
         except RuntimeError as error:
-            raise SensorError("the I2C bus does not start (%s)" % error)
+            raise SensorError("the I2C bus does not start (%s): check the wiring" % error)
         self._bus = BusioBus(self._i2c)
         if self._driver is not None:
             self._driver.i2c_device = self._bus.device
@@ -124,9 +137,9 @@ def _put(wire, level):
 
 
 class MonotonicClock:
-    """Ticks as in MicroPython's ``time``.
+    """Clock with the functions of MicroPython's ``time``.
 
-    The only clock of microseconds here is a long integer, so each call allocates.
+    CircuitPython's only clock with microseconds returns a long integer, so each call allocates.
     """
 
     @staticmethod
@@ -143,7 +156,7 @@ class MonotonicClock:
 
     @staticmethod
     def sleep_us(us):
-        # `sleep` counts whole milliseconds and serves USB meanwhile; `delay_us` does neither.
+        # `sleep` rounds to milliseconds and serves USB meanwhile; `delay_us` does neither.
         ms = us // 1000
         if ms > 0:
             time.sleep(ms / 1000)
@@ -153,21 +166,36 @@ class MonotonicClock:
 
 
 class CdcSerial:
-    """The USB serial port for data; the console is another one."""
+    """The USB serial port for frames and commands; the console is a separate port.
+
+    Parameters
+    ----------
+    port : usb_cdc.Serial
+        Data port.
+    clock : object
+        ``ticks_us``, ``ticks_diff`` and ``sleep_us``.
+    """
 
     def __init__(self, port, clock):
-        # With None they would block for ever.
+        # With the default timeouts, None, calls would block for ever.
         port.timeout = 0
         port.write_timeout = 0
         self._port = port
         self._clock = clock
         self._byte = bytearray(1)
-        self._views = {}  # by length: `write` takes no size, and a slice would allocate
+        self._views = {}  # slices by size: the port's `write` takes no size, and slicing allocates
 
     def write(self, buffer, size):
-        """Write `size` bytes if the port takes them now; return whether it took them all.
+        """Write a frame if the port accepts it at once; return whether it was sent completely.
 
-        A frame that is longer than the port's buffer is finished while the host reads.
+        If a frame is larger than the port's buffer, wait up to 20 ms for the host to read.
+
+        Parameters
+        ----------
+        buffer : bytearray
+            Contains the frame.
+        size : int
+            Bytes of the frame.
         """
         view = self._views.get(size)
         if view is None or view[0] is not buffer:
@@ -195,12 +223,13 @@ class CdcSerial:
 
 
 class CircuitUsb:
-    """The board as a USB keyboard and gamepad, where `boot` made it one.
+    """The board as a USB keyboard and gamepad, if `boot` has enabled these interfaces.
 
     Parameters
     ----------
     board_config : module
-        Where it has ``LED_PIN``, that shows caps lock; ``LED_ON`` is the level that lights it.
+        Configuration of the board. The optional ``LED_PIN`` names the LED that shows caps lock;
+        ``LED_ON`` is the level that switches it on.
     """
 
     def __init__(self, board_config):
@@ -212,7 +241,18 @@ class CircuitUsb:
             self._led.switch_to_output(value=not self._on)
 
     def open(self, names):
-        """See `uses.Uses`."""
+        """Open HID interfaces.
+
+        Parameters
+        ----------
+        names : list of str
+            Names of `uses.INTERFACES`.
+
+        Returns
+        -------
+        dict
+            ``send(report) -> bool`` by name.
+        """
         from .usb_circuitpython import open_interfaces
 
         return open_interfaces(names, self._show_leds)
@@ -223,9 +263,9 @@ class CircuitUsb:
 
 
 def boot():
-    """Prepare USB, once after a reset; changes nothing while the board's button is pressed.
+    """Set up USB after a reset; does nothing if the board's button is pressed.
 
-    The drive becomes writable for the board, so that ``save`` works, and read-only for the host.
+    It makes the drive writable for the board, so that ``save`` works, and read-only for the host.
     """
     import board_config
 
@@ -243,8 +283,8 @@ def boot():
 def main():
     """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if there is no port for data. An exception of the application is logged
-    to the host before the board restarts.
+    Returns to the prompt if there is no data port. After an exception of the application, the
+    board sends a log line and restarts.
     """
     import board_config
 
@@ -265,7 +305,8 @@ def main():
     sensor = AdafruitSensor(scl, sda, board_config.I2C_HZ, clock)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
-    # Not every build has it; without it, the end of a run is only tried again after Ctrl-C.
+    # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt the end of a run,
+    # which is then repeated.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
     run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
 
@@ -296,7 +337,7 @@ def _stored_settings(board_config):
     try:
         settings.change(load_lines(SETTINGS_FILE))
     except ValueError:
-        pass  # the application logs it
+        pass  # the application reports this error
     return settings.values
 
 

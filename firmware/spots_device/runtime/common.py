@@ -1,33 +1,34 @@
-"""What both runtimes share: constants of the board, bus recovery, safe boot, the end of a run."""
+"""Code that all runtimes share: constants, bus recovery, safe boot, end of the application."""
 
 from .stay import stay_after_reset
 
-ADDRESS = 0x39  # of the AS7341, 7 bits
-CAPS_LOCK = 2  # HID usage tables, LED page, as a keyboard's output report has it
-HALF_CLOCK_US = 5  # of the clock that frees the bus
-WATCHDOG_MS = 8_000  # the longest that the RP2040 has
+ADDRESS = 0x39  # I2C address of the AS7341, 7 bits
+CAPS_LOCK = 2  # bit of caps lock in a keyboard's output report; HID usage tables, LED page
+HALF_CLOCK_US = 5  # half a period of the clock that frees the bus
+WATCHDOG_MS = 8_000  # close to the maximum of the RP2040
+AFTER_CRASH_MS = 1_000  # pause before the restart, so that Ctrl-C works if each start crashes
+CRASH_CHARACTERS = 300  # length of the end of a traceback that is sent; it must fit a frame
 
 _RECOVERY_CLOCKS = 9
-# Held at the reset itself, a boot button starts the chip's own loader: so there is time to press.
+# Time to press the button after a reset; during the reset it would start the chip's bootloader.
 _SAFE_BOOT_MS = 500
 _SAFE_BOOT_STEP_MS = 20
-_AFTER_CRASH_MS = 1_000  # for Ctrl-C, when it crashes again and again
-_CRASH_CHARACTERS = 300  # the end of a traceback; more would not fit a frame
 
 
 def free_bus(scl, sda, is_high, put):
-    """Clock out a chip that holds SDA low in the middle of a byte, then send a STOP.
+    """Free an I2C bus: send clocks until the chip releases SDA, then a STOP.
 
-    Source: UM10204, section 3.1.16.
+    A chip can hold SDA low after a transfer that stopped in the middle of a byte. Source: UM10204,
+    section 3.1.16.
 
     Parameters
     ----------
     scl, sda : object
-        Open-drain pins.
+        Open-drain pins of the two wires.
     is_high : callable
-        ``is_high(pin) -> bool``.
+        ``is_high(pin) -> bool`` reads the level of a wire.
     put : callable
-        ``put(pin, level)``; waits for `HALF_CLOCK_US`.
+        ``put(pin, level)`` releases a wire (1) or pulls it low (0), then waits `HALF_CLOCK_US`.
     """
     for _ in range(_RECOVERY_CLOCKS):
         if is_high(sda):
@@ -43,7 +44,10 @@ def is_held(pressed, sleep_ms):
 
     Parameters
     ----------
-    pressed, sleep_ms : callable
+    pressed : callable
+        ``pressed() -> bool`` reads the button.
+    sleep_ms : callable
+        ``sleep_ms(ms)`` waits.
     """
     for _ in range(_SAFE_BOOT_MS // _SAFE_BOOT_STEP_MS):
         if pressed():
@@ -53,22 +57,27 @@ def is_held(pressed, sleep_ms):
 
 
 def run(app, watchdog, traceback_of, sleep_ms, reset):
-    """Run the application, then reset the board; after Ctrl-C return to the prompt instead.
+    """Run the application, then reset the board. After Ctrl-C, return to the prompt instead.
 
     Parameters
     ----------
     app : app.BoardApp
+        Application to run.
     watchdog : callable
-        Starts the watchdog and returns what feeds it; called only if the settings want one.
+        ``watchdog() -> callable`` starts the watchdog and returns the function that feeds it.
+        Called only if the setting ``watchdog`` is 1.
     traceback_of : callable
-        Returns the traceback of an exception as text.
-    sleep_ms, reset : callable
+        ``traceback_of(exception) -> str``.
+    sleep_ms : callable
+        ``sleep_ms(ms)`` waits.
+    reset : callable
+        ``reset()`` resets the board and does not return.
 
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C, unless a watchdog runs: that cannot be stopped, so the board is reset and does
-        not start the application again.
+        On Ctrl-C without a watchdog. A watchdog cannot be stopped; with it, Ctrl-C resets the
+        board, and the board does not start the application again.
     """
     watched = app.settings.values["watchdog"]
     if watched:
@@ -81,12 +90,12 @@ def run(app, watchdog, traceback_of, sleep_ms, reset):
         stay_after_reset()
     except Exception as error:
         app.log("error", "crashed and restarts: " + _end_of(traceback_of, error))
-        sleep_ms(_AFTER_CRASH_MS)
+        sleep_ms(AFTER_CRASH_MS)
     reset()
 
 
 def _end_of(traceback_of, error):
     try:
-        return traceback_of(error)[-_CRASH_CHARACTERS:]
+        return traceback_of(error)[-CRASH_CHARACTERS:]
     except MemoryError:
         return "no memory left"

@@ -1,4 +1,4 @@
-"""All that is MicroPython's own: I2C, serial port, clock, identity, entry."""
+"""Code for MicroPython only: I2C, serial port, USB and `main`."""
 
 import io
 import select
@@ -14,8 +14,8 @@ from .stay import told_to_stay
 
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
-_SLOW_US = const(200_000)  # a port whose host does not read blocks a write for half a second
-_PAUSE_US = const(250_000)  # after such a write; twice as long after each further one
+_SLOW_US = const(200_000)  # a write blocks for half a second if the host does not read
+_PAUSE_US = const(250_000)  # pause after such a write; doubled after each further one
 _PAUSE_MAX_US = const(64_000_000)
 
 
@@ -25,11 +25,11 @@ class MachineBus:
     Parameters
     ----------
     id : int
-        Of the controller.
+        Number of the I2C controller.
     scl, sda : int or str
-        Its pins.
+        Pins of the bus, as ``machine.Pin`` accepts them.
     freq : int
-        In Hz.
+        Frequency of the bus in Hz.
     """
 
     def __init__(self, id, scl, sda, freq):
@@ -68,12 +68,12 @@ def _put(pin, level):
 class StdioSerial:
     """The USB serial port behind stdin and stdout.
 
-    Frames go out on ``sys.stdout.buffer``: ``sys.stdout`` would add a CR to every LF. Each
-    direction has its own poll, for `ipoll` allocates nothing once it has run.
+    Frames are written to ``sys.stdout.buffer``, because ``sys.stdout`` adds a CR to every LF. Each
+    direction has its own poll object, because `ipoll` then allocates only at its first call.
 
-    While the host does not read, a full port of the RP2040 is not writable. The ESP32's is always
-    writable, and then blocks: so after a slow write nothing is sent for a back-off time, unless
-    the host sends something.
+    If the host does not read, the port of an RP2040 becomes full and is not writable. The port of
+    an ESP32 is always writable, and a write then blocks. So after a slow write nothing is sent for
+    a back-off time, or until the host sends a byte.
     """
 
     def __init__(self):
@@ -87,9 +87,17 @@ class StdioSerial:
         self._pause_us = self._from = 0
 
     def write(self, buffer, size):
-        """Write `size` bytes if the port takes them now; return whether it took them all."""
+        """Write a frame if the port accepts it at once; return whether it was sent completely.
+
+        Parameters
+        ----------
+        buffer : bytearray
+            Contains the frame.
+        size : int
+            Bytes of the frame.
+        """
         began = time.ticks_us()
-        # The ticks wrap: a time long past looks like a future one.
+        # Ticks wrap, so a time in the far past looks like a time in the future.
         if 0 < time.ticks_diff(self._from, began) <= self._pause_us:
             return False
         for _, event in self._writable.ipoll(0):
@@ -105,7 +113,7 @@ class StdioSerial:
     def read(self):
         """Return the next byte, or -1 if no byte waits.
 
-        USB ports interrupt at Ctrl-C by themselves; where one does not, it comes here.
+        A USB port raises KeyboardInterrupt at Ctrl-C by itself; for other ports this method does.
         """
         for _, event in self._readable.ipoll(0):
             if event & select.POLLIN and self._in.readinto(self._byte) == 1:
@@ -130,8 +138,9 @@ class MachineUsb:
     Parameters
     ----------
     board_config : module
-        Where it has ``LED_PIN``, that shows caps lock; ``LED_ON`` is the level that lights it.
-        Where it has ``USB_HID_MAX``, no more interfaces than that fit beside the serial port.
+        Configuration of the board. The optional ``LED_PIN`` is the LED that shows caps lock;
+        ``LED_ON`` is the level that switches it on. The optional ``USB_HID_MAX`` is the largest
+        number of HID interfaces beside the serial port.
     """
 
     def __init__(self, board_config):
@@ -143,9 +152,25 @@ class MachineUsb:
             self._led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
 
     def open(self, names):
-        """See `uses.Uses`. The host sees the board disconnect and reconnect."""
+        """Open HID interfaces, which makes USB reconnect.
+
+        Parameters
+        ----------
+        names : list of str
+            Names of `uses.INTERFACES`.
+
+        Returns
+        -------
+        dict
+            ``send(report) -> bool`` by name.
+
+        Raises
+        ------
+        OSError
+            If this MicroPython or this board cannot open them; the text says what to do.
+        """
         if not hasattr(machine, "USBDevice"):
-            raise OSError("this MicroPython cannot be a USB device: install the newest one")
+            raise OSError("this MicroPython cannot be a USB device: update it")
         if sys.platform == "esp32" and sys.implementation.version[:2] == (1, 26):
             raise OSError("MicroPython 1.26 sends empty reports on this chip: install a newer one")
         if self._most is not None and len(names) > self._most:
@@ -156,7 +181,7 @@ class MachineUsb:
         try:
             from .usb_micropython import open_interfaces
         except ImportError:
-            raise OSError("the library for USB is missing: mpremote mip install usb-device-hid")
+            raise OSError("the library for USB is missing: run mpremote mip install usb-device-hid")
         return open_interfaces(names, self._show_leds)
 
     def _show_leds(self, leds):
@@ -167,8 +192,8 @@ class MachineUsb:
 def main():
     """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if the board's button is pressed soon after a reset. An exception of the
-    application is logged to the host before the board restarts.
+    Returns to the prompt if the board's button is pressed soon after a reset. After an exception
+    of the application, the board sends a log line and restarts.
     """
     import board_config
 
@@ -176,7 +201,7 @@ def main():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if _is_safe_boot(board_config):
-        print("the button is held: the application was not started")
+        print("the button is pressed, so the application was not started: reset to start it")
         return
     from spots_device.app import BoardApp
     from spots_device.as7341 import AS7341

@@ -1,6 +1,6 @@
-"""A mark in the file system: the application must not start after the next reset.
+"""A marker file that prevents the start of the application after the next reset.
 
-For Ctrl-C where a watchdog runs: a watchdog cannot be stopped, so the board is reset.
+Ctrl-C uses it while a watchdog runs: the watchdog cannot be stopped, so the board is reset.
 """
 
 import os
@@ -9,12 +9,12 @@ _FILE = "stay"
 
 
 def stay_after_reset():
-    """Keep the application from its next start."""
+    """Create the marker file: the application does not start after the next reset."""
     open(_FILE, "w").close()
 
 
 def told_to_stay():
-    """Return whether `stay_after_reset` was called before the reset; remove the mark."""
+    """Remove the marker file; return whether it existed."""
     try:
         os.remove(_FILE)
     except OSError:

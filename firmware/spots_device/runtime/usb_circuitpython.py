@@ -1,9 +1,9 @@
 """USB reports through CircuitPython's usb_hid, which boot.py sets up before USB connects.
 
-All devices share one endpoint, which the host asks every 8 ms. While it is full ``send_report``
-blocks for up to 2 s, and while the host sleeps it discards the report without an error
-(shared-module/usb_hid/Device.c). So reports are spaced out, none is sent while the host is
-disconnected, and after each timeout the back-off doubles.
+All devices share one endpoint, which the host polls every 8 ms. While the endpoint is full,
+``send_report`` blocks for up to 2 s. While the host sleeps, ``send_report`` discards the report
+without an error (shared-module/usb_hid/Device.c). So there is a minimum time between two reports,
+no report is sent while the host is disconnected, and the back-off doubles after each timeout.
 """
 
 import supervisor
@@ -11,17 +11,23 @@ import usb_hid
 
 from ..hid import GAMEPAD_DESCRIPTOR, REPORT_SIZE, with_report_id
 
-# Usage page and usage by which a device is known.
+# HID usage page and usage that identify a device.
 _USAGES = {"keyboard": (0x01, 0x06), "consumer": (0x0C, 0x01), "gamepad": (0x01, 0x05)}
-_GAMEPAD_ID = 4  # 1 to 3 are those of CircuitPython's own devices
-_SPACE_MS = 10
-_PAUSE_MS = 2_000  # after a timeout; twice as long after each further one
+_GAMEPAD_ID = 4  # report id; CircuitPython's own devices use 1 to 3
+_SPACE_MS = 10  # minimum time between two reports
+_PAUSE_MS = 2_000  # pause after a timeout; doubled after each further one
 _PAUSE_MAX_MS = 64_000
-_HALF = 1 << 28  # of the period of ticks_ms
+_HALF = 1 << 28  # half the period of ticks_ms
 
 
 def enable(keyboard, gamepad):
-    """Choose what the host will see; for boot.py, USB must not be connected yet."""
+    """Select the USB HID devices of the board. Call it in boot.py, before USB connects.
+
+    Parameters
+    ----------
+    keyboard, gamepad : bool
+        Whether the board is a keyboard with media keys, and a gamepad.
+    """
     devices = []
     if keyboard:
         devices += [usb_hid.Device.KEYBOARD, usb_hid.Device.CONSUMER_CONTROL]
@@ -40,10 +46,20 @@ def enable(keyboard, gamepad):
 
 
 def open_interfaces(names, show_leds):
-    """Return what sends reports, by name, for those of the names that boot.py has set up.
+    """Return the functions that send reports, for the interfaces that boot.py has enabled.
 
-    ``show_leds(leds)`` gets the LEDs that the host sets on a keyboard, at the next report: bit 1
-    is caps lock.
+    Parameters
+    ----------
+    names : list of str
+        Names of `uses.INTERFACES`.
+    show_leds : callable
+        ``show_leds(leds)`` shows the LEDs of a keyboard that the host has set; bit 1 is caps lock.
+        Called before the next keyboard report.
+
+    Returns
+    -------
+    dict
+        ``send(report) -> bool`` by name; without the interfaces that are not enabled.
     """
     endpoint = _Endpoint()
     sends = {}
@@ -56,7 +72,7 @@ def open_interfaces(names, show_leds):
 
 
 class _Endpoint:
-    """When the next report may go."""
+    """Schedules the reports of all interfaces, which share one endpoint."""
 
     def __init__(self):
         self._from_ms = supervisor.ticks_ms()
@@ -68,10 +84,10 @@ class _Endpoint:
             self._wait(0)
             self._pause_ms = _PAUSE_MS
             return False
-        # The ticks wrap: a time long past looks like a future one.
+        # Ticks wrap, so a time in the far past looks like a time in the future.
         if 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= self._wait_ms:
             return False
-        self._wait_ms = 0  # over, however often the ticks wrap until the next one
+        self._wait_ms = 0  # the wait is over, even if the ticks wrap before the next call
         return True
 
     def took(self):
@@ -98,9 +114,9 @@ class _Interface:
         self._show_leds = show_leds
 
     def send(self, report):
-        """Offer a report to the stack, unless that would block; return whether it was sent."""
+        """Send a report unless the call would block; return whether it was sent."""
         if self._show_leds is not None:
-            leds = self._device.get_last_received_report()  # None unless it is news
+            leds = self._device.get_last_received_report()  # None if nothing is new
             if leds:
                 self._show_leds(leds[0])
         if not self._endpoint.free():
@@ -111,6 +127,6 @@ class _Interface:
             self._endpoint.refused()
             return False
         self._endpoint.took()
-        # A host that has just gone to sleep did not get it. Sending the same state twice is
-        # harmless.
+        # A host that has just fallen asleep did not get the report, so it is sent again. Sending
+        # the same state twice has no effect.
         return supervisor.runtime.usb_connected

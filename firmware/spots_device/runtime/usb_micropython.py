@@ -1,4 +1,4 @@
-"""USB reports through MicroPython's usb-device-hid, which has to be on the board."""
+"""USB reports through MicroPython's library usb-device-hid, which must be on the board."""
 
 import usb.device
 from micropython import const
@@ -27,26 +27,26 @@ _INTERFACES = {
 
 class _Reports(HIDInterface):
     def __init__(self, show_leds, descriptor, size, protocol):
-        # Hosts set the LEDs of a keyboard; a refusal of that may upset them.
+        # Hosts set the LEDs of a keyboard, and some cannot handle a refusal.
         super().__init__(descriptor, set_report_buf=bytearray(1), protocol=protocol)
         self._show_leds = show_leds
         self._described_as = protocol
-        # The stack reads it until the host has it.
+        # The USB stack reads this buffer until the host has the report.
         self._report = bytearray(size)
 
     def desc_cfg(self, desc, itf_num, ep_num, strs):
-        # Called twice, and the library then stores the active protocol in this attribute: the
-        # second time every interface would be described as one of a boot keyboard.
+        # The library calls this twice and stores the active protocol in `protocol` in between.
+        # Without this line, the second call would describe every interface as a boot keyboard.
         self.protocol = self._described_as
         super().desc_cfg(desc, itf_num, ep_num, strs)
-        # bInterval is the last byte of the endpoint descriptor, which is the last one. Versions
-        # before 0.2 of the library know no other way; the first call has no buffer to write to.
+        # bInterval is the last byte of the last descriptor. The library has no option for it
+        # before version 0.2. The first call has no buffer.
         if desc.b:
             desc.b[desc.o - 1] = _INTERVAL_MS
 
     def on_interface_control_xfer(self, stage, request):
         if stage == _SETUP and (request[0], request[1]) == _GET_REPORT:
-            return self._report  # the library prints at this, into the frames
+            return self._report  # the library would print a message into the stream of frames
         return super().on_interface_control_xfer(stage, request)
 
     def on_set_report(self, report_data, report_id, report_type):
@@ -54,7 +54,7 @@ class _Reports(HIDInterface):
         return True
 
     def send(self, report):
-        """Offer a report to the stack; return whether it was taken. Never blocks."""
+        """Offer a report to the USB stack; return whether it was accepted. Never blocks."""
         if not self.is_open() or self.busy():
             return False
         for i in range(len(report)):
@@ -66,9 +66,19 @@ class _Reports(HIDInterface):
 
 
 def open_interfaces(names, show_leds):
-    """Make the board a USB device with these interfaces; return what sends reports, by name.
+    """Open HID interfaces and return the functions that send reports; USB reconnects.
 
-    ``show_leds(leds)`` gets the LEDs that the host sets on a keyboard: bit 1 is caps lock.
+    Parameters
+    ----------
+    names : list of str
+        Names of `uses.INTERFACES`.
+    show_leds : callable
+        ``show_leds(leds)`` shows the LEDs of a keyboard that the host has set; bit 1 is caps lock.
+
+    Returns
+    -------
+    dict
+        ``send(report) -> bool`` by name.
     """
     interfaces = {name: _Reports(show_leds, *_INTERFACES[name]) for name in names}
     # Without the built-in driver there would be no serial port, and no prompt.

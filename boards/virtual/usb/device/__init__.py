@@ -1,4 +1,4 @@
-"""``usb.device`` of the virtual board: interfaces, and the device that they make up."""
+"""``usb.device`` of the virtual board: the USB device and its interfaces."""
 
 _device = None
 
@@ -13,17 +13,17 @@ def get():
 class _Device:
     def init(self, *itfs, **kwargs):
         if not kwargs.get("builtin_driver"):
-            raise SystemExit  # no serial port any more: nobody could talk to this board
+            raise SystemExit  # without the built-in driver, the board has no serial port
         for i in range(len(itfs)):
             descriptor = Descriptor(None)
-            # Twice, as published: once to learn the size, once to write.
+            # Two calls, like the published library: one for the size, one to write.
             itfs[i].desc_cfg(descriptor, 0, 0, [])
             itfs[i].desc_cfg(descriptor, i, i, [])
             itfs[i].on_open()
 
 
 class Descriptor:
-    """Keeps the last interface's numbers."""
+    """Stores the numbers of the last interface."""
 
     def __init__(self, b):
         self.b = b

@@ -1,4 +1,4 @@
-"""``usb.device.hid`` of the virtual board: reports go to the simulator's USB host."""
+"""``usb.device.hid`` of the virtual board: sends reports to the simulator's USB host."""
 
 import _simulator
 from micropython import const
@@ -7,7 +7,7 @@ _HID = const(3)
 
 
 class HIDInterface:
-    """What the published class is for the firmware; a report is taken or the endpoint is full."""
+    """Has the methods of the published class that the firmware uses."""
 
     def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
         self.report_descriptor = report_descriptor
@@ -18,7 +18,7 @@ class HIDInterface:
     def desc_cfg(self, desc, itf_num, ep_num, strs):
         desc.interface(itf_num, 1, _HID, 1 if self.protocol else 0, self.protocol)
         self._index = itf_num
-        # From here on it says which reports the host wants: 0 boot, 1 the descriptor's.
+        # After this, `protocol` is the host's choice: 0 boot reports, 1 those of the descriptor.
         self.protocol = 1
 
     def on_open(self):
