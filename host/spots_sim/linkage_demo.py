@@ -93,7 +93,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
         print(headline(), flush=True)
     with driven(machine) as source:
         shown = show(source, seconds, on_terminal=_ignore if quiet else None)
-        stats = source.stats()
+        stats = [board.stats for board in source.boards]
     return {
         "terminals": shown,
         "frames": sum(one.frames for one in stats),

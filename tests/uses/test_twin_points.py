@@ -152,7 +152,8 @@ def test_points_are_measured_one_by_one(tmp_path):
                     place_um = (angle + 20) / 0.002 + (-1) ** i
                     yield joint, reading(place_um, i, time_s=1 + 0.03 * i)
 
-    source = SimpleNamespace(twin=twin, readings=readings, now_s=lambda: 1.0)
+    boards = [SimpleNamespace(now_s=lambda: 1.0)]
+    source = SimpleNamespace(twin=twin, readings=readings, boards=boards)
     points = tmp_path / "points.csv"
     said = []
 

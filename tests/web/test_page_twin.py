@@ -101,18 +101,8 @@ def test_boards_of_a_linkage_file_are_waited_for(machine, monkeypatch, running):
     there.add("1")
     awaited(lambda: part(state)["x_mm"] is not None)
     assert part(state)["note"] == ""
-    with pytest.raises(SpotsError, match="name two ports, or one"):
+    with pytest.raises(SpotsError, match="3 --port is given"):
         twin_feed.linkage_readers(str(machine.arm), ["0", "1", "2"], layout, state)
-
-
-def test_one_board_with_two_sensors_is_fed_by_sensor(machine, monkeypatch, running):
-    took = []
-    monkeypatch.setattr(twin_feed.TwinFeed, "take", lambda self, joint, touch: took.append(joint))
-    layout = load_layout("digits")
-    (reader,) = twin_feed.linkage_readers(str(machine.arm), ["0"], layout, PageState())
-    for sensor in (0, 1):
-        reader._on_touch(at(-0.3, 0)._replace(sensor=sensor))
-    assert took == [0, 1]
 
 
 def awaited(condition, timeout_s=60.0):

@@ -134,7 +134,7 @@ def _spare(out: Path, kept: list[Path]) -> None:
 def _angles(source: Source) -> list[list[Angle]]:
     encoders = [Encoder(encoder.joint) for encoder in source.twin.encoders]
     angles: list[list[Angle]] = [[], []]
-    since_s = source.now_s()
+    since_s = source.boards[0].now_s()
     for joint, touch in source.readings(_LASTS_S):
         # Readings from before now are of another place.
         angle = encoders[joint].take(touch) if touch.time_s >= since_s else None
