@@ -207,11 +207,11 @@ def _workspace(surveys: list[Survey], linkage: LinkageFile, mechanism: Mechanism
 ## Over the workspace
 
 A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`) has nominal bars of {bar:g} mm
-and a base of {base:g} mm. The true lengths differ by up to {off}, and the true mounting of the joints
+and a base of {base:g} mm. The true lengths differ by up to {off}, the true mounting of the joints
 by up to {turned}. Each joint moves an indenter with backlash along its own default strip, over
-{travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then its joint. The
-terminal stops at {places} places of a grid over the workspace; its position follows from one
-reading of {each:g} ms of each joint. Seeds {min(SEEDS)} to {max(SEEDS)}:
+{travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then
+its joint. The terminal stops at {places} places of a grid over the workspace; its position follows
+from one reading of {each:g} ms of each joint. Seeds {min(SEEDS)} to {max(SEEDS)}:
 
 | distance from the true position (mm) | mean | at most |
 | --- | --- | --- |
