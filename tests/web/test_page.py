@@ -249,7 +249,7 @@ def test_a_server_that_restarts_is_found_again(bench, serve, open_page):
     board, press = page.locator("#board"), page.locator(".press.on")
     expect(press).to_have_count(1, timeout=LONG_MS)
     server.stop()
-    expect(board).to_have_text("looking for the server", timeout=LONG_MS)
+    expect(board).to_have_text("searching for the server", timeout=LONG_MS)
     expect(press).to_have_count(0)
     serve(one.state, port=server.port)
     expect(press).to_have_count(1, timeout=LONG_MS)

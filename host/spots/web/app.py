@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import mimetypes
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -31,6 +32,7 @@ _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is
 _COMMANDS = {word.encode(): word for word in (START, STOP)}
 _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
+_NUMBER = re.compile("[0-9]+")
 _HEARTBEAT_S = 20.0
 _ANSWER_S = 10.0
 _PING_EVERY = 32  # messages
@@ -131,19 +133,21 @@ class PageApp:
         )
         await socket.prepare(request)
         self.on_page(request.transport)
-        news, drawn = asyncio.Event(), _Drawn()
+        news, pace = asyncio.Event(), PagePace(time.monotonic)
         news.set()
         self._clients[socket] = news
         may_record = self._recordings and self._guard.may_command(request)
         first = {"may_record": True} if may_record else {}
-        sending = asyncio.create_task(self._send_news(socket, news, drawn, first))
+        sending = asyncio.create_task(self._send_news(socket, news, pace, first))
         try:
             async for message in socket:
                 if message.type == WSMsgType.PONG:
-                    drawn.answered(message.data)
+                    pace.pong(message.data)
                 elif message.type == WSMsgType.PING:
                     await socket.pong(message.data)
-                elif message.type != WSMsgType.TEXT or not drawn.take(message.data):
+                elif message.type == WSMsgType.TEXT and _NUMBER.fullmatch(message.data):
+                    pace.acknowledge(int(message.data))
+                else:
                     await socket.close(
                         code=WSCloseCode.POLICY_VIOLATION,
                         message=b"only numbers of messages are accepted",
@@ -154,23 +158,23 @@ class PageApp:
         return socket
 
     async def _send_news(
-        self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn, first: dict
+        self, socket: web.WebSocketResponse, news: asyncio.Event, pace: PagePace, first: dict
     ) -> None:
         cursor = self._state.begin()
         try:
             while not socket.closed:
                 await news.wait()
-                await drawn.room()
+                await pace.room()
                 news.clear()
                 cursor, parts = self._state.since(cursor)
                 if parts or first:
                     parts, first = first | parts, {}
-                    number = drawn.pace.send()
+                    number = pace.send()
                     message = msgspec.json.encode({"n": number, **parts}).decode()
                     if number % _PING_EVERY == 1:
-                        await socket.ping(drawn.ask())
+                        await socket.ping(pace.ping())
                     await socket.send_str(message)
-                    await asyncio.sleep(drawn.pace.every_s)
+                    await asyncio.sleep(pace.every_s)
         except ConnectionError:
             pass  # the browser has closed the connection
         except Exception as error:
@@ -181,41 +185,6 @@ class PageApp:
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
-
-
-class _Drawn:
-    """Acknowledgements and round-trip time of one browser window."""
-
-    def __init__(self):
-        self.pace = PagePace(time.monotonic)
-        self._changed = asyncio.Event()
-        self._asked = b""
-        self._asked_s = 0.0
-
-    def take(self, text: str) -> bool:
-        """Handle an acknowledgement; return False if the text is not one."""
-        if not (text.isascii() and text.isdigit()):
-            return False
-        self.pace.acknowledge(int(text))
-        self._changed.set()
-        return True
-
-    def ask(self) -> bytes:
-        """Return the payload of a new ping. A browser answers it even while it draws."""
-        self._asked_s = time.monotonic()
-        self._asked = str(self.pace.sent).encode()
-        return self._asked
-
-    def answered(self, data: bytes) -> None:
-        """Handle the payload of a pong."""
-        if data == self._asked:  # not a pong of the heartbeat
-            self.pace.answered(time.monotonic() - self._asked_s)
-
-    async def room(self) -> None:
-        """Wait until one more message may be sent."""
-        while self.pace.full:
-            self._changed.clear()
-            await self._changed.wait()
 
 
 def _file(name: str) -> web.Response:

@@ -27,7 +27,7 @@ from .state import PageState
 _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
 _HEALTH_EVERY_S = 0.5
-_RATE_OVER = 4  # health intervals over which the rate is averaged
+_RATE_OVER_S = 2.0  # time over which rate and latency are computed
 _WHY = {
     STALLED: "no readings arrive",
     LOST: "the board was disconnected",
@@ -165,7 +165,7 @@ class BoardReader:
                 self._say(CONNECTED, "")
             now_s = board.now_s()
             feel.take(frame, now_s)
-            health.took(now_s - frame.time_s)
+            health.took(now_s, now_s - frame.time_s)
         elif isinstance(frame, Spectrum):
             self._state.put("spectrum", {"counts": frame.counts})
         elif isinstance(frame, Key):
@@ -204,32 +204,29 @@ class _Health:
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
-        self._readings = 0
-        self._latencies_s: deque[float] = deque(maxlen=256)
-        self._marks: deque[tuple[float, int]] = deque(maxlen=_RATE_OVER + 1)
+        self._latest: deque[tuple[float, float]] = deque()  # arrival and latency of readings, in s
         self._due_s = 0.0
 
-    def took(self, latency_s: float) -> None:
-        """Count a reading that arrived with this latency."""
-        self._readings += 1
-        self._latencies_s.append(latency_s)
+    def took(self, now_s: float, latency_s: float) -> None:
+        """Count a reading that arrived at `now_s` of the link's clock."""
+        self._latest.append((now_s, latency_s))
         self.show()
 
     def show(self) -> None:
         """Put the figures into the state if half a second has passed."""
-        now_s = time.monotonic()
-        if now_s < self._due_s:
+        if time.monotonic() < self._due_s:
             return
-        self._due_s = now_s + _HEALTH_EVERY_S
-        self._marks.append((self._board.now_s(), self._readings))
-        (then_s, before), (last_s, after) = self._marks[0], self._marks[-1]
-        stats = self._board.stats
+        self._due_s = time.monotonic() + _HEALTH_EVERY_S
+        latest, stats = self._latest, self._board.stats
+        while latest and latest[0][0] < self._board.now_s() - _RATE_OVER_S:
+            latest.popleft()
+        lasted_s = latest[-1][0] - latest[0][0] if latest else 0.0
         link = {
-            "rate_hz": (after - before) / (last_s - then_s) if last_s > then_s else None,
+            "rate_hz": (len(latest) - 1) / lasted_s if lasted_s > 0 else None,
             "frames": stats.frames,
             "lost": stats.lost,
             "bad": stats.bad_crc,
-            "latency_ms": 1000 * median(self._latencies_s) if self._latencies_s else None,
+            "latency_ms": 1000 * median(one for _, one in latest) if latest else None,
         }
         self._state.put("link", link)
 

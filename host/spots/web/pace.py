@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 WINDOW = 2  # largest number of messages that are not drawn yet
@@ -37,6 +38,8 @@ class PagePace:
         self._now_s = now_s
         self._sent_s: dict[int, float] = {}
         self._way_s: float | None = None
+        self._pinged = b"", 0.0  # payload of the last ping, and its time
+        self._drew = asyncio.Event()
         self.every_s = SOONEST_S
         self.sent = self.drawn = 0
 
@@ -44,6 +47,12 @@ class PagePace:
     def full(self) -> bool:
         """Whether no more messages may be sent until one is drawn."""
         return self.sent - self.drawn >= WINDOW
+
+    async def room(self) -> None:
+        """Wait until one more message may be sent."""
+        while self.full:
+            self._drew.clear()
+            await self._drew.wait()
 
     def send(self) -> int:
         """Record a message that is sent now, and return its number."""
@@ -58,6 +67,18 @@ class PagePace:
             every_s = self.every_s * (_SLOWER if late else _FASTER)
             self.every_s = min(max(every_s, SOONEST_S), SELDOM_S)
             self.drawn = one
+        self._drew.set()
+
+    def ping(self) -> bytes:
+        """Return the payload of a new ping. A browser answers it even while it draws."""
+        self._pinged = str(self.sent).encode(), self._now_s()
+        return self._pinged[0]
+
+    def pong(self, payload: bytes) -> None:
+        """Handle a pong; one that does not answer the last ping is ignored."""
+        asked, asked_s = self._pinged
+        if payload == asked:
+            self.answered(self._now_s() - asked_s)
 
     def answered(self, way_s: float) -> None:
         """Record the round-trip time of a ping, in seconds; the least one is used.
