@@ -295,10 +295,10 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         (HEAD.replace("80", "800") + JOINTS, "is more than the others of the linkage together"),
         ("bar_mm = [0.1, 0.1, 0.1, 0.1]\nbase_mm = 0.08\n" + JOINTS, r">= 1(.0)?.*bar_mm"),  # in m
         (HEAD + "assembly = 'up'\n" + JOINTS, "'far' or 'near', not 'up'"),
-        (HEAD + JOINTS + "gain = 0\n", r"a gain is about 1, .* - at `\$.joint\[1\]`"),
+        (HEAD + JOINTS + "gain = 0\n", r"gain must be about 1, .* - at `\$.joint\[1\]`"),
         (HEAD + JOINTS + "offset_deg = nan\n", "arm.toml: "),
         (HEAD + JOINTS.replace("strip", "none"), "joint 1: there is no file .*none.toml"),
-        (HEAD + JOINTS.replace("strip", "bare"), "joint 1: .*bare.toml holds no joint: run"),
+        (HEAD + JOINTS.replace("strip", "bare"), "joint 1: .*bare.toml has no calibration of a joint: run"),
     ],
 )
 def test_a_linkage_file_that_is_wrong_says_where(text, words, machine, tmp_path, capsys):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from ..terminal.view import Pace, live
 from .digital_twin import Terminal
 from .mounted import is_mounted
 from .twin_points import fit, measure
-from .twin_source import Source, driven, is_recording, linkage_of, opened
+from .twin_source import Source, is_recording, linkage_of, opened
 from .twin_view import TwinView
 
 _LINES_PER_S = 4
@@ -32,14 +31,13 @@ def twin_command(options: argparse.Namespace) -> None:
         If a file is wrong, or two options exclude each other.
     """
     ports = options.port
-    simulated = linkage_of(ports)
     played = any(map(is_recording, ports))
-    boards = not simulated and (ports or is_mounted(options.linkage))
-    if options.measure and (simulated or played):
+    boards = not linkage_of(ports) and (ports or is_mounted(options.linkage))
+    if options.measure and (played or not boards):
         raise SpotsError(
             "--measure needs real boards, because you move the terminal by hand: name their ports"
         )
-    if options.picture and (simulated or boards):
+    if options.picture and (ports or boards):
         raise SpotsError(
             "--picture compares the twin with a simulated path: use it without boards, recordings "
             "and --port virtual"
@@ -56,38 +54,24 @@ def twin_command(options: argparse.Namespace) -> None:
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
-    elif simulated or boards:
+    elif boards:
         drawing = Console().is_terminal and not options.json
-        if simulated:
-            given = {"path": options.path, "exposure_us": options.exposure_us}
-            given = {name: value for name, value in given.items() if value is not None}
-            linkage = simulated(options.sensor, options.linkage, seed=options.seed, **given)
-            opening = driven(linkage, options.record)
-        else:
-            speed = 1.0 if drawing else math.inf
-            opening = opened(options.linkage, ports, options.record, speed)
-        with opening as source:
+        with opened(options.linkage, ports, options.record, 1.0 if drawing else math.inf) as source:
             if options.measure:
                 _measure(source, Path(options.measure))
-            elif not show(source, options.seconds, _json if options.json else None) and played:
+            elif not show(source, options.seconds, options.json) and played:
                 raise SpotsError(
                     "the two recordings give no terminal: name two that were made at the same time"
                 )
-    elif options.record or options.measure or options.seconds:
-        raise SpotsError("--record, --measure and --seconds need boards: name them with --port")
     else:
-        compare = offered("virtual", "compare_linkage")
-        if compare is None:
+        run = offered("virtual", "run_linkage")
+        if run is None:
             raise SpotsError("name a linkage file with --linkage, or boards with --port")
-        compare(options)
+        run(options)
 
 
-def show(
-    source: Source,
-    seconds: float | None,
-    on_terminal: Callable[[Terminal], None] | None = None,
-) -> int:
-    """Show a twin until the time is over or Ctrl-C, and return the number of terminals.
+def show(source: Source, seconds: float | None, as_json: bool = False) -> int:
+    """Show a twin until the time is over or Ctrl-C: as a live picture, or as lines.
 
     Parameters
     ----------
@@ -95,9 +79,9 @@ def show(
         The twin and its boards.
     seconds : float or None
         Time after which to end, in seconds; no limit if None.
-    on_terminal : callable, optional
-        Called with each terminal. If not given, there is a live picture in a terminal window, and
-        lines elsewhere.
+    as_json : bool
+        Whether to print each terminal as a JSON object. Otherwise there is a picture in a terminal
+        window, and four lines a second elsewhere.
 
     Returns
     -------
@@ -110,8 +94,8 @@ def show(
         If a board is lost.
     """
     console, pace, count = Console(), Pace(), 0
-    drawing = console.is_terminal and on_terminal is None
-    on_terminal = on_terminal or Lines()
+    drawing = console.is_terminal and not as_json
+    on_terminal = _json if as_json else Lines()
     view = TwinView(source.twin, [board.port for board in source.boards])
     with suppress(KeyboardInterrupt), live(console) if drawing else nullcontext() as display:
         for joint, touch in source.readings(seconds):

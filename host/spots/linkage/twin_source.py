@@ -95,7 +95,7 @@ def opened(
             boards = _found(stack, strips)
         for number, (board, strip) in enumerate(zip(boards, strips), 1):
             give(board, strip, number)
-        _record(stack, boards, record)
+        record_all(stack, boards, record)
 
         def restarted(board: Board) -> None:
             joint = boards.index(board)
@@ -152,32 +152,6 @@ class DrivenLinkage(Protocol):
 
     def open(self, joint: int) -> Board:
         """Open the board of a joint (0 or 1)."""
-
-
-@contextmanager
-def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
-    """Open both boards of a linkage that opens them itself; use it in a ``with`` block.
-
-    Parameters
-    ----------
-    machine : DrivenLinkage
-        The linkage, for example a simulated one.
-    record : list of str
-        Paths of two recordings to write, one for each board; none if empty.
-
-    Yields
-    ------
-    Source
-
-    Raises
-    ------
-    SpotsError
-        If a board cannot be opened.
-    """
-    with ExitStack() as stack:
-        boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]
-        _record(stack, boards, record)
-        yield Source(Twin(machine.linkage, machine.encoders()), boards)
 
 
 def linkage_of(ports: list[str]):
@@ -246,7 +220,23 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     return [there[name] for name in wanted]
 
 
-def _record(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
+def record_all(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
+    """Record each board until a stack of context managers ends.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Stack whose end ends the recordings.
+    boards : list of Board
+        Boards to record.
+    paths : list of str
+        Path of the recording of each board; if empty, nothing is recorded.
+
+    Raises
+    ------
+    SpotsError
+        If there are not as many paths as boards, or a file cannot be written.
+    """
     if paths and len(paths) != len(boards):
         raise SpotsError(f"--record names {len(paths)} file: name two, one for each board")
     for board, path in zip(boards, paths):
