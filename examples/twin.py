@@ -6,8 +6,8 @@ docs/fivebar.md shows how to write or measure the linkage file.
 import argparse
 
 import spots
-from spots.linkage.twin_source import driven, opened
-from spots_sim.linkage_demo import endless
+from spots.linkage.twin_source import opened
+from spots_sim.linkage_demo import driven, endless
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(

@@ -19,27 +19,27 @@ _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 
 _HEAD = """# The five-bar linkage and its twin
 
-Written by `make paper`; it measures every number but the published one. Two strips in
-the base joints of a planar five-bar linkage are its encoders and give the terminal's position
-(paper, section IV, Eqs. 3 and 4, Fig. 7).
+`make paper` writes this document, and measures all numbers except the published one. Two strips in
+the base joints of a planar five-bar linkage are its encoders. The position of the terminal follows
+from their angles (paper, section IV, Eqs. 3 and 4, Fig. 7).
 
-![Bars, and where the terminal is with either joint at an angle](fivebar/angles.png)
+![The bars, and the position of the terminal for constant angles of each joint](fivebar/angles.png)
 
 ```python
 import spots
 
-linkage = spots.Linkage(bar_mm=100, base_mm=80)  # bars: or inner 1, outer 1, outer 2, inner 2
+linkage = spots.Linkage(bar_mm=100, base_mm=80)  # or 4 bars: inner 1, outer 1, outer 2, inner 2
 theta1_rad, theta2_rad = linkage.inverse(40, 150)
 x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 ```
 
-All of it takes scalars or arrays, in every quadrant. Where there is no answer, a scalar raises
-an error with the reason in a sentence; an array is returned masked, and `forward_limits` and
-`inverse_limits` give the reason for each element (`spots.linkage.fivebar.Limit`). Two terminals go
-with the same two angles: `assembly="far"`, the usual one, has the terminal beyond the elbows,
-`"near"` the other. `jacobian` and `covariance` say how errors of the angles become errors of the
-terminal. They grow without bound as the outer bars come into line; the workspace here keeps
-these at least 30° from it, the usual rule.
+All methods take scalars or arrays, in every quadrant. If there is no solution, a method raises an
+error with the reason for scalars, and returns masked elements for arrays. `forward_limits` and
+`inverse_limits` return the reason for each element (`spots.linkage.fivebar.Limit`). For two angles
+there are two possible terminals: `assembly="far"`, the usual one, has the terminal beyond the
+elbows, `"near"` is the other one. `jacobian` and `covariance` compute errors of the terminal from
+errors of the angles. These errors grow without bound when the outer bars come into line. So the
+workspace in this document keeps the bars at least 30° away from that, the usual rule.
 
 ## A joint, a twin
 
@@ -53,19 +53,19 @@ spots twin --json --picture sust.png                 # the same in simulated tim
 
 ![The twin in a terminal: bars, path, and the terminal in figures](fivebar/twin.svg)
 
-On a terminal it is a picture with position, standard error, velocity, and limits and
-singularities by name; elsewhere lines, or with `--json` an object for each terminal. Its keys are
-those of the page's message ([page.md](page.md)), and `velocity_mm_s`, `sigma_mm`, `limit`,
-`singular` and `within` (where the joints were calibrated). The same on the page:
+In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
+and singularities. Elsewhere it prints lines, or with `--json` an object for each terminal. Its keys
+are those in [page.md](page.md), and `velocity_mm_s`, `sigma_mm`, `limit`, `singular` and
+`within` (inside the calibrated range of the joints). The web UI shows the same:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
-`spots.Encoder` turns readings into angles with the line of `spots calibrate joint`. Half the
-play is added or taken off as soon as the position has moved by more than its noise; at rest the
-joint may stand anywhere in its play, and the standard error says so. The speed is by the board's
-clock. `spots.Twin` takes the readings of both joints as they come, live or from recordings, and
-returns the terminal at the time of each reading, with the other joint interpolated between two of
-its own: nothing is extrapolated, and it makes no difference which board sent first. The boards'
-clocks are compared with the computer's, see `Touch.time_s`. A board that restarts is given its
+`spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
+position has moved by more than its noise, half the backlash is added or subtracted. At rest the
+joint may be anywhere in its backlash, and the standard error includes that. The velocity is
+measured by the board's clock. `spots.Twin` takes the readings of both joints, live or recorded. It
+returns the terminal at the time of each reading, and interpolates the angle of the other joint
+between two of its readings. Nothing is extrapolated, and the order of arrival does not matter. The
+boards' clocks are mapped to the computer's, see `Touch.time_s`. A board that restarts gets its
 calibration again.
 
 ```python
@@ -77,50 +77,47 @@ with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/d
 ```
 
 With `--record a.spots --record b.spots` both boards are recorded, and
-`--port recording:a.spots --port recording:b.spots` gives exactly the same terminals again.
-
-The firmware reads one sensor, so a linkage takes two boards. Frames have room for a sensor's
-number: a board of yours that sends two, 0 for joint 1 and 1 for joint 2, is taken with one
-`--port`, and has to hold its calibrations itself.
+`--port recording:a.spots --port recording:b.spots` returns exactly the same terminals again.
 
 ## The linkage file
 
 ```toml
-# arm.toml, as drawn. Inner bar 1, outer bar 1, outer bar 2, inner bar 2.
+# arm.toml with nominal lengths: inner bar 1, outer bar 1, outer bar 2, inner bar 2.
 bar_mm = [100.0, 100.0, 100.0, 100.0]
 base_mm = 80.0
 assembly = "far"
 
 [[joint]]  # at (0, 0)
-calibration = "a.toml"  # of its strip, with 'spots calibrate joint'; beside this file
-offset_deg = -108.0     # where that calibration has 0, counted as above
-gain = 1.0              # -1.0 for a strip that counts the other way
+calibration = "a.toml"  # file from 'spots calibrate joint', in the folder of this file
+offset_deg = -108.0     # joint angle where the calibration has 0
+gain = 1.0              # -1.0 if the calibration counts in the opposite direction
 
 [[joint]]  # at (base, 0)
 calibration = "b.toml"
 offset_deg = -108.0
 ```
 
-A calibration stores its board's id, which identifies the joint of each board.
+A calibration stores the id of its board, so the board of each joint is known.
 """
 
 _CALIBRATION = """
-## Lengths that nobody knows
+## Unknown lengths
 
-Parts come out wrong, and a protractor is set by eye.
+Bars are never exactly as long as in the drawing, and joints are never mounted exactly.
 
 ```sh
-spots twin --linkage drawn.toml --measure points.csv     # hold the terminal still, type where it is
+spots twin --linkage drawn.toml --measure points.csv     # hold the terminal, type its position
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-From the encoders' angles at some places and the terminal's position on a grid or machine laid
-anyhow, this finds the four bars, the base, the joints' offsets and gains and the frame of the
-grid, by robust least squares (`pip install 'spots-tactile[kinematics]'`). It names points that do
-not fit, gives standard errors, and names parameters that these places cannot separate: a picture
-of unknown scale, for example, gives ratios of lengths only. `--place-sigma-mm` is how well the
-places are known. The table may come from elsewhere: its columns are `x_mm`, `y_mm`, `joint1_deg`,
-`joint2_deg`, `sigma1_deg` and `sigma2_deg`, the joints by their own calibrations.
+This fits the lengths of the four bars and the base, the offsets and gains of the joints, and the
+position and rotation of the measuring grid, by robust least squares (`pip install
+'spots-tactile[kinematics]'`). It needs the angles of the encoders and the position of the terminal
+on any grid, at some places. It reports standard errors, points that do not fit, and
+parameters that these places cannot separate. For example, a picture of unknown scale determines
+only ratios of lengths. `--place-sigma-mm` is the standard error of a measured coordinate. Another
+program may write the table: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`,
+`sigma1_deg` and `sigma2_deg`, with the angles by the joints' own calibrations.
 
 ```python
 from spots.linkage import kinematics
@@ -156,7 +153,7 @@ def document(
     first = surveys[0].kinematics
     lines.append(
         f"From {CALIBRATION_PLACES} places, known to {PLACE_SIGMA_MM:g} mm, of the simulated "
-        "linkage (the first seed):\n\n| | as drawn | truth | found | standard error |\n"
+        "linkage (the first seed):\n\n| | nominal | true | fitted | standard error |\n"
         "| --- | --- | --- | --- | --- |\n"
     )
     truth = (*mechanism.bar_mm, mechanism.base_mm)
@@ -165,9 +162,10 @@ def document(
         found, error = first.values[key], first.standard_errors[key]
         lines.append(f"| {name} (mm) | {drew:g} | {true:.2f} | {found:.2f} | {error:.2f} |\n")
     lines.append(
-        f"\nThe rank is {first.rank} of {len(first.names)}, the condition {first.condition:.0f}, "
-        f"and the residuals are {first.misfit:.2f} times what the errors explain.\nThe lengths are "
-        "known less well than the terminal, because errors that go together cancel.\n"
+        f"\nThe rank is {first.rank} of {len(first.names)}, the condition number is "
+        f"{first.condition:.0f}, and the residuals are\n{first.misfit:.2f} times those expected "
+        "from the standard errors. The terminal is more accurate than the\nlengths, because "
+        "correlated errors cancel.\n"
     )
     lines.append(_path(runs))
     return "".join(lines)
@@ -179,24 +177,24 @@ def _workspace(surveys: list[Survey], linkage: LinkageFile, mechanism: Mechanism
         return f"{form.format(min(found))} to {form.format(max(found))}"
 
     rows = [
-        ("paper, Fig. 7C, a linkage of its own", "", "0.64"),
+        ("paper, Fig. 7C, another linkage", "", "0.64"),
         (
-            "lengths and mounting as drawn",
+            "nominal lengths and mounting",
             span(lambda s: s.drawn.mean_mm, "{:.2f}"),
             span(lambda s: s.drawn.max_mm, "{:.2f}"),
         ),
         (
-            "the true ones given",
+            "true lengths and mounting",
             span(lambda s: s.given.mean_mm),
             span(lambda s: s.given.max_mm),
         ),
         (
-            f"found from {CALIBRATION_PLACES} places, none given",
+            f"fitted to {CALIBRATION_PLACES} places",
             span(lambda s: s.calibrated.mean_mm),
             span(lambda s: s.calibrated.max_mm),
         ),
         (
-            "what the encoders' standard errors alone let expect",
+            "expected from the encoders' standard errors alone",
             span(lambda s: s.expected_mean_mm),
             span(lambda s: s.expected_max_mm),
         ),
@@ -208,23 +206,23 @@ def _workspace(surveys: list[Survey], linkage: LinkageFile, mechanism: Mechanism
     text = f"""
 ## Over the workspace
 
-A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`): bars of {bar:g} mm on a
-base of {base:g} mm, as drawn; as it came out, bars off by up to {off} and joints mounted up to
-{turned} off. Each joint moves an indenter with play along a default strip of its own, over
-{travel}. Each strip is read through the real firmware in simulated time, calibrated, and its
-joint calibrated with it. The terminal stops at {places} places of a grid over the workspace; one
-reading of {each:g} ms of each joint gives its position. Seeds {min(SEEDS)} to {max(SEEDS)}:
+A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`) has nominal bars of {bar:g} mm
+and a base of {base:g} mm. The true lengths differ by up to {off}, the true mounting of the joints
+by up to {turned}. Each joint moves an indenter with backlash along its own default strip, over
+{travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then
+its joint. The terminal stops at {places} places of a grid over the workspace; its position follows
+from one reading of {each:g} ms of each joint. Seeds {min(SEEDS)} to {max(SEEDS)}:
 
-| distance from the truth (mm) | mean | at most |
+| distance from the true position (mm) | mean | at most |
 | --- | --- | --- |
 """
     text += "".join(f"| {what} | {mean} | {most} |\n" for what, mean, most in rows)
     return (
         text
         + """
-With the lengths known the encoders' own errors are all that is left, and a kinematic calibration
-comes as near. The paper's figure holds the errors of a real mechanism (bearings, bars that bend,
-a frame that gives), of which only play and wrong lengths are simulated.
+With the true lengths, only the errors of the encoders remain; a kinematic calibration is as
+accurate. The paper's number includes all errors of a real mechanism, such as bearings and bending
+bars. Only backlash and wrong lengths are simulated.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
 """
@@ -235,10 +233,10 @@ def _path(runs: dict[int, list[PathRun]]) -> str:
     text = f"""
 ## On a path
 
-A hand that trembles guides the terminal along "SUST" (`host/spots_sim/data/paths/sust.toml`);
-the twin knows the true lengths. Seeds {min(SEEDS)} to {max(SEEDS)}, in mm:
+A hand with a tremor moves the terminal along "SUST" (`host/spots_sim/data/paths/sust.toml`). The
+twin uses the true lengths. Errors in mm, seeds {min(SEEDS)} to {max(SEEDS)}:
 
-| exposure | terminals a second | mean error | 95 % below | at most | rms | rms expected |
+| exposure | terminals a second | mean | 95 % below | at most | rms | expected rms |
 | --- | --- | --- | --- | --- | --- | --- |
 """
     for exposure_us, of_seeds in runs.items():
@@ -254,11 +252,11 @@ the twin knows the true lengths. Seeds {min(SEEDS)} to {max(SEEDS)}, in mm:
     return (
         text
         + f"""
-The expected error is what the twin reports with each terminal: the noise of the strips, their
-joints' straight lines and the play, through the Jacobian. Two things are not in it: what the
-terminal did between two readings, and the error of the dark frame. The board takes one at its
-start, and never again as long as the strip is pressed, which a joint's strip always is; beside the
-little noise of a longer exposure it shows.
+The twin reports an expected error with each terminal. The Jacobian computes it from the noise of
+the strips, the errors of the joint calibrations and the backlash. It does not include movements
+between two readings and the error of the dark frame. The board takes the dark frame at its start,
+and no other one while the strip is pressed, which is always so in a joint. With a long exposure the
+noise is small, and the error of the dark frame is the largest one.
 
 ![SUST: the terminal's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """

@@ -91,7 +91,7 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _demonstrate(options: argparse.Namespace) -> None:
-    from spots.web import browser
+    from . import browser
 
     plain = options.seconds is options.use is None and not (options.json or options.fast)
     if options.page or (plain and browser.opens()):

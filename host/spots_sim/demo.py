@@ -11,11 +11,11 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.serial_link import Tap
 from spots.terminal.monitor import watch
-from spots.web import browser
 from spots.web.board_feed import BoardReader, finder
 from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
 
+from . import browser
 from .demo_applications import play_controller, show_gestures, type_on_board
 from .faults import Faults, FaultyLink, of_scenario
 from .files import ScenarioFile, SensorFile, load

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from spots.errors import SpotsError
-from spots.linkage.digital_twin import Terminal
+from spots.linkage.digital_twin import Terminal, Twin
 from spots.linkage.mounted import is_mounted
 from spots.linkage.twin import Lines, show
-from spots.linkage.twin_source import driven
+from spots.linkage.twin_source import DrivenLinkage, Source, record_all
 
 from . import maps
 from .files import LinkageFile, PathFile, SensorFile, load
@@ -59,6 +61,57 @@ def endless(
     return Endless(*files, seed, exposure_us)
 
 
+@contextmanager
+def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
+    """Open both boards of a linkage that opens them itself; use it in a ``with`` block.
+
+    Parameters
+    ----------
+    machine : DrivenLinkage
+        The linkage, for example a simulated one.
+    record : list of str
+        Paths of two recordings to write, one for each board; none if empty.
+
+    Yields
+    ------
+    Source
+
+    Raises
+    ------
+    SpotsError
+        If a board cannot be opened.
+    """
+    with ExitStack() as stack:
+        boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]
+        record_all(stack, boards, record)
+        yield Source(Twin(machine.linkage, machine.encoders()), boards)
+
+
+def run(options) -> None:
+    """Run ``spots twin`` with a simulated linkage: live with a port, else against the truth.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options of ``spots twin``.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or an option needs real boards.
+    """
+    if options.port:
+        given = {"path": options.path, "exposure_us": options.exposure_us}
+        given = {name: value for name, value in given.items() if value is not None}
+        linkage = endless(options.sensor, options.linkage, seed=options.seed, **given)
+        with driven(linkage, options.record) as source:
+            show(source, options.seconds, options.json)
+    elif options.record or options.seconds:
+        raise SpotsError("--record and --seconds need boards: name them with --port")
+    else:
+        compare(options)
+
+
 def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
     """Show the default linkage on its path and return the figures of the run.
 
@@ -94,8 +147,8 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     if not quiet:
         print(headline(), flush=True)
     with driven(machine) as source:
-        shown = show(source, seconds, on_terminal=_ignore if quiet else None)
-        stats = source.stats()
+        shown = sum(1 for _ in source.follow(seconds)) if quiet else show(source, seconds)
+        stats = [board.stats for board in source.boards]
     return {
         "terminals": shown,
         "frames": sum(one.frames for one in stats),

@@ -28,7 +28,7 @@ from spots.link.connect import prepare
 from spots.link.serial_link import SerialLink
 
 from .files import ScenarioFile, SensorFile, load
-from .linkage_demo import compare, endless
+from .linkage_demo import endless, run
 from .runtimes import is_cpython
 from .stage import Stage, calibrate
 from .stage_presser import StagePresser
@@ -129,7 +129,7 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
 
 
 # Functions of the port scheme for a whole linkage.
-linkage, compare_linkage = endless, compare
+linkage, run_linkage = endless, run
 
 
 @contextmanager

@@ -34,9 +34,10 @@ from spots.recording.info import report, summary
 from spots.remote import subscribe
 from spots.terminal.view import StripView, plain
 from spots.wearable import wearable
-from spots.web.app import _ACK_MAX, _add_headers, _Drawn
+from spots.web.app import _ACK_MAX, _NUMBER, _add_headers
 from spots.web.feel import layout_shown
 from spots.web.guard import Guard
+from spots.web.pace import PagePace
 from spots_device import PROTOCOL, settings
 from spots_device.calibration import Calibration, CalibrationError
 from spots_device.decode import AVERAGE_MAX, Decode
@@ -310,7 +311,8 @@ def published(data: bytes) -> None:
 
 def page_message(data: bytes) -> None:
     """What a page sends: a number that was drawn, or the end of the connection."""
-    _Drawn().take(_text(data[:_ACK_MAX]))
+    if number := _NUMBER.fullmatch(_text(data[:_ACK_MAX])):
+        PagePace(lambda: 0.0).acknowledge(int(number[0]))
 
 
 _TOKEN = "kRx9-_token"

@@ -28,7 +28,6 @@ from spots.remote import mailbox, subscribe
 from spots.remote import zenoh_session as session_module
 from spots.remote.zenoh_link import ZenohLink
 from spots.web import app as app_module
-from spots.web import serve as serve_module
 from spots.web.board_feed import BoardReader
 from spots.web.recordings import START, Recordings
 from spots.web.serve import Server
@@ -125,27 +124,6 @@ def test_a_reader_that_cannot_show_its_state(fault):
     state.put = fault.into(state.put, at=20)
     wait_until(lambda: fault.raised)
     goes_on(reader, state)
-
-
-def test_who_watches_readers(fault, monkeypatch):
-    fault.patch(monkeypatch, BoardReader, "watch")
-    monkeypatch.setattr(serve_module, "_WATCH_EVERY_S", 0.01)
-    reader, state = reading(open_stand_in)
-    watched = []
-    watch = BoardReader.watch
-    monkeypatch.setattr(BoardReader, "watch", lambda self: (watched.append(1), watch(self)))
-    ended = asyncio.Event()
-    monkeypatch.setattr(serve_module, "_ended_by_sigterm", lambda: ended)
-
-    def serve():
-        serve_module.serve(state, "127.0.0.1", 0, [reader], lambda url: None)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    wait_until(lambda: len(watched) > 3 or not thread.is_alive())
-    ended._loop.call_soon_threadsafe(ended.set)
-    thread.join()
-    assert len(watched) > 3
 
 
 def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):

@@ -40,12 +40,12 @@ def test_what_a_file_leaves_out_is_as_in_the_default(tmp_path):
         ("rate_hz = 0.01", "rate_hz"),  # a lift would arrive after 100 s
         ("speed = 3", "speed"),
         ('[x]\nfrom = "colour"', "colour"),
-        ('[x]\nfrom = "position"\nrest_percent = 5', "must ascend"),
+        ('[x]\nfrom = "position"\nrest_percent = 5', "min_percent < rest_percent"),
         ('[x]\nfrom = "position"\nrest_mN = 5', "rest_mN"),
         ('[x]\nfrom = "position"\ndeadband = 1.0', "deadband"),
         ('[y]\nfrom = "force"\nrest_mN = 7000', "below max_mN"),
         ('[y]\nfrom = "force"\nrest_mN = 0.3\nmax_mN = 6', "max_mN"),  # in N
-        ('[[button]]\nwhen = "pressed"\nnumber = 1\npress_mN = 5', "5 mN, .* forces are in mN"),
+        ('[[button]]\nwhen = "pressed"\nnumber = 1\npress_mN = 5', "5 mN, .* write it in mN"),
         ('[[button]]\nwhen = "tapped"\nnumber = 1\nlongest_ms = 0.2', "longest_ms"),  # in s
         ('[z]\nfrom = "position"', "position"),
         ('[z]\nfrom = "force"\ninvert = true', "cannot be inverted"),
@@ -64,7 +64,7 @@ def test_what_is_wrong_is_one_sentence_with_file_and_key(tmp_path, text, complai
 
 
 def test_no_such_file_says_how_to_make_one(tmp_path):
-    with pytest.raises(SpotsError, match="--calibrate"):
+    with pytest.raises(SpotsError, match="cannot read the settings file"):
         load(tmp_path / "none.toml")
     with pytest.raises(SpotsError, match=r"there is no folder .*none: make it"):
         save(ControllerSettings(), tmp_path / "none" / "none.toml")

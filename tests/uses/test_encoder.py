@@ -185,7 +185,7 @@ def test_a_joints_fit_knows_the_noise_at_both_ends():
 def test_an_encoder_that_is_none():
     with pytest.raises(SpotsError, match="calibrate joint"):
         Encoder(None)
-    with pytest.raises(SpotsError, match="gain is not 0"):
+    with pytest.raises(SpotsError, match="gain must not be 0"):
         Encoder(JOINT, gain=0.0)
     with pytest.raises(SpotsError, match="finite"):
         Encoder(JOINT, offset_rad=math.nan)

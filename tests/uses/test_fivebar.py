@@ -250,8 +250,8 @@ def test_shapes_broadcast_and_masks_stay():
     [
         (0, 80, "far", "positive"),
         (100, math.nan, "far", "positive"),
-        ((1, 2, 3), 80, "far", "one bar length, or four"),
-        ("long", 80, "far", "one bar length, or four"),
+        ((1, 2, 3), 80, "far", "one bar length or four"),
+        ("long", 80, "far", "one bar length or four"),
         (10, 80, "far", "more than the others"),
         (100, 80, "up", "'far' or 'near'"),
     ],

@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from spots import cli
 from spots.link.frames import Touch
 from spots.wearable import gestures as g
 from spots.wearable.gestures import Gestures
@@ -191,3 +192,10 @@ def test_a_finger_of_before_the_silence_is_forgotten(arm):
     arm.go(30, 30, 0.12)
     arm.lift(1)
     assert arm.names == [g.TAP]
+
+
+def test_a_dry_run_says_at_once_which_gestures_it_waits_for(capsys):
+    arguments = ["wearable", "--dry-run", "--port", "virtual", "--seconds", "0.1"]
+    assert cli.main(arguments) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith("waiting for one of these gestures: tap, double_tap, hold")

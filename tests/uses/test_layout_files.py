@@ -70,15 +70,15 @@ HEAD = 'name = "x"\n[[layer]]\nname = "a"\n'
 MISTAKES = {
     'keys = ["A", "ENTRE"]': "line 4: in layer 'a', key 2: there is no key 'ENTRE'.*ENTER",
     'keys = ["LEFT_SHFT+A"]': "line 4: in layer 'a', key 1: there is no key 'LEFT_SHFT'",
-    'keys = ["A+B"]': "line 4.*'A' is no modifier; there are LEFT_CONTROL",
-    'keys = ["LEFT_SHIFT+MUTE"]': "line 4.*'MUTE' takes no modifiers",
+    'keys = ["A+B"]': "line 4.*'A' is not a modifier: use one of LEFT_CONTROL",
+    'keys = ["LEFT_SHIFT+MUTE"]': "line 4.*'MUTE' cannot have modifiers",
     'keys = ["toggle b"]': "line 4.*no layer is called 'b'; there are a",
     'keys = [{tap = "A", hodl = "B"}]': "line 4.*hodl",
     "keys = []": "line 4.*keys",
     'keys = ["A"]\ngap_percent = 90': "line 5.*gap_percent",
     'keys = ["A"\nswipe_plus = 1': "line 5",
     'keys = ["A"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
-        "line 6: nothing leads to layer 'b': give a key 'toggle b'"
+        "line 6: no key leads to layer 'b': give a key 'toggle b'"
     ),
     'keys = ["toggle b"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
         "line 6: layer 'b' cannot be left: give one of its keys 'toggle b'"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 
 from spots import Encoder, Linkage, SpotsError, Twin, cli
 from spots.linkage import twin as twin_command
-from spots.linkage.digital_twin import merged, readings
 from spots.linkage.fivebar import Limit
 from spots_sim import linkage_demo, survey
 from spots_sim.files import LinkageFile, PathFile, SensorFile, load
@@ -156,17 +154,6 @@ def test_two_encoders_it_is():
         Twin(LINKAGE, (Encoder(JOINT),))
 
 
-def test_one_board_with_two_sensors_is_read_by_sensor():
-    pair = [at(-0.3, 0.0), at(-0.6, 0.0)._replace(sensor=1)]
-    board = SimpleNamespace(
-        command=lambda line: {},
-        now_s=iter((0.0, 0.0, 1.0)).__next__,
-        frames=lambda seconds: iter(pair),
-        stats=SimpleNamespace(restarts=0),
-    )
-    assert [joint for joint, _ in readings([board], 1.0)] == [0, 1]
-
-
 def test_sust_is_followed(run, files):
     figures = run.summary()
     assert figures["lost"] == figures["beyond_limits"] == 0
@@ -197,14 +184,12 @@ def test_a_run_repeats_and_a_recording_tells_the_same(short):
     first = survey.follow(*short, seed=5)
     motion = guided(path, START_S)
     with Simulation(sensor, linkage, motion, 5, 30_000) as simulation:
-        kept = [[], []]
-        for joint, touch in simulation.readings():
-            kept[joint].append(touch)
+        kept = sorted(simulation.readings(), key=lambda pair: pair[1].time_s)
         encoders = simulation.encoders()
         true = Linkage(simulation.mechanism.bar_mm, simulation.mechanism.base_mm)
     again = [
         terminal
-        for terminal in Twin(true, encoders).follow(merged(*kept))
+        for terminal in Twin(true, encoders).follow(kept)
         if START_S <= terminal.time_s <= motion.seconds
     ]
     assert again == first.terminals

@@ -92,7 +92,7 @@ def machine(built, monkeypatch):
 def told(arm, ports, record=(), seconds=None):
     with twin_source.opened(arm, ports, record) as source:
         terminals = list(source.twin.follow(source.readings(seconds)))
-        return terminals, source.stats()
+        return terminals, [board.stats for board in source.boards]
 
 
 def test_boards_tell_where_the_terminal_is_and_their_recordings_tell_the_same(machine, tmp_path):
@@ -140,6 +140,7 @@ def test_a_board_that_refuses_after_a_restart_is_asked_again_for_a_while():
         now_s=lambda: float(next(clock)),
         frames=lambda seconds: iter(()),
         stats=stats,
+        ended=False,
     )
     pairs = twin_source.readings([board], None, restarted)
     stats.restarts = 0
@@ -214,7 +215,7 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
     names, closed, given = ["B", "C", "A"], [], []
 
     class There:
-        read_only = False
+        read_only = ended = False
 
         def __init__(self, name):
             self.info, self.port, self.stats = {"id": name}, f"port {name}", LinkStats()
@@ -241,7 +242,7 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
         twin_source, "prepare", lambda board, lines: given.append((board.port, *lines))
     )
     with twin_source.opened(machine.arm) as source:
-        assert source.names == ["port A", "port B"]
+        assert [board.port for board in source.boards] == ["port A", "port B"]
         assert given == [("port A", "A"), ("port B", "B")]
         assert closed == ["port C"]
     names.remove("A")
@@ -277,7 +278,7 @@ def test_the_picture_names_what_is_wrong():
     assert twin.trail[-1].limit.sentence in text
     assert "●" not in text
     twin.take(1, reading(position_um, 50, time_s=4.0))
-    assert "no angle of joint 1: is its strip pressed?" in seen(4.0)
+    assert "no angle of joint 1: check that" in seen(4.0)
 
 
 HEAD = "bar_mm = [100, 100, 100, 100]\nbase_mm = 80\n"
@@ -291,13 +292,16 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         (HEAD + JOINTS + "[grip]\n", "unknown field `grip`"),
         ("base_mm = 80\n" + JOINTS, "missing required field `bar_mm`"),
         (HEAD + "[[joint]]\ncalibration = 'a'\noffset_deg = 0\n", "there are 1 .*linkage has two"),
-        (HEAD.replace("80", "800") + JOINTS, "more than the others together reach"),
+        (HEAD.replace("80", "800") + JOINTS, "is more than the others of the linkage together"),
         ("bar_mm = [0.1, 0.1, 0.1, 0.1]\nbase_mm = 0.08\n" + JOINTS, r">= 1(.0)?.*bar_mm"),  # in m
         (HEAD + "assembly = 'up'\n" + JOINTS, "'far' or 'near', not 'up'"),
-        (HEAD + JOINTS + "gain = 0\n", r"a gain is about 1, .* - at `\$.joint\[1\]`"),
+        (HEAD + JOINTS + "gain = 0\n", r"gain must be about 1, .* - at `\$.joint\[1\]`"),
         (HEAD + JOINTS + "offset_deg = nan\n", "arm.toml: "),
         (HEAD + JOINTS.replace("strip", "none"), "joint 1: there is no file .*none.toml"),
-        (HEAD + JOINTS.replace("strip", "bare"), "joint 1: .*bare.toml holds no joint: run"),
+        (
+            HEAD + JOINTS.replace("strip", "bare"),
+            "joint 1: .*bare.toml has no calibration of a joint: run",
+        ),
     ],
 )
 def test_a_linkage_file_that_is_wrong_says_where(text, words, machine, tmp_path, capsys):
@@ -331,33 +335,41 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
     paths = [tmp_path / "a.spots", tmp_path / "b.spots"]
     told(machine.arm, ["0", "1"], paths, 0.1)
     ports = [f"recording:{path}" for path in paths]
-    info = {"id": "feed", "calibration": "0000"}
     with pytest.raises(SpotsError, match=r"joint 2, x: this is board feed, .* order of the joints"):
-        twin_source.check(machine.strip, info, 2, "x")
+        twin_source.give(
+            SimpleNamespace(command=lambda _: {"id": "feed"}, port="x"), machine.strip, 2
+        )
     lines = (*machine.strip.lines[:-1], machine.strip.lines[-1] + " ")
     other = msgspec.structs.replace(machine.strip, lines=lines)
     file.save(other, tmp_path / "strip.toml")
     arm = tmp_path / "arm.toml"
     arm.write_text(machine.arm.read_text())
-    with pytest.raises(SpotsError, match=r"joint 1, .*a.spots: recorded with calibration"):
+    with pytest.raises(SpotsError, match=r"joint 1, .*a.spots: it uses calibration"):
         told(arm, ports)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--port", "0", "--port", "1", "--port", "0"], "two joints: name two ports, or one"),
-        (["--port", "0", "--port", "1", "--record", "a"], "there are 2 boards"),
-        (["--port", "recording:a", "--port", "1"], "recordings are played with recordings"),
+        (["--port", "0"], "two joints with a board each, and 1 --port is given"),
+        (["--port", "0", "--port", "1", "--port", "0"], "each, and 3 --port is given"),
+        (["--port", "0", "--port", "1", "--record", "a"], "name two, one for each board"),
+        (["--port", "recording:a", "--port", "1"], "is a recording, and the other is not"),
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
-        (["--port", "recording:a", "--measure", "p.csv"], "--measure is for boards"),
+        (["--port", "recording:a", "--measure", "p.csv"], "--measure needs real boards"),
         (["--port", "virtual"], "arm.toml describes a linkage with real boards: leave out"),
-        (["--port", "0", "--port", "1", "--picture", "a.png"], "--picture draws a simulated"),
-        (["--port", "0", "--measure", "p.csv", "--picture", "a.png"], "--picture draws"),
-        (["--calibrate", "p.csv", "--port", "0"], "--calibrate reads points, and no board"),
-        (["--calibrate", "p.csv", "--seconds", "3"], "--calibrate reads points, and no board"),
-        (["--calibrate", "p.csv", "--json"], "--calibrate reads points, and no board"),
-        (["--out", "a.toml"], "--out is what --calibrate POINTS.csv finds"),
+        (["--port", "0", "--port", "1", "--picture", "a.png"], "--picture compares the twin"),
+        (["--port", "0", "--measure", "p.csv", "--picture", "a.png"], "--picture compares"),
+        (
+            ["--calibrate", "p.csv", "--port", "0"],
+            "--calibrate reads a file of points and no board",
+        ),
+        (
+            ["--calibrate", "p.csv", "--seconds", "3"],
+            "--calibrate reads a file of points and no board",
+        ),
+        (["--calibrate", "p.csv", "--json"], "--calibrate reads a file of points and no board"),
+        (["--out", "a.toml"], "--out writes what --calibrate finds"),
     ],
 )
 def test_options_that_do_not_go_together(arguments, words, machine, capsys):
@@ -370,9 +382,9 @@ def test_options_that_do_not_go_together(arguments, words, machine, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--record", "a.spots"], "are for boards: name them with --port"),
-        (["--port", "virtual", "--measure", "p.csv"], "--measure is for boards"),
-        (["--port", "virtual", "--picture", "a.png"], "--port virtual has no end"),
+        (["--record", "a.spots"], "need boards: name them with --port"),
+        (["--port", "virtual", "--measure", "p.csv"], "--measure needs real boards"),
+        (["--port", "virtual", "--picture", "a.png"], "recordings and --port virtual"),
     ],
 )
 def test_what_a_simulation_cannot_do_is_refused(arguments, words, monkeypatch, capsys):

@@ -55,7 +55,7 @@ def test_points_become_a_linkage_file(files, capsys):
     assert calibrate(files, "--out", str(out)) == 0
     report = capsys.readouterr().out
     assert "from 40 points" in report
-    assert "points that do not fit, by line of the file: 9\n" in report
+    assert "places that do not fit: 9\n" in report
     assert "rank 12 of 12" in report
     arm = mounted.load(out)
     assert arm.bar_mm == pytest.approx([FOUND[f"bar{i}_mm"] for i in (1, 2, 3, 4)], abs=0.2)
@@ -77,7 +77,7 @@ def test_points_become_a_linkage_file(files, capsys):
 def test_without_a_name_nothing_is_written(files, capsys):
     before = sorted(files.iterdir())
     assert calibrate(files) == 0
-    assert "nothing was written: --out" in capsys.readouterr().out
+    assert "nothing was written: add --out" in capsys.readouterr().out
     assert sorted(files.iterdir()) == before
 
 
@@ -115,7 +115,7 @@ def test_what_points_cannot_tell_is_named(files, capsys):
     assert len(kept) > 7
     (files / "points.csv").write_text("\n".join(kept))
     assert calibrate(files) == 0
-    assert "these places do not separate" in capsys.readouterr().out
+    assert "these places do not determine" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -123,8 +123,14 @@ def test_what_points_cannot_tell_is_named(files, capsys):
     [
         ("x_mm,y_mm\n1,2\n", "points.csv has no column joint1_deg, joint2_deg, sigma1_deg"),
         ("", "points.csv has no column x_mm"),
-        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,six\n", "line 2: sigma2_deg is a number, "),
-        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5\n", "line 2: sigma2_deg is a number, not ''"),
+        (
+            ",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,six\n",
+            "line 2: sigma2_deg must be a number, ",
+        ),
+        (
+            ",".join(twin_points.COLUMNS) + "\n1,2,3,4,5\n",
+            "line 2: sigma2_deg must be a number, not ''",
+        ),
         (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,0\n", "line 2: sigma2_deg .* more than 0"),
         (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 places are 2 numbers"),
         (None, "there is no file .*points.csv: .* --measure"),
@@ -152,7 +158,8 @@ def test_points_are_measured_one_by_one(tmp_path):
                     place_um = (angle + 20) / 0.002 + (-1) ** i
                     yield joint, reading(place_um, i, time_s=1 + 0.03 * i)
 
-    source = SimpleNamespace(twin=twin, readings=readings, now_s=lambda: 1.0)
+    boards = [SimpleNamespace(now_s=lambda: 1.0)]
+    source = SimpleNamespace(twin=twin, readings=readings, boards=boards)
     points = tmp_path / "points.csv"
     said = []
 
@@ -161,7 +168,7 @@ def test_points_are_measured_one_by_one(tmp_path):
         return twin_points.measure(source, points, lambda question: next(replies), said.append)
 
     assert measure("40 150", "forty 150", "40", "nan 3", "1e999 5", "5 -inf") == 1
-    assert said.count("two numbers in mm, such as: 40 150") == 5
+    assert said.count("type two numbers in mm, such as: 40 150") == 5
     angles_deg[:] = 41.0, None
     assert measure("41 150") == 1
     assert "joint 2 gives no angle" in said[-1]

@@ -204,7 +204,9 @@ def test_a_lost_board_and_a_lost_server_have_a_next_step(bench, serve, open_page
     expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
     expect(step).to_be_hidden()
     one.unplug()
-    expect(step).to_have_text(re.compile("^the board is lost; next: .* plug"), timeout=LONG_MS)
+    expect(step).to_have_text(
+        re.compile("^the board is disconnected; next: .* plug"), timeout=LONG_MS
+    )
     server.stop()
     expect(step).to_have_text(re.compile("; next: start 'spots serve'"), timeout=LONG_MS)
     one.replug()
@@ -247,7 +249,7 @@ def test_a_server_that_restarts_is_found_again(bench, serve, open_page):
     board, press = page.locator("#board"), page.locator(".press.on")
     expect(press).to_have_count(1, timeout=LONG_MS)
     server.stop()
-    expect(board).to_have_text("looking for the server", timeout=LONG_MS)
+    expect(board).to_have_text("searching for the server", timeout=LONG_MS)
     expect(press).to_have_count(0)
     serve(one.state, port=server.port)
     expect(press).to_have_count(1, timeout=LONG_MS)

@@ -12,7 +12,8 @@ import spots_sim.demo
 from serving import apart
 from spots.cli import main
 from spots.errors import SpotsError
-from spots.web import browser, serve
+from spots.web import serve
+from spots_sim import browser
 
 
 @pytest.fixture

@@ -319,7 +319,7 @@ def test_home_needs_no_token():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--address", "example.org"], "is no IP address"),
+        (["--address", "example.org"], "is not an IP address"),
         (["--address", "192.0.2.1"], "cannot serve on 192.0.2.1"),
         (["--layout", "nowhere"], "cannot read the layout"),
         (["--port", "virtual", "--sensor", "nowhere"], "cannot read the sensor file"),

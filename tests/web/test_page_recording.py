@@ -46,7 +46,7 @@ def ready(one):
     while True:
         with pytest.raises(SpotsError) as refused:
             one.recordings.ask("stop").result(60)
-        if "nothing is being recorded" in str(refused.value):
+        if "no recording to stop" in str(refused.value):
             return
         time.sleep(0.02)
 
@@ -130,7 +130,10 @@ def test_without_a_folder_there_is_nothing_to_command(serve):
 def test_what_cannot_be_is_told(recorded, tmp_path, serve):
     _, server = recorded
     token = token_of(server)
-    assert post(server, "stop", token=token) == (409, "nothing is being recorded")
+    assert post(server, "stop", token=token) == (
+        409,
+        "there is no recording to stop: start one first",
+    )
     assert post(server, "start", token=token)[0] == 204
     status, text = post(server, "start", token=token)
     assert (status, "recorded already" in text) == (409, True)
@@ -138,7 +141,10 @@ def test_what_cannot_be_is_told(recorded, tmp_path, serve):
     state = PageState()
     nobody = Recordings(tmp_path, state)
     lonely = serve(state, recordings=nobody)
-    assert post(lonely, "start", token=token_of(lonely)) == (409, "there is no board to record")
+    assert post(lonely, "start", token=token_of(lonely)) == (
+        409,
+        "there is no board to record: plug one in",
+    )
 
 
 def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
@@ -161,7 +167,7 @@ def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
     ("port", "folder", "says"),
     [
         ("virtual", "nowhere", "there is no folder"),
-        ("recording:run.spots", ".", "is for one board"),
+        ("recording:run.spots", ".", "works with one board"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, tmp_path, port, folder, says):

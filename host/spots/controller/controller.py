@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Protocol
 
 import msgspec
@@ -27,21 +27,21 @@ from .controller_setup import set_up
 from .gamepad_engine import Controller
 from .stick import picture
 
-_TICK_S = 0.005  # how late a state may be that no reading asks for
+_TICK_S = 0.005  # largest delay of a state that follows from a timeout
 _READINGS_BRIDGED = 1.5
 
 
 def controller_command(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
     settings = None if options.calibrate else load(options.settings or DEFAULT)
-    with released_by_signals(), open_named(options) as board:
+    with released_by_signals(), suppress(KeyboardInterrupt), open_named(options) as board:
         if settings is None:
             set_up(board, options.settings or "controller.toml")
             return
         controller = controller_for(board, settings)
         if board.info["gamepad"] and not options.dry_run:
             raise SpotsError(
-                "the board is a gamepad itself, and every touch would count twice: "
+                "the board is a gamepad itself, so each touch would count twice: run "
                 "'spots command gamepad off' first"
             )
         drawing = Console().is_terminal and not options.dry_run
@@ -54,28 +54,28 @@ def controller_command(options: argparse.Namespace) -> None:
 
 
 class Watcher(Protocol):
-    """Receives each reading and each controller state while `play` runs."""
+    """Observer of readings and gamepad states while `play` runs."""
 
     def read(self, touch: Touch, state: State) -> None:
-        """Take a reading and the state after it.
+        """Handle a reading.
 
         Parameters
         ----------
         touch : Touch
             The reading.
         state : State
-            What the controller makes of it.
+            State of the controller after the reading.
         """
 
     def sent(self, state: State, now_s: float) -> None:
-        """Take a state that is sent at a time of the link's clock.
+        """Handle a state that is sent to the gamepad.
 
         Parameters
         ----------
         state : State
-            What the gamepad gets.
+            State that the gamepad gets.
         now_s : float
-            In seconds.
+            Present time in seconds, by the link's clock.
         """
 
 
@@ -86,23 +86,25 @@ def play(
     seconds: float | None = None,
     watchers: Sequence[Watcher] = (),
 ) -> None:
-    """Play a gamepad from a board's first strip.
+    """Play a gamepad from the readings of a board.
 
     Parameters
     ----------
     board : Board
-        It is set to follow the baseline.
+        Board with a calibrated strip. Its ``baseline`` setting is switched on.
     controller : Controller
+        Controller that computes the states.
     gamepad : Gamepad
-        The caller releases it, on every exit path.
+        Gamepad that gets the states. The caller must close it, which releases everything.
     seconds : float, optional
-        End after this time of the link's clock; never, if not given.
+        Time after which to end, in seconds by the link's clock; no limit if not given.
     watchers : sequence of Watcher, optional
+        Observers of the readings and the states.
 
     Raises
     ------
     SpotsError
-        If the board is lost, or the gamepad takes no more events.
+        If the board is lost, or the gamepad refuses events.
     """
 
     def send(state: State | None) -> None:
@@ -122,14 +124,16 @@ def play(
 
 
 def controller_for(board: Board, settings: ControllerSettings) -> Controller:
-    """Return a controller for a board's strip.
+    """Return a controller for the strip of a board.
 
-    It bridges at least one reading that failed, within ``hold_ms``.
+    ``release_ms`` is increased if needed, so that one failed reading does not release a touch.
 
     Parameters
     ----------
     board : Board
+        Board with a calibrated strip.
     settings : ControllerSettings
+        Axes, buttons and timeouts.
 
     Returns
     -------
@@ -138,7 +142,8 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     Raises
     ------
     SpotsError
-        If the board has no calibration, or its readings come less often than ``hold_ms``.
+        If the board has no calibration, or the time between its readings is longer than
+        ``hold_ms``.
     """
     info = hello_often(
         board,
@@ -151,15 +156,18 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
 
 
 class ControllerView:
-    """The picture of a controller that is played; a `Watcher`.
+    """Draws a controller while `play` runs; a `Watcher`.
 
     Parameters
     ----------
     board : Board
+        Board that is played, for the title and the link statistics.
     controller : Controller
+        Controller to draw.
     settings : ControllerSettings
+        Settings of the controller, for the number of buttons.
     display : rich.live.Live or None
-        Where to draw it now and then.
+        Live display to update; None if only `picture` is used.
     """
 
     def __init__(
@@ -183,7 +191,7 @@ class ControllerView:
         self._states += 1
 
     def picture(self) -> Panel:
-        """Return the picture as it is now."""
+        """Return the picture of the present state."""
         stats = self._board.stats
         facts = f"states {self._states}   frames {stats.frames}   lost {stats.lost}"
         controller = self._controller

@@ -1,6 +1,6 @@
-"""Settings of the controller: a TOML file, every key checked, units in the names.
+"""Settings of the controller: a TOML file whose keys are validated.
 
-``data/controller.toml`` is the default and says what each key does.
+The default file ``data/controller.toml`` explains each key.
 """
 
 from __future__ import annotations
@@ -12,18 +12,16 @@ from typing import Annotated, Union
 import msgspec
 
 from .. import atomic, toml
-from ..bounded import read_text
-from ..errors import SpotsError
 
 DEFAULT = Path(__file__).parent / "data" / "controller.toml"
 
 Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Force = Annotated[float, msgspec.Meta(ge=0, le=65_535)]
-# Less is a force in N: no finger presses so lightly, and no strip feels it.
+# A smaller value is probably in N: a strip cannot measure such a light press.
 _FINGER_MN = 50
 Time = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
-# A slower one would keep a lift from the computer.
+# A lower rate would delay the lift of a finger.
 Rate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
 Hertz = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
 
@@ -33,7 +31,7 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Smooth(_Struct):
-    """See `one_euro.OneEuro`; the signal is the deflection, 1 at an end."""
+    """Settings of the filter `one_euro.OneEuro`; its signal is the deflection, from -1 to 1."""
 
     min_cutoff_hz: Hertz = 2.0
     beta: Annotated[float, msgspec.Meta(ge=0, le=1000)] = 16.0
@@ -48,7 +46,7 @@ class _Axis(_Struct, tag_field="from"):
 
 
 class PositionAxis(_Axis, tag="position"):
-    """An axis that follows where the finger is, in per cent of the strip from the sensor on."""
+    """An axis that follows the position of the finger, in % of the strip from the sensor."""
 
     rest_percent: Percent = 50.0
     min_percent: Percent = 5.0
@@ -56,11 +54,11 @@ class PositionAxis(_Axis, tag="position"):
 
     def __post_init__(self):
         if not self.min_percent < self.rest_percent < self.max_percent:
-            raise ValueError("min_percent, rest_percent, max_percent must ascend")
+            raise ValueError("min_percent < rest_percent < max_percent must hold")
 
 
 class ForceAxis(_Axis, tag="force"):
-    """An axis that follows how hard the finger presses."""
+    """An axis that follows the force of the finger, in mN."""
 
     rest_mN: Force = 300.0
     max_mN: Annotated[float, msgspec.Meta(ge=_FINGER_MN, le=65_535)] = 6000.0
@@ -81,7 +79,7 @@ class _Button(_Struct, tag_field="when"):
 
 
 class Pressed(_Button, tag="pressed"):
-    """A button that is down while a touch that began in its zone presses hard."""
+    """A button that is down while a touch that began in its zone presses hard enough."""
 
     press_mN: Force = 0.0
     release_mN: Force = 0.0
@@ -90,21 +88,21 @@ class Pressed(_Button, tag="pressed"):
         super().__post_init__()
         if 0 < self.press_mN < _FINGER_MN:
             raise ValueError(
-                f"press_mN is {self.press_mN:g} mN, which no finger is: forces are in mN"
+                f"press_mN is {self.press_mN:g} mN, less than any finger presses: write it in mN"
             )
         if self.release_mN > self.press_mN:
             raise ValueError("release_mN must not be above press_mN")
 
 
 class Tapped(_Button, tag="tapped"):
-    """A button that a short touch in its zone pushes for a moment."""
+    """A button that a short touch in its zone presses for `pulse_ms`."""
 
     longest_ms: Annotated[float, msgspec.Meta(ge=10, le=10_000)] = 200.0
     pulse_ms: Annotated[float, msgspec.Meta(ge=1, le=10_000)] = 50.0
 
 
 class ControllerSettings(_Struct):
-    """All of a controller."""
+    """All settings of a controller."""
 
     hold_ms: Time = 100.0
     release_ms: Time = 15.0
@@ -116,7 +114,7 @@ class ControllerSettings(_Struct):
 
     def __post_init__(self):
         if self.z is not None and self.z.invert:
-            raise ValueError("z has one side only: it cannot be inverted")
+            raise ValueError("z is a one-sided axis and cannot be inverted: remove invert")
 
 
 def load(path: str | Path = DEFAULT) -> ControllerSettings:
@@ -125,31 +123,26 @@ def load(path: str | Path = DEFAULT) -> ControllerSettings:
     Raises
     ------
     SpotsError
-        If there is no such file, or a key in it is unknown, missing or out of range.
+        If the file does not exist, or a key in it is unknown, missing or out of range.
     """
-    try:
-        text = read_text(path)
-    except (OSError, UnicodeDecodeError):
-        raise SpotsError(
-            f"cannot read the settings file {path}: make one with 'spots controller --calibrate'"
-        ) from None
+    path, text = toml.find(path, DEFAULT.parent, "settings")
     return toml.checked(text, ControllerSettings, f"settings file {path}")
 
 
 def save(settings: ControllerSettings, path: str | Path) -> None:
-    """Write a settings file, without comments; see `atomic.write_text`.
+    """Write a settings file, without comments. An existing file is replaced atomically.
 
     Parameters
     ----------
     settings : ControllerSettings
-        Written whole, defaults included.
+        Settings to write, including those that have default values.
     path : str or Path
-        A file there is replaced.
+        Path of the file.
 
     Raises
     ------
     SpotsError
-        If it cannot be written; then what was there still is.
+        If the file cannot be written; an existing file is then unchanged.
     """
     content = msgspec.to_builtins(settings)
     buttons = content.pop("button")

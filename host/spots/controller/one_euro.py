@@ -1,4 +1,4 @@
-"""The 1-Euro filter: a low pass whose cutoff grows with speed.
+"""The 1-Euro filter: a low-pass filter whose cutoff frequency rises with speed.
 
 Casiez, Roussel and Vogel, 1 Euro Filter: a simple speed-based low-pass filter for noisy input in
 interactive systems, CHI 2012, algorithms 1 and 2.
@@ -10,17 +10,17 @@ import math
 
 
 class OneEuro:
-    """Filters one number.
+    """1-Euro filter of one signal.
 
     Parameters
     ----------
     min_cutoff_hz : float
-        Cutoff of what stands still: the lower, the calmer.
+        Cutoff frequency of a signal at rest, in Hz. A lower value reduces jitter.
     beta : float
-        How much the cutoff rises with speed, in Hz for a unit of the signal a second: the
-        higher, the less it lags.
+        Rise of the cutoff frequency with speed, in Hz per signal unit per second. A higher value
+        reduces lag.
     derivative_cutoff_hz : float
-        Cutoff of the speed.
+        Cutoff frequency of the speed filter, in Hz.
     """
 
     def __init__(self, min_cutoff_hz: float, beta: float, derivative_cutoff_hz: float):
@@ -30,27 +30,26 @@ class OneEuro:
         self.reset()
 
     def reset(self) -> None:
-        """Forget; the next value comes out as it is."""
+        """Drop the state of the filter; the next value passes unfiltered."""
         self._value: float | None = None
         self._per_s = 0.0
 
     def take(self, value: float, dt_s: float) -> float:
-        """Filter one value.
+        """Return the filtered value of a new sample.
 
-        Low-pass filter whose cutoff is ``min_cutoff_hz + beta * |speed|`` (Casiez et al. 2012, "1
-        Euro Filter", CHI '12).
+        The cutoff frequency is ``min_cutoff_hz + beta * |speed|``.
 
         Parameters
         ----------
         value : float
-            The new value, in the unit of the signal.
+            New sample, in the unit of the signal.
         dt_s : float
-            Time since the value before, in seconds; a value with 0 or less is ignored.
+            Time since the sample before, in seconds. If it is 0 or less, the sample is ignored.
 
         Returns
         -------
         float
-            The filtered value; the first value as it is.
+            Filtered value; the first sample is returned unfiltered.
         """
         if self._value is None:
             self._value = value
@@ -63,5 +62,5 @@ class OneEuro:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Return the weight of a new value in a first-order low pass."""
+    """Return the weight of a new sample in a first-order low-pass filter."""
     return 1 / (1 + 1 / (2 * math.pi * cutoff_hz * dt_s))

@@ -1,43 +1,43 @@
-"""What turns a reading into a stick's deflection: pure functions of one number."""
+"""Shape of an axis: from a reading's value to a deflection. Pure functions of one number."""
 
 from __future__ import annotations
 
 
 def deflection(value: float, rest: float, low: float, high: float) -> float:
-    """Return -1 at `low`, 0 at `rest`, 1 at `high`, in straight lines, and no more beyond.
+    """Map a value to a deflection: -1 at `low`, 0 at `rest`, 1 at `high`, linear between.
 
-    Rest need not be in the middle; ``low=-math.inf`` makes an axis of one side.
+    `rest` need not be in the middle. ``low=-math.inf`` makes a one-sided axis.
 
     Parameters
     ----------
     value : float
         Position or force, in any unit.
     rest, low, high : float
-        In the same unit, ``low < rest < high``.
+        Values at rest and at both ends, in the same unit; ``low < rest < high``.
 
     Returns
     -------
     float
-        From -1 to 1.
+        Deflection, limited to -1 to 1.
     """
     share = (value - rest) / (high - rest) if value >= rest else (value - rest) / (rest - low)
     return max(-1.0, min(share, 1.0))
 
 
 def deadband(u: float, width: float) -> float:
-    """Return 0 within `width` (0 to below 1) of 0; the rest is stretched to begin at 0.
+    """Apply a deadband: 0 within `width` of 0; the rest is stretched so that it starts at 0.
 
     Parameters
     ----------
     u : float
         Deflection, from -1 to 1.
     width : float
-        From 0 to below 1.
+        Half width of the deadband, from 0 to below 1.
 
     Returns
     -------
     float
-        From -1 to 1; continuous.
+        Deflection, from -1 to 1; continuous.
     """
     if abs(u) <= width:
         return 0.0
@@ -45,41 +45,41 @@ def deadband(u: float, width: float) -> float:
 
 
 def expo(u: float, amount: float) -> float:
-    """Return a mix of `u` and its cube: `amount` (0 to 1) makes it finer near 0.
+    """Mix a deflection with its cube, which makes the axis finer near 0.
 
     Parameters
     ----------
     u : float
         Deflection, from -1 to 1.
     amount : float
-        0 for a straight line, 1 for the cube.
+        Share of the cube: 0 for a straight line, 1 for the cube alone.
 
     Returns
     -------
     float
-        From -1 to 1.
+        Deflection, from -1 to 1.
     """
     return u - amount * (u - u**3)
 
 
 def shaped(u: float, width: float, amount: float, invert: bool) -> float:
-    """Return a deflection after deadband, expo and inversion.
+    """Apply deadband, expo and inversion to a deflection.
 
     Parameters
     ----------
     u : float
         Deflection, from -1 to 1.
     width : float
-        Of the deadband, see `deadband`.
+        Half width of the deadband, see `deadband`.
     amount : float
-        Of the cube, see `expo`.
+        Share of the cube, see `expo`.
     invert : bool
-        Whether the sign is changed.
+        Whether to change the sign.
 
     Returns
     -------
     float
-        From -1 to 1.
+        Deflection, from -1 to 1.
     """
     u = expo(deadband(u, width), amount)
     return -u if invert else u

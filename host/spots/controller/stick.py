@@ -1,4 +1,4 @@
-"""The picture of a controller in the terminal: stick, force and buttons."""
+"""Picture of a controller in the terminal: stick, force and buttons."""
 
 from __future__ import annotations
 
@@ -11,24 +11,27 @@ from ..errors import printable
 from ..outputs.devices import AXIS_MAX, BUTTONS, REST, State
 from ..terminal.view import bar
 
-_COLUMNS = 61  # odd, so that rest is a column
+_COLUMNS = 61  # odd, so that there is a middle column
 _KNOB = 7
 
 
 def picture(
     state: State, held: bool = False, buttons: int = BUTTONS, title: str = "", facts: str = ""
 ) -> Panel:
-    """Return the picture of a state.
+    """Return the picture of a gamepad state.
 
     Parameters
     ----------
     state : State
+        State to draw.
     held : bool
-        Whether it is held because readings are untrusted or missing.
+        Whether the state is held because readings are untrusted or missing.
     buttons : int
-        How many to show.
-    title, facts : str
-        Above, and below.
+        Number of buttons to draw.
+    title : str
+        Title of the picture.
+    facts : str
+        Line below the picture; none if empty.
 
     Returns
     -------
@@ -50,23 +53,18 @@ def picture(
 
 
 def _stick(state: State) -> list[Text]:
-    # The knob's left edge runs from column 0 to _COLUMNS - _KNOB.
-    room = _COLUMNS - _KNOB
-    at = round((state.x + AXIS_MAX) / (2 * AXIS_MAX) * room)
-    middle = _COLUMNS // 2
-    rail = ["╪" if i == middle else "═" for i in range(_COLUMNS)]
+    # The left edge of the knob moves from column 0 to _COLUMNS - _KNOB.
+    at = round((state.x + AXIS_MAX) / (2 * AXIS_MAX) * (_COLUMNS - _KNOB))
+    half = "═" * (_COLUMNS // 2)
+    rail, empty = f"{half}╪{half}", " " * _COLUMNS
     share = state.z / AXIS_MAX
     rgb = (110 + round(145 * share), 150 - round(60 * share), 190 - round(150 * share))
     style = "dim" if state == REST else "bold rgb({},{},{})".format(*rgb)
-    lines = []
-    for row, knob in enumerate(("╭─────╮", "│  ●  │", "╰─────╯")):
-        line = Text(" " * 7)
-        left, right = (rail[:at], rail[at + _KNOB :]) if row == 1 else (" " * at, "")
-        line.append("".join(left), style="dim")
-        line.append(knob, style=style)
-        line.append("".join(right), style="dim")
-        lines.append(line)
-    return lines
+    rows = zip((empty, rail, empty), ("╭─────╮", "│  ●  │", "╰─────╯"))
+    return [
+        Text.assemble(" " * 7, (row[:at], "dim"), (knob, style), (row[at + _KNOB :], "dim"))
+        for row, knob in rows
+    ]
 
 
 def _buttons(pressed: int, count: int) -> Text:

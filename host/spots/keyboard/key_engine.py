@@ -1,4 +1,4 @@
-"""The board's key engine on the host: the same code and layout, fed with readings."""
+"""The key engine of the board, run on the host with the same code and layout."""
 
 from __future__ import annotations
 
@@ -14,21 +14,25 @@ from .layout import KeyLayout
 
 
 class KeyEngine:
-    """Turns readings into key events as a board does, see `spots_device.keypad`.
+    """Computes key events from readings as a board does, see `spots_device.keypad`.
 
     Parameters
     ----------
     layout : KeyLayout
+        Keys of the strip.
     length_um : int
-        Length of the strip, from the board's ``hello``.
+        Length of the strip in um, from the board's reply to ``hello``.
     sink : KeySink
+        Receiver of the key events.
 
     Attributes
     ----------
-    length_um, firm_mN : int
-        Length of the strip, and the least force of a firm press.
+    length_um : int
+        Length of the strip, in um.
+    firm_mN : int
+        Least force of a firm press, in mN.
     rests : int
-        How often an object that is not a finger was found on the strip.
+        Number of times that an object, not a finger, was detected on the strip.
     """
 
     def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink):
@@ -44,38 +48,38 @@ class KeyEngine:
 
     @property
     def layer(self) -> str:
-        """Name of the layer that the next touch uses."""
+        """Name of the layer for the next touch."""
         return self._names[self._pad.layer]
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Take a reading and send the key events that follow from it.
+        """Add a reading, and send the key events that it causes.
 
         Parameters
         ----------
         touch : Touch
-            The readings of one strip, in order.
+            The next reading of the strip.
         now_s : float
-            When it arrived, in seconds by the clock of `tick`.
+            Time at which it arrived, in seconds, by the same clock as in `tick`.
         """
         self.tick(now_s)
         t = touch.t_us // TICK_US % TICKS
-        flags = touch.flags & ~DROPPED  # the board's own engine has seen every sample
+        flags = touch.flags & ~DROPPED  # the engine of the board has seen every sample
         self._pad.take(flags, touch.position_um, touch.force_mN, t)
         self._pad.tick(t)
-        if not flags & LED_OFF:  # a reading with the LED off sees no finger
+        if not flags & LED_OFF:  # a reading with the LED off does not show a finger
             self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:
-        """Release all keys and drop what is pending if no reading has come for `RELEASE_S`."""
+        """Release all keys and drop pending actions if no reading has arrived for `RELEASE_S`."""
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             if self._pad.contact.touched:
                 self.release()
             else:
-                self._pad.forget()  # a finger that comes down meanwhile is a new touch
+                self._pad.forget()  # the next finger is a new touch
 
     def release(self) -> None:
-        """Release all keys; a finger that is still there presses nothing until it has lifted."""
+        """Release all keys. A finger that still touches presses no key until it was lifted."""
         self._pad.release()
 
     def stuck(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import suppress
 
 from ..errors import SpotsError
 from ..link.board import Board
@@ -23,11 +24,11 @@ _TICK_S = 0.02
 def keyboard_command(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
-    with released_by_signals(), open_named(options) as board:
+    with released_by_signals(), suppress(KeyboardInterrupt), open_named(options) as board:
         info = board.command("hello")
         if info["keys"]:
             raise SpotsError(
-                "the board is a keyboard itself, and each key would come twice: "
+                "the board is a keyboard itself, so each key would be typed twice: run "
                 "'spots command keys off' first"
             )
         with open_keyboard(options.dry_run) as keyboard:
@@ -37,20 +38,24 @@ def keyboard_command(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Press the keys that are touched until the time is over; release all keys on every exit path.
+    """Press the keys that are touched on a strip. All keys are released on every exit path.
 
     Parameters
     ----------
     board : Board
+        Board with a calibrated strip. Its ``baseline`` setting is switched on.
     layout : KeyLayout
+        Keys of the strip.
     keyboard : KeySink
+        Keyboard that gets the key events.
     seconds : float, optional
-        By the link's clock; endless if not given.
+        Time after which to end, in seconds by the link's clock; no limit if not given.
 
     Raises
     ------
     SpotsError
-        If the board has no calibration, is too slow or lost, or the keyboard takes no more events.
+        If the board has no calibration, takes readings too seldom or is lost, or the keyboard
+        refuses events.
     """
     length_um = hello_often(board, RELEASE_S)["length_um"]
     engine, untrusted = KeyEngine(layout, length_um, keyboard), Untrusted()

@@ -1,4 +1,4 @@
-"""``spots keys``: shows and validates layout files, and uploads them to a board."""
+"""``spots keys``: shows and validates layout files, and uploads a layout to a board."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
 
 def check(name: str) -> None:
-    """Validate a layout and print its size; raises SpotsError if it is wrong."""
+    """Validate a layout file and print its number of keys; raises SpotsError if it is wrong."""
     layout = load(name)
     keys = sum(len(row) for row in layout.layers.values())
     print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
 
 
 def show(name: str) -> None:
-    """Print a layout as a picture with the actions of each key."""
+    """Print a picture of a layout with the actions of each key."""
     Console().print(picture(load(name)))
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Upload a layout, switch the keys on, and save both on the board.
+    """Upload a layout to a board, switch its keys on, and save both on the board.
 
     Parameters
     ----------
     board : Board
-        With a calibration.
+        A calibrated board.
     layout : KeyLayout
-        The layout to upload.
+        Layout to upload.
 
     Returns
     -------
     str or None
-        Why the keys do not work yet, or do not reach the computer; None if they do.
+        Reason why the keys do not work yet; None if they work.
 
     Raises
     ------
     SpotsError
-        If the board refuses.
+        If the board refuses the layout.
     """
     board.command("layout begin")
     for line in layout.lines:
@@ -61,7 +61,7 @@ def push(board: Board, layout: KeyLayout) -> str | None:
 
 
 def picture(layout: KeyLayout) -> Panel:
-    """Return a picture of all layers: the keys along the strip, and a table of their actions."""
+    """Return a picture of each layer: its keys along the strip, and a table of their actions."""
     parts = []
     for name, keys in layout.layers.items():
         parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
@@ -71,19 +71,18 @@ def picture(layout: KeyLayout) -> Panel:
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
-    """Return a row of keys, the sensor's end left, with one of them lit.
+    """Return a picture of the keys of one layer as one line; the sensor is on the left.
 
     Parameters
     ----------
     keys : list of PlacedKey
-        The keys of one layer.
+        Keys of the layer.
     lit : int, optional
-        Index of the key that is lit; none, if not given.
+        Index of a key to highlight.
 
     Returns
     -------
     rich.text.Text
-        One line.
     """
     line = Text()
     for i, key in enumerate(keys):
@@ -96,19 +95,19 @@ def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
 
 
 def say(layout: KeyLayout, action: int) -> str:
-    """Return an action in the words of a layout file.
+    """Return an action as text, as it stands in a layout file.
 
     Parameters
     ----------
     layout : KeyLayout
-        For the names of its layers.
+        Layout that the action belongs to, for the names of its layers.
     action : int
-        As the board encodes it: kind << 20 | modifiers << 12 | number; 0 for no action.
+        Action as the board encodes it: ``kind << 20 | modifiers << 12 | number``; 0 for no action.
 
     Returns
     -------
     str
-        Modifiers and key joined by ``+``, or a verb and a layer; empty for no action.
+        Modifiers and key, joined by ``+``, or a verb and a layer; empty for no action.
     """
     if not action:
         return ""

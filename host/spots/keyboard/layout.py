@@ -1,9 +1,10 @@
-"""Layout files: TOML, every key validated, compiled to the lines that a board stores.
+"""Layout files: TOML files that are validated and compiled to the lines that a board stores.
 
-A file has layers of keys; a key is the name of what a tap does, or a table of what it does for
-``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus`` (a slide to the sensor
-and away). An action is a key by its name, with modifiers before it (``LEFT_SHIFT+A``), or
-``layer NAME``, ``toggle NAME``, ``once NAME``. Names are those of `usages`.
+A file contains layers, and a layer contains keys. A key is the action of a tap, or a table with an
+action for each of ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus`` (a
+slide towards the sensor and away from it). An action is the name of a key with optional modifiers
+(``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names are those of
+`usages`.
 """
 
 from __future__ import annotations
@@ -78,16 +79,16 @@ class _File(_Struct):
 
 @dataclass(frozen=True)
 class PlacedKey:
-    """A key and its place on the strip.
+    """A key with its place on the strip.
 
     Attributes
     ----------
     low, high : float
-        Its bounds, as shares of the strip from the sensor's end.
+        Begin and end of the key, as shares (0 to 1) of the strip's length from the sensor.
     label : str
-        The text on it.
+        Text on the key.
     actions : dict of str to int
-        By the names of `SLOTS`, as `spots_device.layout.action` makes them.
+        Action for each name in `SLOTS`, encoded by `spots_device.layout.action`.
     """
 
     low: float
@@ -103,10 +104,11 @@ class KeyLayout:
     Attributes
     ----------
     name : str
+        Name of the layout.
     layers : dict of str to list of PlacedKey
-        In the order of the file.
+        Keys of each layer by its name, in the order of the file.
     lines : list of str
-        As the board stores it, see `spots_device.layout`.
+        The layout as the board stores it, see `spots_device.layout`.
     """
 
     name: str
@@ -120,12 +122,12 @@ def load(name: str | Path) -> KeyLayout:
     Parameters
     ----------
     name : str or Path
-        A path, or the name of a file that comes with the package, such as ``mini``.
+        Path of the file, or name of a layout that comes with the package, such as ``mini``.
 
     Raises
     ------
     SpotsError
-        If there is no such file or something in it is wrong: which line, which key, what to do.
+        If the file does not exist or contains an error; the text names line, key and remedy.
     """
     path, text = toml.find(name, FOLDER, "layout")
     try:
@@ -147,13 +149,15 @@ class _Compiler:
     def layout(self) -> KeyLayout:
         twice = {name for name in self._names if self._names.count(name) > 1}
         if twice:
-            self._refuse(min(twice), f"two layers are called '{min(twice)}': rename one")
-        lines = [f"{name} {self._limit(name)}" for name in LIMITS]
+            self._refuse(min(twice), f"two layers are called '{min(twice)}': rename one of them")
+        tuning = msgspec.structs.asdict(self._file.tuning)
+        tuning["flavour"] = _FLAVOURS.index(tuning["flavour"])
+        lines = [f"{name} {tuning[name]}" for name in LIMITS]
         layers = {}
         for layer in self._file.layer:
             swipes = [
-                self._action(text, layer, f"swipe_{way}")
-                for way, text in (("minus", layer.swipe_minus), ("plus", layer.swipe_plus))
+                self._action(getattr(layer, name), layer, name)
+                for name in ("swipe_minus", "swipe_plus")
             ]
             keys = layers[layer.name] = self._keys(layer)
             lines.append("layer {} {}".format(*swipes))
@@ -167,10 +171,6 @@ class _Compiler:
             raise SpotsError(f"layout {self._path}: {error}") from None
         return KeyLayout(self._file.name, layers, lines)
 
-    def _limit(self, name: str) -> int:
-        value = getattr(self._file.tuning, name)
-        return _FLAVOURS.index(value) if name == "flavour" else value
-
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
         keys = [_Key(tap=key) if isinstance(key, str) else key for key in layer.keys]
         whole = sum(key.width for key in keys)
@@ -183,7 +183,7 @@ class _Compiler:
             }
             placed.append(
                 PlacedKey(
-                    # The ends of the strip belong to the outermost keys.
+                    # No gap at the ends of the strip.
                     (begin + (gap if i else 0)) / whole,
                     (end - (gap if i + 1 < len(keys) else 0)) / whole,
                     key.label if key.label is not None else _label(key),
@@ -215,7 +215,7 @@ class _Compiler:
     def _check_ways(self, layers: dict[str, list[PlacedKey]]) -> None:
         for number, name in enumerate(self._names):
             if number not in self._reached:
-                self._refuse(name, f"nothing leads to layer '{name}': give a key 'toggle {name}'")
+                self._refuse(name, f"no key leads to layer '{name}': give a key 'toggle {name}'")
         for number in self._toggled - {0}:
             name = self._names[number]
             there = {action for key in layers[name] for action in key.actions.values()}
@@ -232,7 +232,7 @@ class _Compiler:
 
 
 def _label(key: _Key) -> str:
-    """Return what its tap, firm press and hold are, if these are characters; else its tap."""
+    """Return the characters of tap, firm press and hold, if there are several; else the tap."""
     written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
     characters = [text for text in written if len(text) == 1]
     return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
@@ -246,21 +246,21 @@ def _written(action: str) -> str:
     try:
         return typed(*usage_of(name)) or name.upper()
     except SpotsError:
-        return name  # `_action` refuses it
+        return name  # `_action` reports the error
 
 
 def typed(page: int, usage: int) -> str:
-    """Return the character that a key types, as printed on its cap.
+    """Return the character that a key types, as on its key cap.
 
     Parameters
     ----------
     page, usage : int
-        HID usage page and usage.
+        HID usage page and usage of the key.
 
     Returns
     -------
     str
-        Empty if it types no character.
+        The character, a letter in upper case; empty if the key types no character.
     """
     known = USAGES.get((page, usage))
     character = (known and known.pynput) or ""
@@ -268,7 +268,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, value: str) -> str:
-    """Return the first line with a string as its value, as ``, line 7``; else nothing."""
+    """Return the number of the first line with a value as ``, line 7``; empty if not found."""
     for number, line in enumerate(text.splitlines(), 1):
         if f'"{value}"' in line or f"'{value}'" in line:
             return f", line {number}"
@@ -276,7 +276,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return the line of the key that a message of msgspec names, if one is found."""
+    """Return the line of the key in an error message of msgspec as ``, line 7``, if found."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

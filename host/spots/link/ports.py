@@ -16,7 +16,7 @@ and may have
     or the calibration of a strip that may have drifted.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Of a port that is a whole linkage: a `linkage.twin_source.DrivenLinkage`. Three have defaults.
-``compare_linkage(options)``
+``run_linkage(options)``
     Follows a linkage whose truth is known, for ``spots twin`` without boards.
 ``flash_place(device)``
     Of a port that can be flashed: a context manager with a `deploy.place.Place`.

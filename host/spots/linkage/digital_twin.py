@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from itertools import pairwise, repeat
+from itertools import pairwise, takewhile
 from typing import NamedTuple
-
-import numpy as np
 
 from ..errors import SpotsError
 from ..link.board import Board
@@ -17,36 +14,38 @@ from ..link.frames import Touch
 from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage
 
-_GAP_S = 1.0  # between two readings of a joint, that is not interpolated
-_SILENT_S = 3.0  # without an angle, until a joint is reported
+_GAP_S = 1.0  # no interpolation between two readings of a joint that are farther apart
+_SILENT_S = 3.0  # a joint without an angle for so long is reported
 _TRAIL = 4096
-_KEPT = 2048  # angles of a joint that wait for the other one
-_SIGMAS = 3.0  # that a turn's beginning or end has to stand out of the noise
+_KEPT = 2048  # angles of a joint that wait for the other joint
+_SIGMAS = 3.0  # a curved movement must exceed the noise by this factor
 _NEAR_IN_LINE_RAD = math.radians(10)
 _POLL_S = 0.005
-_FAILING_S = 10.0  # for which a restarted board may refuse its commands
+_FAILING_S = 10.0  # a restarted board may refuse its commands for so long
 
 
 class Terminal(NamedTuple):
-    """The terminal at one moment.
+    """Position of the terminal at one moment, with its error.
 
     Attributes
     ----------
     time_s : float
-        By the clock of `Touch.time_s`.
+        Time in seconds, by the clock of `Touch.time_s`.
     x_mm, y_mm : float or None
-        None where `limit` says that the linkage cannot be there.
-    velocity_mm_s : tuple of float or None
-        Of x and y; None too as long as the encoders know none.
-    covariance_mm2 : tuple of float or None
-        Of x and x, x and y, y and y.
-    theta_rad : tuple of float
-        The joints at that moment.
+        Position in mm; None if the linkage has no solution at these angles.
+    velocity_mm_s : tuple of 2 floats or None
+        Velocity in x and in y, in mm/s; None if an encoder has no velocity yet.
+    covariance_mm2 : tuple of 3 floats or None
+        Variance of x, covariance of x and y, and variance of y, in mm**2.
+    theta_rad : tuple of 2 floats
+        Angles of joint 1 and joint 2, in rad.
     limit : Limit
+        Reason why there is no position; `Limit.NONE` if there is one.
     singular : bool
-        Whether the outer bars are nearly in line: small errors of the angles become large ones.
+        Whether the outer bars are nearly in line, where small errors of the angles cause large
+        errors of the position.
     within : bool
-        Whether both joints are where they were calibrated.
+        Whether both joints are inside the range that they were calibrated over.
     """
 
     time_s: float
@@ -61,14 +60,15 @@ class Terminal(NamedTuple):
 
     @property
     def sigma_mm(self) -> float | None:
-        """Root mean square error of the distance that is to be expected."""
+        """Expected distance of the true position (root mean square), in mm; None without one."""
         return None if self.covariance_mm2 is None else math.sqrt(sum(self.covariance_mm2[::2]))
 
     @property
     def ellipse(self) -> tuple[float, float, float] | None:
-        """Half axes (mm) of the ellipse of one standard error, and the longer one's angle from +x.
+        """Error ellipse of one standard error: major and minor half axis in mm, angle in rad.
 
-        39 % of a normal scatter lie in it, 86 % in the one twice as large.
+        The angle is that of the major axis, from +x. The ellipse contains 39 % of a normal
+        scatter; an ellipse twice as large contains 86 %.
         """
         if self.covariance_mm2 is None:
             return None
@@ -79,12 +79,12 @@ class Terminal(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Limit, singularity or extrapolation in words; empty if there is neither."""
-        doubts = {"near singular": self.singular, "beyond what was calibrated": not self.within}
+        """Warning in words: limit, singularity or extrapolation; empty if there is no problem."""
+        doubts = {"near singular": self.singular, "beyond the calibrated range": not self.within}
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
     def message(self) -> dict:
-        """Return it as a JSON object; docs/page.md says what each key means."""
+        """Return the terminal as a JSON object; docs/page.md lists its keys."""
         return {
             "time_s": self.time_s,
             "x_mm": self.x_mm,
@@ -101,25 +101,26 @@ class Terminal(NamedTuple):
 
 
 class Twin:
-    """Follows the terminal of a linkage.
+    """Digital twin: computes the terminal of a linkage from the readings of both joints.
 
     Parameters
     ----------
     linkage : Linkage
+        Geometry of the linkage.
     encoders : pair of Encoder
-        Of joint 1 and joint 2, which give the angles of Eqs. 3 and 4.
+        Encoder of joint 1 and encoder of joint 2; they return the angles of Eqs. 3 and 4.
 
     Attributes
     ----------
     trail : collections.deque of Terminal
-        The last ones.
+        The latest terminals, oldest first.
 
     Notes
     -----
-    The joints are not read at the same moments. A terminal is that of the moment of one reading
-    and of the other joint between two of its readings, so it comes as soon as the other joint's
-    next reading is there, and nothing is extrapolated. Which of two readings came first to the
-    program makes no difference: a recording gives the same terminals as the boards did.
+    The two boards sample at different times. For each reading of one joint, the angle of the other
+    joint is interpolated between two of its readings. So a terminal is complete when the next
+    reading of the other joint arrives, and nothing is extrapolated. The order in which the readings
+    of the two joints arrive does not matter: a recording gives the same terminals as the boards.
 
     Examples
     --------
@@ -134,36 +135,38 @@ class Twin:
 
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
         if len(encoders) != 2:
-            raise SpotsError("a five-bar linkage has two encoders")
+            raise SpotsError(f"a five-bar linkage needs two encoders, not {len(encoders)}")
         self.linkage = linkage
         self.encoders = tuple(encoders)
         self.trail: deque[Terminal] = deque(maxlen=_TRAIL)
         self._angles: list[deque[Angle]] = [deque(maxlen=_KEPT), deque(maxlen=_KEPT)]
-        self._done_s = -math.inf  # all terminals up to then are returned
+        self._done_s = -math.inf  # time up to which all terminals are returned
 
     def take(self, joint: int, touch: Touch) -> list[Terminal]:
-        """Take a reading of a joint, and return the terminals that it completes.
+        """Add a reading of a joint, and return the terminals that are now complete.
 
         Parameters
         ----------
         joint : int
-            0 or 1.
+            Index of the joint: 0 for joint 1, 1 for joint 2.
         touch : Touch
-            Readings of one joint come in the order of their time.
+            The next reading of this joint, in order of time.
 
         Returns
         -------
         list of Terminal
-            In the order of their time; empty until the other joint's next reading.
+            Terminals in order of time; empty while a reading of the other joint is missing.
         """
         angle = self.encoders[joint].take(touch)
         if angle is None:
             return []
         own = self._angles[joint]
         if own and angle.time_s <= own[-1].time_s - _GAP_S:
-            self._forget()  # a recording that is played again
+            for angles in self._angles:  # a recording that is played again
+                angles.clear()
+            self._done_s = -math.inf
         elif own and angle.time_s <= own[-1].time_s:
-            own.clear()  # after a restart its board's clock is compared with the host's again
+            own.clear()  # after a restart the clock of the board is mapped to the host's again
         own.append(angle)
         found = []
         for time_s in self._moments():
@@ -174,36 +177,34 @@ class Twin:
         return found
 
     def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
-        """Take pairs of joint and reading, live or from a recording, and yield the terminals."""
+        """Yield the terminals for pairs of joint index and reading, live or from a recording."""
         for joint, touch in readings:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a sentence about joints without an angle for some seconds, if there are any."""
+        """Return a sentence that names the joints without an angle for 3 s; empty if none."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
             if not angles or angles[-1].time_s < now_s - _SILENT_S
         ]
-        return f"no angle of {' and '.join(silent)}: is its strip pressed?" if silent else ""
-
-    def _forget(self) -> None:
-        for angles in self._angles:
-            angles.clear()
-        self._done_s = -math.inf
+        names = " and ".join(silent)
+        return f"no angle of {names}: check that its indenter presses the strip" if silent else ""
 
     def _moments(self) -> list[float]:
-        """Return when a joint was read, where the other one's readings reach as far; once each."""
+        """Return the times of new readings, up to the time that the readings of both joints reach.
+
+        Each time is returned once.
+        """
         if not all(self._angles):
             return []
         until_s = min(angles[-1].time_s for angles in self._angles)
-        moments = set()
-        for angles in self._angles:
-            for angle in reversed(angles):
-                if angle.time_s <= self._done_s:
-                    break
-                if angle.time_s <= until_s:
-                    moments.add(angle.time_s)
+        moments = {
+            angle.time_s
+            for angles in self._angles
+            for angle in takewhile(lambda one: one.time_s > self._done_s, reversed(angles))
+            if angle.time_s <= until_s
+        }
         self._done_s = max(self._done_s, until_s)
         return sorted(moments)
 
@@ -232,7 +233,7 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return a joint at a moment up to its last reading; None if no two readings enclose it."""
+    """Return the angle of a joint at a time; None if the time is not between two readings."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
@@ -257,9 +258,9 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 
 
 def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
-    """Return how far a parabola through three readings is off the line through the last two.
+    """Return the distance of a parabola through three readings from the line through the last two.
 
-    0 unless it stands out of the noise, which a parabola would only let in.
+    The result is 0 if the curvature is within the noise, which a parabola would only amplify.
     """
     first, old, new = last
     before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s
@@ -273,85 +274,52 @@ def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
     return bend * (time_s - old.time_s) * (time_s - new.time_s)
 
 
-def merged(first: Iterable[Touch], second: Iterable[Touch]) -> Iterator[tuple[int, Touch]]:
-    """Yield the readings of two joints in order of time.
-
-    Parameters
-    ----------
-    first, second : iterable of Touch
-        Of joint 1 and of joint 2, by one clock and each in order of time, as in two recordings.
-
-    Yields
-    ------
-    joint : int
-        0 or 1.
-    touch : Touch
-    """
-    pairs = zip(repeat(0), first), zip(repeat(1), second)
-    return heapq.merge(*pairs, key=lambda pair: pair[1].time_s)
-
-
 def readings(
     boards: list[Board],
     seconds: float | None = None,
     restarted: Callable[[Board], None] = lambda board: None,
 ) -> Iterator[tuple[int, Touch]]:
-    """Yield (joint, reading) of two boards with a sensor each, or of one board with two.
+    """Switch on the streams of the boards of both joints, and yield their readings.
 
     Parameters
     ----------
     boards : list of Board
-        Streaming is switched on.
+        Board of joint 1 and board of joint 2.
     seconds : float, optional
-        End after so long by the links' clock; never, if not given.
-    restarted : callable
-        Given a board that has restarted and streams again: it has forgotten all that was not
-        saved. Called again for some seconds if it raises SpotsError.
+        Time after which to end, in seconds by the clock of the boards' links. If not given, only
+        the end of all recordings ends it.
+    restarted : callable, optional
+        Called with a board that has restarted and streams again. The board has lost everything
+        that was not saved on it. If the function raises SpotsError, it is called again for 10 s.
 
     Yields
     ------
     joint : int
-        0 or 1.
+        0 for joint 1, 1 for joint 2.
     touch : Touch
+        The reading.
     """
     for board in boards:
         board.command("stream touch")
-    # Boards of one machine have one clock, though in simulated time one may be ahead of it.
-    begins_s = max(board.now_s() for board in boards)
-    ends_s = math.inf if seconds is None else begins_s + seconds
-    # The board that is behind is read next: in real time they take turns, and in simulated time,
-    # where each board has a clock of its own, these go on together.
     read_s = [board.now_s() for board in boards]
-    watched = [_Restarts(board, restarted) for board in boards]
-    while True:
-        one = int(np.argmin(read_s))
-        board = boards[one]
-        if read_s[one] >= ends_s:
-            return
+    ends_s = math.inf if seconds is None else max(read_s) + seconds
+    restarts = [board.stats.restarts for board in boards]
+    failing_s = [math.inf] * len(boards)  # time of the first failed call of `restarted`
+    # Read the board that was read longest ago. In real time the boards alternate; in simulated
+    # time and in recordings, where each board has its own clock, the clocks stay together.
+    while min(read_s) < ends_s:
+        joint = read_s.index(min(read_s))
+        board = boards[joint]
         for frame in board.frames(_POLL_S):
             if isinstance(frame, Touch):
-                yield (frame.sensor if len(boards) == 1 else one), frame
-        watched[one].look()
-        read_s[one] = board.now_s()
-
-
-class _Restarts:
-    def __init__(self, board: Board, action: Callable[[Board], None]):
-        self._board, self._action = board, action
-        self._seen = board.stats.restarts
-        self._failing_s: float | None = None
-
-    def look(self) -> None:
-        seen = self._board.stats.restarts
-        if seen == self._seen:
-            return
-        try:
-            self._action(self._board)
-        except SpotsError:
-            # It may have restarted once more.
-            now_s = self._board.now_s()
-            self._failing_s = now_s if self._failing_s is None else self._failing_s
-            if now_s - self._failing_s >= _FAILING_S:
-                raise
-            return
-        self._seen, self._failing_s = seen, None
+                yield joint, frame
+        seen = board.stats.restarts
+        if seen != restarts[joint]:
+            try:
+                restarted(board)
+                restarts[joint], failing_s[joint] = seen, math.inf
+            except SpotsError:  # it may have restarted again
+                failing_s[joint] = min(failing_s[joint], board.now_s())
+                if board.now_s() - failing_s[joint] >= _FAILING_S:
+                    raise
+        read_s[joint] = math.inf if board.ended else board.now_s()

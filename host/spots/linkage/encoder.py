@@ -8,42 +8,45 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from ..calibrate.calibration_file import Joint, load
 from ..errors import SpotsError
 from ..link.clockmap import ClockMap
 from ..link.frames import Touch
 
-_WINDOW_LEAST, _WINDOW = 3, 8  # readings that make a velocity
-_CLEAR = 10.0  # standard errors, from which on a velocity needs no more readings
-_WINDOW_S = 2.0  # older ones do not count
-_MEAN = 4  # readings that are averaged to notice a slow movement
-_SIGMAS = 4.0  # that a movement has to stand out of the noise
-_MARGIN = 0.05  # of the range that a joint was calibrated over
+_WINDOW_LEAST, _WINDOW = 3, 8  # least and largest number of readings for a velocity
+_CLEAR = 10.0  # a velocity of so many standard errors needs no more readings
+_WINDOW_S = 2.0  # after a longer pause the readings before it are dropped
+_MEAN = 4  # number of readings that are averaged to detect a slow movement
+_SIGMAS = 4.0  # a movement must exceed the noise by this factor
+_MARGIN = 0.05  # share of the calibrated range that a joint may exceed it by
 
 
 class Angle(NamedTuple):
-    """A joint at one moment.
+    """Angle of a joint at one moment.
 
     Attributes
     ----------
     time_s : float
-        As `Touch.time_s`, or `device_s` where the link does not know that.
+        Time in seconds: `Touch.time_s`, or `device_s` if that is None.
     device_s : float
-        The same by the board's clock, which does not wrap here.
+        Time in seconds by the board's clock, without its wrap-around.
     angle_rad : float
+        Angle in rad.
     sigma_rad : float
-        Standard error: noise, what the joint's line leaves, and the backlash unless it is known
-        to be taken up.
+        Standard error of the angle, in rad: noise, deviation from the joint's line, and backlash
+        while its direction is unknown.
     systematic_rad : float
-        Of this, what does not average out over readings: all but the noise.
+        Part of `sigma_rad` that does not average out over readings: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        By the board's clock, over the last 3 to 8 readings, so that of a moment in their middle:
-        fewer the faster it is. None with fewer than three.
+        Angular velocity and its standard error in rad/s, by the board's clock: the mean over the
+        last 3 to 8 readings (fewer for a fast movement). None with fewer than three readings.
     direction : int
-        In which the backlash was last taken up: 1 towards larger angles, -1 towards smaller ones, 0
-        if that is not known yet.
+        Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
+        unknown.
     within : bool
-        Whether the joint was calibrated there.
+        Whether the angle is inside the calibrated range.
     """
 
     time_s: float
@@ -58,20 +61,20 @@ class Angle(NamedTuple):
 
 
 class Encoder:
-    """The angle of a joint from the readings of its strip.
+    """Computes the angle of a joint from the readings of its strip.
 
     Parameters
     ----------
     joint : str, Path or calibrate.calibration_file.Joint
-        The calibration file that ``spots calibrate joint`` wrote, or its ``joint``.
+        Path of the calibration file that ``spots calibrate joint`` wrote, or its ``joint`` part.
     offset_rad, gain : float
-        The angle is ``offset_rad + gain * angle`` of the joint's own calibration: how it is
-        mounted, see `kinematics`.
+        Mounting of the strip: the returned angle is ``offset_rad + gain * angle``, where ``angle``
+        is that of the calibration. `kinematics` can measure both.
 
     Raises
     ------
     SpotsError
-        If there is no joint in the calibration, or the gain is 0.
+        If the calibration has no joint, or the gain is 0.
 
     Examples
     --------
@@ -83,9 +86,9 @@ class Encoder:
 
     Notes
     -----
-    With backlash between joint and indenter, the indenter lags by half of it in either direction.
-    As soon as the position has moved by more than its noise, the backlash is known to be taken up
-    that way, and half of it is added or subtracted.
+    With backlash between joint and indenter, the indenter lags behind by half the backlash. When
+    the position has moved by more than its noise, the direction of the movement is known, and half
+    the backlash is added or subtracted.
     """
 
     def __init__(
@@ -97,19 +100,23 @@ class Encoder:
         if isinstance(joint, (str, PathLike)):
             joint = load(Path(joint)).joint
         if joint is None:
-            raise SpotsError("the calibration holds no joint: run 'spots calibrate joint'")
+            raise SpotsError(
+                "the calibration file has no calibration of a joint: run 'spots calibrate joint'"
+            )
         if not (math.isfinite(offset_rad) and math.isfinite(gain) and gain):
-            raise SpotsError("an encoder's offset and gain are finite, and the gain is not 0")
+            raise SpotsError(
+                "offset and gain of an encoder must be finite numbers, and the gain must not be 0"
+            )
         self.joint = joint
         self.offset_rad, self.gain = offset_rad, gain
         self._clock = ClockMap()
         self._recent: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # (device s, deg)
-        self._since: list[float] = []  # first and last readings since it was seen to move
+        self._since: list[float] = []  # first and last readings since the last movement
         self._still_for = 0  # readings
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Take a reading and return the angle; None if the reading is untrusted."""
+        """Return the angle at a reading; None if the reading is untrusted."""
         if not touch.trusted:
             return None
         joint = self.joint
@@ -117,13 +124,13 @@ class Encoder:
         indenter_deg = joint.zero_deg + joint.deg_per_um * touch.position_um
         noise_deg = self._noise_deg(touch.position_um)
         if self._recent and not 0 < device_s - self._recent[-1][0] < _WINDOW_S:
-            self._recent.clear()  # the board restarted, or nothing was felt for long
+            self._recent.clear()  # the board restarted, or no touch for a long time
         self._recent.append((device_s, indenter_deg))
         self._follow(indenter_deg, noise_deg)
         # A joint at rest may stand anywhere in its backlash.
         moving = self._direction and self._still_for < _WINDOW
         backlash_var = 0.0 if moving else joint.backlash_deg**2 / 12
-        # Mean absolute error to standard error, if normal; half the backlash is subtracted below.
+        # Standard error from mean absolute error; half the backlash is corrected below.
         line_var = max(math.pi / 2 * joint.accuracy_deg**2 - joint.backlash_deg**2 / 4, 0.0)
         systematic_deg = math.sqrt(line_var + backlash_var)
         angle_deg = indenter_deg + self._direction * joint.backlash_deg / 2
@@ -142,13 +149,16 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the noise of a reading at a position; it grows exponentially with the distance."""
+        """Return the noise of a reading at a position, in degrees.
+
+        The noise grows exponentially with the distance from the sensor.
+        """
         joint = self.joint
         if joint.low is None:
             return joint.resolution_deg
         (low_um, low_deg), (high_um, high_deg) = joint.low, joint.high
-        share = min(max((position_um - low_um) / (high_um - low_um), 0.0), 1.0)
-        return low_deg ** (1 - share) * high_deg**share
+        logs = np.log((low_deg, high_deg))
+        return float(np.exp(np.interp(position_um, (low_um, high_um), logs)))
 
     def _within(self, position_um: float) -> bool:
         if self.joint.low is None:
@@ -158,7 +168,7 @@ class Encoder:
         return low_um - slack_um <= position_um <= high_um + slack_um
 
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
-        """Record which way the indenter moved: at once if far, else from means of some readings."""
+        """Update the direction of movement: from one reading if it is far, else from means."""
         self._still_for += 1
         last_deg = self._since[-1] if self._since else indenter_deg
         moved_deg, least_deg = indenter_deg - last_deg, _SIGMAS * math.sqrt(2) * noise_deg
@@ -176,15 +186,13 @@ class Encoder:
         self._since, self._still_for = [indenter_deg], 0
 
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
-        """Return the slope over the last readings, as few as make it stand out of the noise."""
-        recent = list(self._recent)
+        """Return the slope over as few of the last readings as exceed the noise, and its error."""
         slope = sigma = None
-        for count in range(_WINDOW_LEAST, len(recent) + 1):
-            last = recent[-count:]
-            middle_s = sum(s for s, _ in last) / count
-            spread = sum((s - middle_s) ** 2 for s, _ in last)
-            slope = sum((s - middle_s) * deg for s, deg in last) / spread
-            sigma = noise_deg / math.sqrt(spread)
+        for count in range(_WINDOW_LEAST, len(self._recent) + 1):
+            time_s, deg = np.array(self._recent)[-count:].T
+            from_middle_s = time_s - time_s.mean()
+            spread = from_middle_s @ from_middle_s
+            slope, sigma = float(from_middle_s @ deg / spread), noise_deg / math.sqrt(spread)
             if abs(slope) > _CLEAR * sigma:
                 break
         return slope, sigma

@@ -1,6 +1,7 @@
-"""Kinematic calibration: a linkage's lengths and mounting, from places where its terminal was.
+"""Kinematic calibration: fits lengths and mounting of a linkage to measured terminal positions.
 
-Robust least squares by scipy, the extra ``kinematics``; and which parameters the places determine.
+Uses robust least squares of scipy (the extra ``kinematics``), and reports which parameters the
+positions determine.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 from ..errors import SpotsError, missing
 from .fivebar import Linkage, assembled
 
-# What is unknown about each parameter beforehand: the scale in which parameters of different units
-# are compared, and a weak pull towards the start that decides only what the places leave open.
+# Prior standard deviation of each parameter. It scales parameters of different units, and keeps a
+# parameter near its start value if the places do not determine it.
 _LENGTH_SHARE = 0.05
 _RANGES = {
     "offset1_rad": 0.1,
@@ -31,39 +32,43 @@ MOUNTING = ("offset1_rad", "offset2_rad", "gain1", "gain2")
 FRAME = ("frame_x_mm", "frame_y_mm", "frame_rad")
 NAMES = LENGTHS + tuple(_RANGES)
 STANDARD = LENGTHS + MOUNTING + FRAME
-_ROBUST = 2.0  # standard errors, from which on a residual pulls less than its square
-_OUTLIER = 5.0
-_KNOWN = 0.5  # a direction is determined if the places leave less than this of its prior range
-_NAMED = 0.3  # of the largest share, to be named with it
-_ROUNDS = 4  # of weights, and outliers, that follow from the last fit
-_NONSENSE = 0.02  # of a bar: a fit with larger residuals is refused
+_ROBUST = 2.0  # beyond so many standard errors a residual counts less than its square
+_OUTLIER = 5.0  # a place is an outlier beyond so many standard errors
+_KNOWN = 0.5  # a combination is determined if its error is below this share of its prior
+_NAMED = 0.3  # a parameter is part of a combination from this share of the largest one
+_ROUNDS = 4  # number of fits, each with weights and outliers from the fit before
+_NONSENSE = 0.02  # a fit with residuals above this share of a bar length is refused
 
 
 @dataclass(frozen=True)
 class Kinematics:
-    """What a kinematic calibration found, and how well.
+    """Result of a kinematic calibration.
 
     Attributes
     ----------
     names : tuple of str
-        Of the free parameters.
+        Names of the fitted (free) parameters.
     values, standard_errors : dict of str to float
-        Of all parameters; the errors of the fixed ones are 0. Where something is not determined
-        (`unidentified`), errors are what was unknown beforehand.
+        Value and standard error of each parameter, by name. The error of a fixed parameter is 0.
+        The error of a parameter that the places do not determine is its prior standard deviation.
     assembly : str
+        ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
-        Groups of parameters that these places do not separate: give one of each group.
+        Groups of parameters that the places cannot separate. To separate a group, fix one of its
+        parameters.
     rank : int
-        How many independent combinations of the free parameters the places determine.
+        Number of independent combinations of the free parameters that the places determine.
     condition : float
-        Of the Jacobian, its columns scaled by what was unknown: largest over smallest singular
-        value; infinite if the smallest is 0.
+        Condition number of the Jacobian whose columns are scaled by the prior standard deviations;
+        infinite if the Jacobian is singular.
     residual_rms_mm, residual_max_mm : float
-        Distances of the measured terminals from those of the fit, without the outliers.
+        Root mean square and maximum distance between measured and fitted positions, in mm, without
+        the outliers.
     misfit : float
-        Scatter of the residuals over what the given errors explain; about 1 if both are right.
+        Scatter of the residuals, relative to that expected from the given standard errors; about 1
+        if these are right.
     outliers : tuple of int
-        Places that do not fit.
+        Indices of the places that do not fit.
     """
 
     names: tuple[str, ...]
@@ -80,54 +85,55 @@ class Kinematics:
 
     @property
     def linkage(self) -> Linkage:
-        """The linkage, in the frame of its own base joints."""
+        """Linkage with the fitted lengths; its origin is joint 1."""
         bars = [self.values[name] for name in LENGTHS[:4]]
         return Linkage(bars, self.values["base_mm"], self.assembly)
 
     @property
     def offset_rad(self) -> tuple[float, float]:
-        """Of the two encoders, see `Encoder`."""
+        """Offsets of encoder 1 and encoder 2 in rad, see `Encoder`."""
         return self.values["offset1_rad"], self.values["offset2_rad"]
 
     @property
     def gain(self) -> tuple[float, float]:
-        """Of the two encoders."""
+        """Gains of encoder 1 and encoder 2, see `Encoder`."""
         return self.values["gain1"], self.values["gain2"]
 
     def terminal(self, angles_rad) -> tuple:
-        """Return terminals in the frame of the measured places.
+        """Return the position of the terminal in the measuring frame.
 
         Parameters
         ----------
         angles_rad : array_like, shape (2, ...)
-            As the calibration was given them.
+            Angles of encoder 1 and encoder 2 by their own calibrations, in rad.
 
         Returns
         -------
         x_mm, y_mm : float or numpy.ma.MaskedArray
+            Position in the frame of the places that were given to `calibrate`, in mm.
         """
         theta = [o + g * a for o, g, a in zip(self.offset_rad, self.gain, angles_rad)]
         return framed(self.values, *self.linkage.forward(*theta))
 
     def report(self) -> str:
-        """Return all of it as text."""
+        """Return the parameters, errors and warnings as text for people."""
         rows = []
         for name in NAMES:
             error = self.standard_errors[name]
-            known = f"+- {error:.2g}" if name in self.names else "given"
+            known = f"+- {error:.2g}" if name in self.names else "fixed"
             rows.append(f"{name:12} {self.values[name]:12.5f}  {known}")
         rows.append(
             f"residual {self.residual_rms_mm:.3f} mm rms, {self.residual_max_mm:.3f} mm at most; "
-            f"{self.misfit:.2f} times what the errors explain; "
+            f"{self.misfit:.2f} times the residual expected from the given errors; "
             f"rank {self.rank} of {len(self.names)}, condition {self.condition:.3g}"
         )
         if self.outliers:
             rows.append(f"places that do not fit: {', '.join(map(str, self.outliers))}")
         for group in self.unidentified:
-            if len(group) == 1:
-                rows.append(f"these places do not determine {group[0]}: give it")
-            else:
-                rows.append(f"these places do not separate {', '.join(group)}: give one of them")
+            rows.append(
+                f"these places do not determine {', '.join(group)}: measure more places that are "
+                f"far apart, or fix one of these parameters"
+            )
         return "\n".join(rows)
 
 
@@ -143,26 +149,28 @@ def calibrate(
     gain=(1.0, 1.0),
     free: tuple[str, ...] = STANDARD,
 ) -> Kinematics:
-    """Fit the lengths and encoder mounting of a linkage to measured terminal positions.
+    """Fit lengths and encoder mounting of a linkage to measured positions of its terminal.
 
     Parameters
     ----------
     angles_rad : array_like, shape (2, n)
-        The angle of each encoder at each place.
+        Angles of encoder 1 and encoder 2 at each of n places, in rad, by their own calibrations.
     x_mm, y_mm : array_like, shape (n,)
-        The measured terminal, in the frame of the ruler, grid or machine that measured it.
+        Measured position of the terminal at each place, in mm, in the frame of the measuring
+        device (a grid, for example).
     start : Linkage
-        The nominal linkage.
+        Nominal linkage, where the fit starts.
     angle_sigma_rad : float or array_like, shape (2, n)
-        Standard error of the angles, see `Angle.sigma_rad`.
+        Standard error of the angles in rad, see `Angle.sigma_rad`.
     place_sigma_mm : float
-        Standard error of a coordinate of a place.
+        Standard error of each measured coordinate, in mm.
     offset_rad, gain : pair of float
-        Nominal mounting of the encoders, see `Encoder`.
+        Nominal mounting of encoder 1 and encoder 2, see `Encoder`.
     free : tuple of str
-        The parameters to fit, from `NAMES`; the others stay fixed. The frame is the position of
-        joint 1 in the measured frame, the rotation between the two and, for a picture of unknown
-        scale, its units per mm.
+        Names of the parameters to fit, from `NAMES`; the others keep their nominal values.
+        ``frame_x_mm``, ``frame_y_mm`` and ``frame_rad`` are position and rotation of the linkage in
+        the measuring frame. ``frame_scale`` is measured units per mm, for a picture of unknown
+        scale; it is not in the default `STANDARD`.
 
     Returns
     -------
@@ -171,15 +179,23 @@ def calibrate(
     Raises
     ------
     SpotsError
-        If scipy is missing, the arguments do not go together, there are fewer numbers than
-        unknowns, or the angles and places have nothing to do with each other.
+        If scipy is missing, an argument has a wrong shape or value, there are too few places, or
+        the angles do not belong to the places.
     """
     if find_spec("scipy") is None:
         raise missing("kinematic calibration needs", "scipy", "kinematics")
-    angles, places = _checked(angles_rad, x_mm, y_mm, free)
+    angles, x_mm, y_mm = (np.asarray(one, dtype=float) for one in (angles_rad, x_mm, y_mm))
+    if not (x_mm.ndim == 1 and x_mm.shape == y_mm.shape and angles.shape == (2, len(x_mm))):
+        raise SpotsError("angles_rad must have shape (2, n), x_mm and y_mm must have shape (n,)")
+    places = np.stack([x_mm, y_mm], axis=-1)
+    if not (np.isfinite(angles).all() and np.isfinite(places).all()):
+        raise SpotsError("all angles and places of a kinematic calibration must be finite numbers")
     angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
     if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):
-        raise SpotsError("the standard errors of angles and places are more than 0")
+        raise SpotsError("the standard errors of angles and places must be more than 0")
+    if not free or set(free) - set(NAMES):
+        raise SpotsError(f"free must name one or more of these parameters: {', '.join(NAMES)}")
+    _check_enough(len(places), set(free))
     values = dict(zip(NAMES, (*start.bar_mm, start.base_mm, *offset_rad, *gain, 0, 0, 0, 1)))
     names = tuple(name for name in NAMES if name in free)
     centre = np.array([values[name] for name in names])
@@ -188,7 +204,7 @@ def calibrate(
     )
     fit = _Fit(angles, places, values, names, start.side)
     scale = np.full((len(places), 2, 2), np.eye(2) / place_sigma_mm)
-    found = np.zeros(len(names))  # in units of the ranges, from the start
+    found = np.zeros(len(names))  # difference from the start, in units of the ranges
     outlier = np.zeros(len(places), bool)
     for _ in range(_ROUNDS):
         found = fit.solve(np.where(outlier[:, None, None], 0, scale), centre, ranges, found)
@@ -200,10 +216,10 @@ def calibrate(
         outlier = distance > _OUTLIER * max(misfit, 1)
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError(
-            "the angles and places do not go together: is each pair of the same moment, "
-            "in mm, and in the unit of angle that its name has?"
+            "the angles do not belong to the places: measure both at the same moment, and give "
+            "places in mm and angles in the unit that their name states"
         )
-    _check_enough(int((~outlier).sum()), names, f"without the {outlier.sum()} that do not fit, ")
+    _check_enough(int((~outlier).sum()), names, f"without {outlier.sum()} outliers, ")
     jacobian = fit.jacobian(at, ranges, scale)[np.repeat(~outlier, 2)]
     errors, unidentified, rank, condition = _identified(jacobian, names, max(misfit, 1.0))
     off_mm = np.hypot(*residual_mm[~outlier].T)
@@ -228,28 +244,26 @@ class _Fit:
         self._values, self._names = values, names
 
     def residual_mm(self, at) -> np.ndarray:
-        """Return measured less fitted terminals, shape (n, 2)."""
+        """Return measured minus fitted positions in mm, shape (n, 2)."""
         values = self._values | dict(zip(self._names, at))
         return self._places - self._terminal(values, self._angles)
 
     def jacobian(self, at, ranges, scale) -> np.ndarray:
-        """Return the whitened Jacobian by the parameters in units of their ranges, (2n, p)."""
+        """Return the whitened Jacobian, shape (2n, p); parameters in units of their ranges."""
         step = 1e-5
-        columns = []
-        for i in range(len(at)):
-            shift = np.zeros(len(at))
-            shift[i] = step * ranges[i]
-            slope = (self.residual_mm(at + shift) - self.residual_mm(at - shift)) / (2 * step)
-            columns.append(np.einsum("nij,nj->ni", scale, slope).ravel())
-        return np.array(columns).T
+        slopes = [
+            (self.residual_mm(at + shift) - self.residual_mm(at - shift)) / (2 * step)
+            for shift in step * np.diag(ranges)
+        ]
+        return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(at))
 
     def solve(self, scale, centre, ranges, begin) -> np.ndarray:
-        """Return the best parameters in units of the ranges."""
+        """Return the parameters of the best fit, as differences in units of the ranges."""
         from scipy.optimize import least_squares
 
         def residuals(found):
             white = np.einsum("nij,nj->ni", scale, self.residual_mm(centre + ranges * found))
-            # Soft L1 of what the places say, and the plain square of what was known before.
+            # Soft L1 loss for the places, squared loss for the priors.
             square = (white**2).sum(axis=1, keepdims=True) / _ROBUST**2
             weaker = np.sqrt(2 / (np.sqrt(1 + square) + 1))
             return np.append((white * weaker).ravel(), found)
@@ -257,16 +271,15 @@ class _Fit:
         return least_squares(residuals, begin, method="trf", xtol=1e-12, ftol=1e-12).x
 
     def weights(self, at, angle_sigma_rad, place_sigma_mm) -> np.ndarray:
-        """Return what makes the residual of each place of unit variance, shape (n, 2, 2)."""
+        """Return the matrices that scale each residual to unit variance, shape (n, 2, 2)."""
         values = self._values | dict(zip(self._names, at))
         step = 1e-6
-        slopes = []
-        for joint in (0, 1):
-            shift = np.zeros((2, 1))
-            shift[joint] = step
-            ahead = self._terminal(values, self._angles + shift)
-            slopes.append((ahead - self._terminal(values, self._angles - shift)) / (2 * step))
-        slopes = np.stack(slopes, axis=-1) * angle_sigma_rad.T[:, None, :]
+        slopes = [
+            self._terminal(values, self._angles + shift[:, None])
+            - self._terminal(values, self._angles - shift[:, None])
+            for shift in step * np.eye(2)
+        ]
+        slopes = np.stack(slopes, axis=-1) / (2 * step) * angle_sigma_rad.T[:, None, :]
         covariance = slopes @ slopes.transpose(0, 2, 1) + place_sigma_mm**2 * np.eye(2)
         return np.linalg.inv(np.linalg.cholesky(covariance))
 
@@ -280,14 +293,14 @@ class _Fit:
 
 
 def framed(values, x_mm, y_mm):
-    """Transform places from the frame of the base joints into the measuring frame.
+    """Transform positions from the frame of the base joints into the measuring frame.
 
     Parameters
     ----------
     values : mapping of str to float
-        ``frame_scale``, ``frame_rad``, ``frame_x_mm`` and ``frame_y_mm``.
+        Parameters by name: ``frame_scale``, ``frame_rad``, ``frame_x_mm`` and ``frame_y_mm``.
     x_mm, y_mm : array_like
-        Places in the frame of the base joints, in mm.
+        Positions in the frame of the base joints, in mm.
 
     Returns
     -------
@@ -303,10 +316,10 @@ def framed(values, x_mm, y_mm):
 
 
 def _identified(jacobian, names, misfit):
-    """Return errors in units of the ranges, groups not separated, rank and condition."""
+    """Return errors in units of the ranges, unidentified groups, rank and condition."""
     _, sizes, ways = np.linalg.svd(jacobian, full_matrices=False)
     sizes = sizes / misfit
-    left = 1 / np.sqrt(1 + sizes**2)  # of what was unknown, in each direction
+    left = 1 / np.sqrt(1 + sizes**2)  # remaining share of the prior, in each direction
     errors = np.sqrt(((ways * left[:, None]) ** 2).sum(axis=0))
     groups = []
     for way in ways[left > _KNOWN]:
@@ -316,23 +329,9 @@ def _identified(jacobian, names, misfit):
     return errors, tuple(groups), len(names) - len(groups), float(condition)
 
 
-def _checked(angles_rad, x_mm, y_mm, free):
-    angles, x_mm, y_mm = (np.asarray(v, dtype=float) for v in (angles_rad, x_mm, y_mm))
-    if not (x_mm.ndim == 1 and x_mm.shape == y_mm.shape and angles.shape == (2, len(x_mm))):
-        raise SpotsError("a kinematic calibration takes two angles, an x and a y for each place")
-    places = np.stack([x_mm, y_mm], axis=-1)
-    if not (np.isfinite(angles).all() and np.isfinite(places).all()):
-        raise SpotsError("the angles and places of a kinematic calibration are finite numbers")
-    strange = sorted(set(free) - set(NAMES))
-    if strange or not free:
-        raise SpotsError(f"free parameters are some of {', '.join(NAMES)}")
-    _check_enough(len(places), set(free))
-    return angles, places
-
-
 def _check_enough(places, free, where=""):
     if 2 * places < len(free):
         raise SpotsError(
-            f"{where}{places} places are {2 * places} numbers, fewer than the {len(free)} that "
-            "are free: measure more, or free less"
+            f"{where}{places} places are {2 * places} numbers, too few for {len(free)} free "
+            "parameters: measure more places"
         )

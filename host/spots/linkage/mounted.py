@@ -1,7 +1,8 @@
-"""The linkage file: a five-bar linkage as built, and how the strips are mounted in its joints."""
+"""The linkage file: lengths of a five-bar linkage, and the mounting of the strips in its joints."""
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -17,29 +18,22 @@ from .encoder import Encoder
 from .fivebar import Linkage
 from .kinematics import Kinematics
 
-# Shorter ones are lengths in metres.
+# A shorter length is probably in metres.
 _Length = Annotated[float, msgspec.Meta(ge=1, le=10_000)]
 _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
-_GAINS = 0.5, 2.0
-# Keys that a file of a simulated linkage does not have.
-_OWN = {"joint", "assembly"}
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    pass
-
-
-class Mounting(_Struct, kw_only=True):
-    """How a strip sits in a joint: angle = offset + gain * angle by its own calibration.
+class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Mounting of a strip in a joint: joint angle = offset + gain * angle of the calibration.
 
     Attributes
     ----------
     calibration : str
-        File of the strip with its joint, beside the linkage file.
+        Path of the strip's calibration file, relative to the folder of the linkage file.
     offset_deg : float
-        The joint's angle by Eqs. 3 and 4 where its own calibration has 0.
+        Joint angle (as in Eqs. 3 and 4) at which the calibration has angle 0, in degrees.
     gain : float
-        About 1; about -1, if the two count in opposite ways.
+        Gain: about 1, or about -1 if the calibration counts in the opposite direction.
     """
 
     calibration: str
@@ -47,23 +41,23 @@ class Mounting(_Struct, kw_only=True):
     gain: float = 1.0
 
     def __post_init__(self):
-        low, high = _GAINS
-        if not low <= abs(self.gain) <= high:
-            raise ValueError("a gain is about 1, or about -1 if the joint turns the other way")
+        if not 0.5 <= abs(self.gain) <= 2:
+            raise ValueError("gain must be about 1, or about -1 if the joint turns the other way")
 
 
-class Mounted(_Struct, kw_only=True):
-    """A linkage file.
+class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Content of a linkage file.
 
     Attributes
     ----------
     bar_mm : tuple of 4 floats
-        Inner bar 1, outer bar 1, outer bar 2, inner bar 2.
+        Lengths of inner bar 1, outer bar 1, outer bar 2 and inner bar 2, in mm.
     base_mm : float
+        Distance of the two base joints, in mm.
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     joint : list of Mounting
-        Joint 1, at (0, 0), and joint 2.
+        Mounting in joint 1, at (0, 0), and in joint 2, at (base, 0).
     """
 
     bar_mm: tuple[_Length, _Length, _Length, _Length]
@@ -74,8 +68,8 @@ class Mounted(_Struct, kw_only=True):
     def __post_init__(self):
         if len(self.joint) != 2:
             raise ValueError(
-                f"there are {len(self.joint)} [[joint]], and a linkage has two: at (0, 0), then at "
-                "(base, 0)"
+                f"there are {len(self.joint)} [[joint]] tables, but a linkage has two joints: "
+                "write one for joint 1 at (0, 0), then one for joint 2 at (base, 0)"
             )
         try:
             self.linkage  # noqa: B018
@@ -84,26 +78,31 @@ class Mounted(_Struct, kw_only=True):
 
     @property
     def linkage(self) -> Linkage:
-        """The linkage, in the frame of its base joints."""
+        """Linkage with these lengths; its origin is joint 1, its x axis points to joint 2."""
         return Linkage(self.bar_mm, self.base_mm, self.assembly)
 
     @property
     def offset_rad(self) -> tuple[float, ...]:
-        """Of both encoders."""
+        """Offsets of encoder 1 and encoder 2, in rad."""
         return tuple(math.radians(joint.offset_deg) for joint in self.joint)
 
     @property
     def gain(self) -> tuple[float, ...]:
-        """Of both encoders."""
+        """Gains of encoder 1 and encoder 2."""
         return tuple(joint.gain for joint in self.joint)
 
     def strips(self, path: Path) -> list[CalibrationFile]:
-        """Return the calibrations of both strips, of the file at a path.
+        """Read the calibration files of both strips.
+
+        Parameters
+        ----------
+        path : Path
+            Path of this linkage file; the calibration files are named relative to its folder.
 
         Raises
         ------
         SpotsError
-            If one cannot be read, or is without a joint.
+            If a calibration file cannot be read, or contains no calibration of a joint.
         """
         found = []
         for number, joint in enumerate(self.joint, 1):
@@ -114,42 +113,52 @@ class Mounted(_Struct, kw_only=True):
                 raise SpotsError(f"linkage file {path}, joint {number}: {error}") from None
             if found[-1].joint is None:
                 raise SpotsError(
-                    f"linkage file {path}, joint {number}: {beside} holds no joint: run "
-                    "'spots calibrate joint' with its session"
+                    f"linkage file {path}, joint {number}: {beside} has no calibration of a joint: "
+                    "run 'spots calibrate joint' with the session of that strip"
                 )
         return found
 
     def encoders(self, strips: list[CalibrationFile]) -> tuple[Encoder, Encoder]:
-        """Return new encoders of the strips."""
+        """Return a new encoder for each strip."""
         return tuple(
             Encoder(strip.joint, *mounting)
             for strip, *mounting in zip(strips, self.offset_rad, self.gain)
         )
 
-    def found(self, kinematics: Kinematics) -> Mounted:
-        """Return the same with the lengths and the mounting that a calibration found."""
-        joints = (
-            msgspec.structs.replace(
-                joint, offset_deg=round(math.degrees(offset_rad), 5), gain=round(gain, 7)
-            )
-            for joint, offset_rad, gain in zip(self.joint, kinematics.offset_rad, kinematics.gain)
-        )
+    def found(self, kinematics: Kinematics, calibrations: list[str]) -> Mounted:
+        """Return a copy with the lengths and the mounting from a kinematic calibration.
+
+        Parameters
+        ----------
+        kinematics : Kinematics
+            Result of the calibration.
+        calibrations : list of str
+            Paths of the two calibration files, relative to the folder of the new linkage file.
+
+        Returns
+        -------
+        Mounted
+        """
         linkage = kinematics.linkage
-        return msgspec.structs.replace(
-            self,
-            bar_mm=tuple(round(bar, 5) for bar in linkage.bar_mm),
-            base_mm=round(linkage.base_mm, 5),
-            joint=list(joints),
+        joints = [
+            Mounting(
+                calibration=name, offset_deg=round(math.degrees(offset), 5), gain=round(gain, 7)
+            )
+            for name, offset, gain in zip(calibrations, kinematics.offset_rad, kinematics.gain)
+        ]
+        bars = tuple(round(bar, 5) for bar in linkage.bar_mm)
+        return Mounted(
+            bar_mm=bars, base_mm=round(linkage.base_mm, 5), assembly=self.assembly, joint=joints
         )
 
 
 def is_mounted(name: str) -> bool:
-    """Return whether a name is that of a linkage file, and not of a simulated linkage."""
+    """Return whether a file is a linkage file of real boards, not one of a simulated linkage."""
     try:
         content = toml.loads(read_text(name))
     except (OSError, ValueError, msgspec.ValidationError, SpotsError):
-        return False  # `load` reports what is wrong
-    return bool(_OWN & content.keys())
+        return False  # `load` reports the error
+    return not content.keys().isdisjoint(("joint", "assembly"))
 
 
 def load(path: str | Path) -> Mounted:
@@ -158,49 +167,50 @@ def load(path: str | Path) -> Mounted:
     Raises
     ------
     SpotsError
-        If it cannot be read, or a key in it is unknown, missing or out of range.
+        If the file cannot be read, or a key in it is unknown, missing or out of range.
     """
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
-            f"cannot read the linkage file {path}: name one with --linkage; docs/fivebar.md shows "
-            "how to write it"
+            f"cannot read the linkage file {path}: name an existing file with --linkage; "
+            "docs/fivebar.md shows how to write one"
         ) from None
     return toml.checked(text, Mounted, f"linkage file {path}")
 
 
 def save(mounted: Mounted, path: Path, comment: str = "") -> None:
-    """Write a linkage file, or replace it, atomically.
+    """Write a linkage file. An existing file is replaced atomically.
 
     Parameters
     ----------
     mounted : Mounted
+        Content of the file.
     path : Path
+        Path of the file.
     comment : str
-        Lines about it.
+        Text that the file starts with, as TOML comments; may have several lines.
 
     Raises
     ------
     SpotsError
-        If it cannot be written.
+        If the file cannot be written.
     """
-    atomic.write_text(_text(mounted, comment), path)
-
-
-def _text(mounted: Mounted, comment: str) -> str:
     rows = [
         "# A five-bar linkage and the strips in its joints, see docs/fivebar.md.",
         *(f"# {line}" for line in comment.splitlines()),
         "",
         "# Inner bar 1, outer bar 1, outer bar 2, inner bar 2.",
-        f"bar_mm = [{', '.join(map(repr, mounted.bar_mm))}]",
-        f"base_mm = {mounted.base_mm!r}",
+        f"bar_mm = {list(mounted.bar_mm)}",
+        f"base_mm = {mounted.base_mm}",
         f'assembly = "{mounted.assembly}"',
     ]
     for joint, where in zip(mounted.joint, ("(0, 0)", "(base, 0)")):
-        # A JSON string is a TOML one.
-        name = msgspec.json.encode(joint.calibration).decode()
-        rows += ["", f"[[joint]]  # at {where}", f"calibration = {name}"]
-        rows += [f"offset_deg = {joint.offset_deg!r}", f"gain = {joint.gain!r}"]
-    return "\n".join([*rows, ""])
+        rows += [
+            "",
+            f"[[joint]]  # at {where}",
+            f"calibration = {json.dumps(joint.calibration)}",  # a JSON string is a TOML string
+            f"offset_deg = {joint.offset_deg}",
+            f"gain = {joint.gain}",
+        ]
+    atomic.write_text("\n".join([*rows, ""]), path)

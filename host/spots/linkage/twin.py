@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from rich.console import Console
@@ -17,7 +16,7 @@ from ..terminal.view import Pace, live
 from .digital_twin import Terminal
 from .mounted import is_mounted
 from .twin_points import fit, measure
-from .twin_source import Source, driven, is_recording, linkage_of, opened, paced
+from .twin_source import Source, is_recording, linkage_of, opened
 from .twin_view import TwinView
 
 _LINES_PER_S = 4
@@ -29,102 +28,84 @@ def twin_command(options: argparse.Namespace) -> None:
     Raises
     ------
     SpotsError
-        If a file or an option does not allow it.
+        If a file is wrong, or two options exclude each other.
     """
     ports = options.port
-    simulated = linkage_of(ports)
-    on_terminal = _json if options.json else None
-    boards = (ports and not simulated) or is_mounted(options.linkage)
-    if options.measure and simulated:
-        raise SpotsError("--measure is for boards: nobody can move a simulated linkage by hand")
-    if options.picture and (simulated or boards):
+    played = any(map(is_recording, ports))
+    boards = not linkage_of(ports) and (ports or is_mounted(options.linkage))
+    if options.measure and (played or not boards):
         raise SpotsError(
-            "--picture draws a simulated path: boards know no truth, and --port virtual has no end"
+            "--measure needs real boards, because you move the terminal by hand: name their ports"
+        )
+    if options.picture and (ports or boards):
+        raise SpotsError(
+            "--picture compares the twin with a simulated path: use it without boards, recordings "
+            "and --port virtual"
         )
     if options.out and not options.calibrate:
-        raise SpotsError("--out is what --calibrate POINTS.csv finds: name the points, too")
+        raise SpotsError("--out writes what --calibrate finds: add --calibrate POINTS.csv")
     if options.calibrate:
         others = "port", "seconds", "json", "record", "measure", "picture"
         if any(getattr(options, name) for name in others):
             raise SpotsError(
-                "--calibrate reads points, and no board: it goes with --linkage, --place-sigma-mm "
-                "and --out alone"
+                "--calibrate reads a file of points and no board: use it only with --linkage, "
+                "--place-sigma-mm and --out"
             )
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
-    elif simulated:
-        given = {"path": options.path, "exposure_us": options.exposure_us}
-        given = {name: value for name, value in given.items() if value is not None}
-        linkage = simulated(options.sensor, options.linkage, seed=options.seed, **given)
-        with driven(linkage, options.record) as source:
-            show(source, options.seconds, on_terminal)
     elif boards:
-        played = any(map(is_recording, ports))
-        if options.measure and played:
-            raise SpotsError("--measure is for boards: a recording cannot be asked for a place")
-        with opened(options.linkage, ports, options.record) as source:
+        drawing = Console().is_terminal and not options.json
+        with opened(options.linkage, ports, options.record, 1.0 if drawing else math.inf) as source:
             if options.measure:
                 _measure(source, Path(options.measure))
-            else:
-                show(source, options.seconds, on_terminal, played)
-    elif options.record or options.measure or options.seconds:
-        raise SpotsError("--record, --measure and --seconds are for boards: name them with --port")
+            elif not show(source, options.seconds, options.json) and played:
+                raise SpotsError(
+                    "the two recordings give no terminal: name two that were made at the same time"
+                )
     else:
-        compare = offered("virtual", "compare_linkage")
-        if compare is None:
+        run = offered("virtual", "run_linkage")
+        if run is None:
             raise SpotsError("name a linkage file with --linkage, or boards with --port")
-        compare(options)
+        run(options)
 
 
-def show(
-    source: Source,
-    seconds: float | None,
-    on_terminal: Callable[[Terminal], None] | None = None,
-    played: bool = False,
-) -> int:
-    """Show a twin until the time is over or Ctrl-C, and return how many terminals there were.
+def show(source: Source, seconds: float | None, as_json: bool = False) -> int:
+    """Show a twin until the time is over or Ctrl-C: as a live picture, or as lines.
 
     Parameters
     ----------
     source : Source
+        The twin and its boards.
     seconds : float or None
-    on_terminal : callable, optional
-        Called with each terminal; if not given, there is a live picture on a terminal and plain
-        lines elsewhere.
-    played : bool
-        Whether it is a recording, which is paced for a picture, else read as fast as possible.
+        Time after which to end, in seconds; no limit if None.
+    as_json : bool
+        Whether to print each terminal as a JSON object. Otherwise there is a picture in a terminal
+        window, and four lines a second elsewhere.
 
     Returns
     -------
     int
+        Number of terminals.
 
     Raises
     ------
     SpotsError
-        If a board is lost, or recordings that are played give no terminal.
+        If a board is lost.
     """
-    console = Console()
-    drawing = console.is_terminal and on_terminal is None
-    on_terminal = on_terminal or Lines()
-    view = TwinView(source.twin, source.names)
-    count = 0
-    pairs = source.readings(seconds)
-    pairs = paced(pairs) if played and drawing else pairs
-    pace = Pace()
-    try:
-        with live(console) if drawing else nullcontext() as display:
-            for joint, touch in pairs:
-                for terminal in source.twin.take(joint, touch):
-                    count += 1
-                    if not drawing:
-                        on_terminal(terminal)
-                if drawing and pace.due(touch.time_s):
-                    display.update(view.picture(source.stats(), touch.time_s), refresh=True)
-    except KeyboardInterrupt:
-        return count
-    if played and not count:
-        raise SpotsError("the recordings have no terminal: were they made at the same time?")
+    console, pace, count = Console(), Pace(), 0
+    drawing = console.is_terminal and not as_json
+    on_terminal = _json if as_json else Lines()
+    view = TwinView(source.twin, [board.port for board in source.boards])
+    with suppress(KeyboardInterrupt), live(console) if drawing else nullcontext() as display:
+        for joint, touch in source.readings(seconds):
+            for terminal in source.twin.take(joint, touch):
+                count += 1
+                if not drawing:
+                    on_terminal(terminal)
+            if drawing and pace.due(touch.time_s):
+                stats = [board.stats for board in source.boards]
+                display.update(view.picture(stats, touch.time_s), refresh=True)
     return count
 
 
@@ -135,7 +116,7 @@ def _measure(source: Source, points: Path) -> None:
         print()
         return
     shown = printable(str(points))
-    print(f"{shown} has {count} points; 'spots twin --calibrate {shown}' goes on from there")
+    print(f"{shown} has {count} points; next: spots twin --calibrate {shown}")
 
 
 def _json(terminal: Terminal) -> None:
@@ -143,7 +124,7 @@ def _json(terminal: Terminal) -> None:
 
 
 class Lines:
-    """Prints a line now and then."""
+    """Prints terminals as lines, at most four a second."""
 
     def __init__(self):
         self._began_s: float | None = None
@@ -162,14 +143,14 @@ def line(terminal: Terminal, began_s: float) -> str:
     Parameters
     ----------
     terminal : Terminal
-        An estimate.
+        The terminal to print.
     began_s : float
-        Where its time counts from, in seconds by the clock of the readings.
+        Time that is printed as 0, in seconds by the clock of `Terminal.time_s`.
 
     Returns
     -------
     str
-        Time in s, joints in degrees, place and standard errors in mm.
+        Time in s, joint angles in degrees, position and error ellipse in mm, speed in mm/s.
     """
     theta = "  ".join(f"{math.degrees(angle):8.2f}" for angle in terminal.theta_rad)
     text = f"{terminal.time_s - began_s:7.2f} s  joints {theta} deg"

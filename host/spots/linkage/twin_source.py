@@ -1,13 +1,10 @@
-"""Where a twin's readings come from: boards, or recordings of boards."""
+"""Sources of a twin's readings: boards, recordings of boards, or a simulated linkage."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import Protocol
 
@@ -17,58 +14,64 @@ from ..calibrate.calibration_file import CalibrationFile
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.connect import find, open, prepare
-from ..link.frames import LinkStats, Touch
+from ..link.frames import Touch
 from ..link.ports import offered, scheme, scheme_name
-from ..recording.recording import Recording
+from ..recording.replay import open_recording
 from . import mounted
-from .digital_twin import Terminal, Twin, merged, readings
+from .digital_twin import Terminal, Twin, readings
 from .encoder import Encoder
 from .fivebar import Linkage
 
-_Readings = Iterator[tuple[int, Touch]]
 
-
-@dataclass(frozen=True)
 class Source:
-    """A twin with what it follows.
+    """A twin and the two boards whose readings it follows.
 
-    Attributes
+    Parameters
     ----------
     twin : Twin
-    names : list of str
-        Of the ports or files.
-    stats : callable
-        Returns the health of each link.
-    now_s : callable
-        Returns the time by the clock of the readings; of recordings, that when they began.
-    readings : callable
-        Given for how many seconds (None for no end), yields (joint, reading) for `Twin.follow`.
+        The twin that `follow` updates.
+    boards : list of Board
+        Board of joint 1 and board of joint 2.
+    restarted : callable, optional
+        Called with a board after it restarted, see `digital_twin.readings`.
     """
 
-    twin: Twin
-    names: list[str]
-    stats: Callable[[], list[LinkStats]]
-    now_s: Callable[[], float]
-    readings: Callable[[float | None], _Readings]
+    def __init__(
+        self,
+        twin: Twin,
+        boards: list[Board],
+        restarted: Callable[[Board], None] = lambda board: None,
+    ):
+        self.twin, self.boards, self._restarted = twin, boards, restarted
+
+    def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
+        """Yield pairs of joint (0 or 1) and reading; end after `seconds` if given."""
+        return readings(self.boards, seconds, self._restarted)
 
     def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
-        """Yield the terminals, for so long if that is given."""
+        """Yield the terminal at each reading; end after `seconds` if given."""
         return self.twin.follow(self.readings(seconds))
 
 
 @contextmanager
-def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
-    """Open what a linkage file names; in a ``with`` block.
+def opened(
+    linkage: str | Path, ports: list[str] = (), record: list[str] = (), speed: float = math.inf
+) -> Iterator[Source]:
+    """Open the two boards of a linkage file; use it in a ``with`` block.
+
+    Each board is checked against the calibration of its joint, and gets it uploaded.
 
     Parameters
     ----------
     linkage : str or Path
-        A linkage file; its strips' calibrations are given to the boards.
+        Path of the linkage file.
     ports : list of str
-        Of joint 1 and joint 2, or of one board with two sensors; ``recording:FILE`` plays back.
-        Boards on USB are found by their ids, if not given.
+        Port of joint 1 and port of joint 2; ``recording:FILE`` plays a recording. If empty, the
+        boards are found on USB by the ids in their calibration files.
     record : list of str
-        Recordings to make, one for each board.
+        Paths of two recordings to write, one for each board; none if empty.
+    speed : float
+        Speed of recordings: 1 for the original pace, infinity for as fast as possible.
 
     Yields
     ------
@@ -77,47 +80,59 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     Raises
     ------
     SpotsError
-        If a file is wrong, or a board is not there or not that of its calibration.
+        If a file is wrong, a board is missing, or a board does not belong to its calibration.
     """
     twin, strips = loaded(linkage, ports)
     played = [is_recording(port) for port in ports]
-    if any(played):
-        if not all(played) or record:
-            raise SpotsError("recordings are played with recordings, and not recorded again")
-        yield _recorded(twin, strips, [scheme(port)[1] for port in ports])
-        return
+    if any(played) and not all(played):
+        raise SpotsError("one --port is a recording, and the other is not: name two recordings")
     with ExitStack() as stack:
-        boards = _boards(stack, strips, ports)
-        _prepare(boards, strips)
-        _record(stack, boards, record)
-        yield _live(twin, boards, lambda board: _prepare(boards, strips, board))
+        if any(played):
+            boards = [open_recording(scheme(port)[1], speed) for port in ports]
+        elif ports:
+            boards = [stack.enter_context(open(port)) for port in ports]
+        else:
+            boards = _found(stack, strips)
+        for number, (board, strip) in enumerate(zip(boards, strips), 1):
+            give(board, strip, number)
+        record_all(stack, boards, record)
+
+        def restarted(board: Board) -> None:
+            joint = boards.index(board)
+            give(board, strips[joint], joint + 1)
+
+        yield Source(twin, boards, restarted)
 
 
 def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[CalibrationFile]]:
-    """Return the twin of a linkage file, and the calibrations of its strips.
+    """Return the twin of a linkage file and the calibrations of its strips.
 
     Parameters
     ----------
     linkage : str or Path
+        Path of the linkage file.
     ports : list of str
-        Two, or one of a board with two sensors, or none.
+        The ports that the user named; only their number is checked, it must be 0 or 2.
 
     Returns
     -------
     twin : Twin
     strips : list of CalibrationFile
-        Of joint 1 and joint 2.
+        Calibration of joint 1 and calibration of joint 2.
 
     Raises
     ------
     SpotsError
-        If a file is wrong, or there are more than two ports.
+        If a file is wrong, or there is another number of ports.
     """
     path = Path(linkage)
     arm = mounted.load(path)
     strips = arm.strips(path)
-    if len(ports) > 2:
-        raise SpotsError("a linkage has two joints: name two ports, or one of a board with both")
+    if len(ports) not in (0, 2):
+        raise SpotsError(
+            f"a linkage has two joints with a board each, and {len(ports)} --port is given: name "
+            "the port of joint 1, then the port of joint 2"
+        )
     return Twin(arm.linkage, arm.encoders(strips)), strips
 
 
@@ -127,6 +142,7 @@ class DrivenLinkage(Protocol):
     Attributes
     ----------
     linkage : Linkage
+        Its geometry.
     """
 
     linkage: Linkage
@@ -135,176 +151,93 @@ class DrivenLinkage(Protocol):
         """Return new encoders of both joints."""
 
     def open(self, joint: int) -> Board:
-        """Open the board of a joint, 0 or 1."""
-
-
-@contextmanager
-def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
-    """Open both boards of a linkage that opens them itself; in a ``with`` block.
-
-    Parameters
-    ----------
-    machine : DrivenLinkage
-    record : list of str
-        Recordings to make, one for each board.
-
-    Yields
-    ------
-    Source
-
-    Raises
-    ------
-    SpotsError
-        If a board cannot be opened.
-    """
-    with ExitStack() as stack:
-        boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]
-        _record(stack, boards, record)
-        yield _live(Twin(machine.linkage, machine.encoders()), boards)
+        """Open the board of a joint (0 or 1)."""
 
 
 def linkage_of(ports: list[str]):
-    """Return what makes the `DrivenLinkage` of ports one of which is a whole linkage, or None."""
+    """Return the function that makes a `DrivenLinkage`, if a port offers one; else None."""
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
 def is_recording(port: str) -> bool:
-    """Return whether a port is a recording, which a twin reads as fast as it can."""
+    """Return whether a port is a recording (``recording:FILE``)."""
     return scheme_name(port) == "recording"
 
 
-def paced(pairs: _Readings) -> _Readings:
-    """Yield readings at the pace at which they were taken."""
-    ahead_s = None
-    for joint, touch in pairs:
-        if ahead_s is None:
-            ahead_s = touch.time_s - time.monotonic()
-        time.sleep(max(touch.time_s - ahead_s - time.monotonic(), 0.0))
-        yield joint, touch
+def give(board: Board, strip: CalibrationFile, number: int) -> None:
+    """Check that a board belongs to a joint, and upload the calibration of the joint to it.
 
-
-def check(strip: CalibrationFile, info: dict, number: int, name: str) -> None:
-    """Check that a board is that of a joint's calibration.
-
-    Parameters
-    ----------
-    strip : CalibrationFile
-        Of the joint.
-    info : dict
-        The board's ``hello``.
-    number : int
-        Of the joint, 1 or 2.
-    name : str
-        Of the port, for the message.
-
-    Raises
-    ------
-    SpotsError
-        If it is another board.
-    """
-    if info["id"] != strip.board:
-        raise SpotsError(
-            f"joint {number}, {name}: this is board {info['id']}, and the calibration of the joint "
-            f"was made on {strip.board}: name the ports in the order of the joints"
-        )
-
-
-def give(board: Board, strip: CalibrationFile) -> None:
-    """Upload a joint's calibration to its board.
+    A recording and a read-only board cannot get a calibration; they must use the right one already.
 
     Parameters
     ----------
     board : Board
-        The joint's board.
+        Board of the joint.
     strip : CalibrationFile
-        Of the joint.
+        Calibration file of the joint.
+    number : int
+        Number of the joint, 1 or 2, for the error message.
 
     Raises
     ------
     SpotsError
-        If it does not take it, or can only be read and has another.
+        If it is another board, refuses the calibration, or is read-only with another calibration.
     """
+    info = board.command("hello")
+    if info["id"] != strip.board:
+        raise SpotsError(
+            f"joint {number}, {board.port}: this is board {info['id']}, but the calibration of the "
+            f"joint was made on board {strip.board}: name the ports in the order of the joints"
+        )
     if not board.read_only:
         prepare(board, strip.lines)
         return
-    used, needed = board.info.get("calibration"), checksum(list(strip.lines))
+    used, needed = info.get("calibration"), checksum(list(strip.lines))
     if used != needed:
         raise SpotsError(
-            f"{board.port} can only be read and uses calibration {used}, its joint has {needed}: "
-            "upload that where the board is plugged in"
+            f"joint {number}, {board.port}: it uses calibration {used}, but the linkage file names "
+            f"calibration {needed}: name the calibration file that was on the board"
         )
 
 
-def _live(twin: Twin, boards: list[Board], restarted=lambda board: None) -> Source:
-    return Source(
-        twin,
-        [board.port for board in boards],
-        lambda: [board.stats for board in boards],
-        boards[0].now_s,
-        lambda seconds: readings(boards, seconds, restarted),
-    )
-
-
-def _boards(stack: ExitStack, strips: list[CalibrationFile], ports: list[str]) -> list[Board]:
-    if ports:
-        return [stack.enter_context(open(port)) for port in ports]
-    wanted = list(dict.fromkeys(strip.board for strip in strips))
+def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
+    """Return the boards of the strips; all boards on USB are searched."""
+    wanted = [strip.board for strip in strips]
+    if wanted[0] == wanted[1]:
+        raise SpotsError(
+            f"both joints have a calibration of board {wanted[0]}, but each joint needs a board: "
+            "correct the linkage file, or name ports with --port"
+        )
     there = {board.info["id"]: stack.enter_context(board) for board in find()[0]}
     missing = [name for name in wanted if name not in there]
     if missing:
         raise SpotsError(
             f"no board {' and no board '.join(missing)}, with which the joints were calibrated: "
-            f"plug it in, or name ports with --port; there is {', '.join(there) or 'none'}"
+            f"plug it in, or name ports with --port; there is {', '.join(there) or 'no board'}"
         )
     for name in there.keys() - set(wanted):
         there[name].close()
     return [there[name] for name in wanted]
 
 
-def _prepare(boards: list[Board], strips: list[CalibrationFile], only: Board | None = None) -> None:
-    if len(boards) == 1:
-        return  # a board with two sensors holds both calibrations itself
-    for number, (board, strip) in enumerate(zip(boards, strips), 1):
-        if only in (None, board):
-            check(strip, board.command("hello"), number, board.port)
-            give(board, strip)
+def record_all(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
+    """Record each board until a stack of context managers ends.
 
+    Parameters
+    ----------
+    stack : ExitStack
+        Stack whose end ends the recordings.
+    boards : list of Board
+        Boards to record.
+    paths : list of str
+        Path of the recording of each board; if empty, nothing is recorded.
 
-def _record(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
+    Raises
+    ------
+    SpotsError
+        If there are not as many paths as boards, or a file cannot be written.
+    """
     if paths and len(paths) != len(boards):
-        raise SpotsError(f"there are {len(boards)} boards: name as many files with --record")
+        raise SpotsError(f"--record names {len(paths)} file: name two, one for each board")
     for board, path in zip(boards, paths):
         stack.enter_context(board.record(path))
-
-
-def _recorded(twin: Twin, strips: list[CalibrationFile], paths: list[str]) -> Source:
-    recordings = [Recording(path) for path in paths]
-    for recording in recordings:
-        if recording.header.clock is None:
-            raise SpotsError(f"{recording.path} does not hold when its readings were taken")
-    if len(recordings) == 2:
-        for number, (recording, strip) in enumerate(zip(recordings, strips), 1):
-            info, named = recording.header.info, checksum(list(strip.lines))
-            check(strip, info, number, str(recording.path))
-            if info["calibration"] != named:
-                raise SpotsError(
-                    f"joint {number}, {recording.path}: recorded with calibration "
-                    f"{info['calibration']}, and the linkage file names {named}: name the one that "
-                    "it was recorded with"
-                )
-
-    begun_s = max(recording.header.host_s for recording in recordings)
-
-    def both(seconds: float | None) -> _Readings:
-        touches = [(one for _, one in file if isinstance(one, Touch)) for file in recordings]
-        pairs = merged(*touches) if len(touches) == 2 else ((t.sensor, t) for t in touches[0])
-        end_s = math.inf if seconds is None else begun_s + seconds
-        return takewhile(lambda pair: pair[1].time_s <= end_s, pairs)
-
-    return Source(
-        twin,
-        [str(recording.path) for recording in recordings],
-        lambda: [recording.stats for recording in recordings],
-        lambda: begun_s,
-        both,
-    )

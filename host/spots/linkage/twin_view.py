@@ -1,12 +1,11 @@
-"""A linkage in the terminal: bars, where its terminal has been, and what is known of it."""
+"""Picture of a linkage in the terminal: bars, path of its terminal, position and errors."""
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from collections.abc import Iterable
-from itertools import groupby
+from itertools import groupby, pairwise
 
+import numpy as np
 from rich.console import Group
 from rich.panel import Panel
 from rich.table import Table
@@ -17,38 +16,37 @@ from ..link.frames import LinkStats
 from .digital_twin import Terminal, Twin
 
 _COLUMNS, _ROWS = 74, 20
-_ACROSS, _DOWN = 2 * _COLUMNS, 4 * _ROWS  # dots
-# Of a braille character, by column and row.
-_DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+# A braille character has 4 rows and 2 columns of dots; these are the bits of its code.
+_DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _BRAILLE = 0x2800
-
-Point = tuple[float, float]
+_LAST_DOT = np.array([4 * _ROWS - 1, 2 * _COLUMNS - 1])
 
 
 class TwinView:
-    """The picture of a twin; its frame grows with what was seen.
+    """Draws a twin; its frame grows with the points that it has shown.
 
     Parameters
     ----------
     twin : Twin
+        The twin to draw.
     names : list of str
-        Of the ports.
+        Names of the ports, for the title.
     """
 
     def __init__(self, twin: Twin, names: list[str]):
         self._twin = twin
         self._title = f"SPOTS twin  {' · '.join(names)}"
-        self._low, self._high = (math.inf, math.inf), (-math.inf, -math.inf)
+        self._frame = np.empty((0, 2))  # its corners, in mm
 
     def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
-        """Return the picture at a time.
+        """Return the picture of the twin's newest terminal.
 
         Parameters
         ----------
         stats : list of LinkStats
-            One for each board.
+            Link statistics of each board.
         now_s : float
-            In seconds by the clock of the readings.
+            Present time in seconds, by the clock of `Touch.time_s`.
 
         Returns
         -------
@@ -56,86 +54,70 @@ class TwinView:
         """
         trail = self._twin.trail
         last = trail[-1] if trail else None
-        path = [(t.x_mm, t.y_mm) for t in trail if not t.limit]
+        path = np.array([(t.x_mm, t.y_mm) for t in trail if not t.limit]).reshape(-1, 2)
         bars = _outline(self._twin, last) if last else []
-        self._see([*path, *(point for bar in bars for point in bar)])
+        seen = np.concatenate([self._frame, path, *bars])
+        self._frame = np.array([seen.min(axis=0), seen.max(axis=0)]) if len(seen) else seen
         remark = self._twin.silence(now_s) or (last.remark if last else "")
         parts = [self._plot(path, bars, last), _numbers(last, remark), _facts(stats)]
         return Panel(
             Group(*parts), title=Text(printable(self._title)), width=_COLUMNS + 6, padding=(0, 2)
         )
 
-    def _see(self, points: Iterable[Point]) -> None:
-        for point in points:
-            self._low = tuple(map(min, self._low, point))
-            self._high = tuple(map(max, self._high, point))
-
-    def _plot(self, path: list[Point], bars: list[list[Point]], last: Terminal | None) -> Text:
-        drawn = [point for bar in bars for point in _filled(bar, self._scale())]
-        quiet, lit = self._cells(drawn), self._cells(path)
-        at = None
+    def _plot(self, path: np.ndarray, bars: list[np.ndarray], last: Terminal | None) -> Text:
+        lit = self._cells(path)
+        quiet = self._cells(
+            *(_filled(ends, self._scale()) for bar in bars for ends in pairwise(bar))
+        )
+        dots = np.where(lit > 0, lit, quiet)
+        codes = np.where(dots > 0, _BRAILLE + dots, ord(" "))
+        styles = np.where(lit > 0, "cyan", "dim").astype(object)
         if last and not last.limit:
-            column, row = self._dot((last.x_mm, last.y_mm))
-            at = column // 2, row // 4
+            at = tuple(self._dots(np.array([last.x_mm, last.y_mm])) // _DOTS.shape)
+            codes[at], styles[at] = ord("●"), "bold red"
         text = Text()
-        for row in range(_ROWS):
-            signs = [_sign((column, row), at, lit, quiet) for column in range(_COLUMNS)]
+        for row in zip(codes, styles):
             # Runs of one style: a style for each character would take most of the time.
-            for style, run in groupby(signs, key=lambda sign: sign[1]):
-                text.append("".join(character for character, _ in run), style=style)
+            for style, run in groupby(zip(*row), key=lambda cell: cell[1]):
+                text.append("".join(chr(code) for code, _ in run), style=style)
             text.append("\n")
         return text
 
-    def _cells(self, points: list[Point]) -> dict[tuple[int, int], int]:
-        """Return the dots of each character that has some."""
-        cells: dict[tuple[int, int], int] = defaultdict(int)
-        for column, row in map(self._dot, points):
-            cells[column // 2, row // 4] |= _DOTS[column % 2][row % 4]
-        return cells
+    def _cells(self, *lines: np.ndarray) -> np.ndarray:
+        """Return the braille dots of each character of the plot, for points in mm."""
+        dots = np.zeros(_LAST_DOT + 1, int)
+        for points in lines:
+            if len(points):
+                dots[tuple(self._dots(points).T)] = 1
+        return np.einsum("rick,ik->rc", dots.reshape(_ROWS, 4, _COLUMNS, 2), _DOTS)
 
     def _scale(self) -> float:
-        """Return dots per mm."""
-        spans = [high - low for low, high in zip(self._low, self._high)]
-        room = (_ACROSS - 1, _DOWN - 1)
-        return min((dots / mm for dots, mm in zip(room, spans) if mm > 0), default=1.0)
+        """Return the scale in dots per mm."""
+        spans = zip(_LAST_DOT[::-1], np.ptp(self._frame, axis=0))
+        return min((dots / mm for dots, mm in spans if mm > 0), default=1.0)
 
-    def _dot(self, point: Point) -> tuple[int, int]:
-        scale = self._scale()
-        middle_mm = (self._low[0] + self._high[0]) / 2
-        column = round((_ACROSS - 1) / 2 + (point[0] - middle_mm) * scale)
-        row = round(_DOWN - 1 - (point[1] - self._low[1]) * scale)
-        return min(max(column, 0), _ACROSS - 1), min(max(row, 0), _DOWN - 1)
-
-
-def _sign(cell: tuple[int, int], at, lit: dict, quiet: dict) -> tuple[str, str]:
-    """Return what stands at a place of the picture, and its style."""
-    if cell == at:
-        return "●", "bold red"
-    dots = lit.get(cell) or quiet.get(cell)
-    return chr(_BRAILLE + dots) if dots else " ", "cyan" if cell in lit else "dim"
+    def _dots(self, points: np.ndarray) -> np.ndarray:
+        """Return row and column of the dot of each point."""
+        low, high = self._frame
+        x_mm, y_mm = (points - [(low[0] + high[0]) / 2, low[1]]).T * self._scale()
+        dots = np.stack([_LAST_DOT[0] - y_mm, _LAST_DOT[1] / 2 + x_mm], axis=-1)
+        return np.clip(np.rint(dots).astype(int), 0, _LAST_DOT)
 
 
-def _outline(twin: Twin, terminal: Terminal) -> list[list[Point]]:
-    """Return both arms, from joint to elbow, and on to the terminal if there is one."""
+def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
+    """Return the corners of both arms: joint, elbow, and the terminal if there is one."""
     inner1, _, _, inner2 = twin.linkage.bar_mm
     base_mm = twin.linkage.base_mm
     a, b = terminal.theta_rad
-    elbows = (
-        (inner1 * math.sin(a), inner1 * math.cos(a)),
-        (base_mm - inner2 * math.sin(b), inner2 * math.cos(b)),
-    )
+    elbow1 = inner1 * math.sin(a), inner1 * math.cos(a)
+    elbow2 = base_mm - inner2 * math.sin(b), inner2 * math.cos(b)
     ends = [] if terminal.limit else [(terminal.x_mm, terminal.y_mm)]
-    return [[(0.0, 0.0), elbows[0], *ends], [(base_mm, 0.0), elbows[1], *ends]]
+    return [np.array([(0.0, 0.0), elbow1, *ends]), np.array([(base_mm, 0.0), elbow2, *ends])]
 
 
-def _filled(corners: list[Point], dots_per_mm: float) -> list[Point]:
-    """Return points along the lines between corners, a dot apart."""
-    found = []
-    for (x, y), (to_x, to_y) in zip(corners, corners[1:]):
-        count = max(math.ceil(math.hypot(to_x - x, to_y - y) * dots_per_mm), 1)
-        shares = [i / count for i in range(count + 1)]
-        found += [(x + share * (to_x - x), y + share * (to_y - y)) for share in shares]
-    return found
+def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
+    """Return points on the line between two points, a dot apart."""
+    return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 
 def _numbers(last: Terminal | None, remark: str) -> Table:

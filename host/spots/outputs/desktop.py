@@ -1,7 +1,7 @@
-"""A keyboard where Linux's uinput is not: macOS and Windows, by pynput.
+"""Keyboard for macOS and Windows, by pynput.
 
-It presses what types a character, not a key at a place: where the American keyboard has a
-character, whatever key of the computer's own layout types it.
+It presses a key by its character, not by its place: for a key that types a character on an American
+keyboard, it presses the key that types this character on the computer's own keyboard layout.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from .usages import Usage
 
 
 class DesktopKeyboard(Keyboard):
-    """The computer's own keyboard, played by a program.
+    """The keyboard of the desktop, controlled by a program.
 
     Raises
     ------
@@ -35,13 +35,15 @@ class DesktopKeyboard(Keyboard):
 
     def _check(self, one: Usage) -> None:
         if self._key(one) is None:
-            raise SpotsError(f"this computer's keyboard has no {one.name}: choose another key")
+            raise SpotsError(f"the keyboard of this computer has no {one.name}: choose another key")
 
     def _set(self, one: Usage, pressed: bool) -> None:
         try:
             (self._controller.press if pressed else self._controller.release)(self._key(one))
-        except Exception as error:  # what it raises depends on the desktop
-            raise SpotsError(f"the desktop refuses the key {one.name}: {error!r}") from None
+        except Exception as error:  # the type depends on the desktop
+            raise SpotsError(
+                f"the desktop refuses the key {one.name} ({error!r}): allow this program to type"
+            ) from None
 
     def _key(self, one: Usage):
         if one.pynput is None or len(one.pynput) == 1:

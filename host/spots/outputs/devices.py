@@ -1,12 +1,12 @@
-"""Output devices of this computer: keyboard and gamepad; here those that only print.
+"""Output devices of this computer: base classes of keyboards and gamepads, and ones that print.
 
 An open output releases everything on every exit path and when the process stops, see `signals`::
 
     with released_by_signals(), open_keyboard(dry_run=False) as keyboard:
         keyboard.key(*usage_of("PLAY_PAUSE"), modifiers=0, pressed=True)
 
-A process that is killed outright (SIGKILL, a power cut) runs no such line. On Linux the kernel
-then destroys the virtual device with its last file handle and releases what it held.
+A process that is killed by SIGKILL runs no code. On Linux the kernel then removes the virtual
+device and releases its keys.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class State(NamedTuple):
     Attributes
     ----------
     x, y : int
-        -32767 to 32767.
+        Stick axes, from -32767 to 32767.
     z : int
-        0 to 32767.
+        Force axis, from 0 to 32767.
     buttons : int
-        Bit 0 is button 1; 16 bits.
+        16 bits, one for each button; bit 0 is button 1.
     """
 
     x: int
@@ -46,12 +46,12 @@ REST = State(0, 0, 0, 0)
 
 
 class Output:
-    """A device that releases everything when it is closed, also by an exception.
+    """Output device that releases everything when it is closed, also after an exception.
 
     Attributes
     ----------
     muted : bool
-        Whether it takes releases alone, see `mute`.
+        Whether presses are ignored, see `mute`.
     """
 
     muted = False
@@ -69,7 +69,7 @@ class Output:
         raise NotImplementedError
 
     def mute(self) -> None:
-        """Release everything, and press nothing until `signals.resumed` unmutes it."""
+        """Release everything, and ignore presses until `signals.resumed` is called."""
         self.muted = True
         self.release()
 
@@ -90,46 +90,46 @@ class Output:
 
 
 class KeySink(Protocol):
-    """What key events go to."""
+    """Receiver of key events."""
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Take a key event.
+        """Handle a key event.
 
         Parameters
         ----------
         page, usage : int
-            As in the HID Usage Tables, see `usages.usage_of`.
+            HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Bits as in a USB keyboard report.
+            Modifier keys that are pressed with it, as bits of a USB keyboard report.
         pressed : bool
-            Whether the key goes down, not up.
+            True for a press, False for a release.
         """
 
 
 class Keyboard(Output):
-    """Key events in; each key and modifier goes down and up once, however many want it."""
+    """Keyboard that presses each key and modifier once, also if several events use it."""
 
     def __init__(self):
-        self._held: dict[tuple[int, int], int] = {}  # keys, and the modifiers of each
-        self._down: list[Usage] = []  # all that the computer may know of as pressed
+        self._held: dict[tuple[int, int], int] = {}  # pressed keys with their modifiers
+        self._down: list[Usage] = []  # keys that may be pressed on the computer
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Take a key event.
+        """Press or release a key with its modifiers.
 
         Parameters
         ----------
         page, usage : int
-            As in the HID Usage Tables, see `usages.usage_of`.
+            HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            As in a USB keyboard report: they go down before the key, and up with it unless
-            another key holds them. What is given with an up does not matter.
+            Modifier keys, as bits of a USB keyboard report. They are pressed before the key, and
+            released with it unless another key needs them. Ignored for a release.
         pressed : bool
-            Whether it goes down. A key that is down does not go down again.
+            True to press, False to release. A second press or release of a key is ignored.
 
         Raises
         ------
         SpotsError
-            If the key is unknown here, or the device no longer takes events.
+            If this keyboard has no such key, or the device refuses events.
         """
         key = (page, usage)
         with SECTION:
@@ -144,7 +144,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Release all keys; one that fails does not keep the others down."""
+        """Release all keys; after an error the other keys are released, too."""
         with SECTION:
             self._held.clear()
             self._apply()
@@ -162,7 +162,7 @@ class Keyboard(Output):
                 failure = error
         for one in wanted:
             if one not in self._down:
-                self._down.append(one)  # first: an exception in between must not hide it
+                self._down.append(one)  # before `_set`, so that an exception cannot hide it
                 self._set(one, True)
         self._flush()
         if failure is not None:
@@ -173,11 +173,11 @@ class Keyboard(Output):
             if modifiers >> bit & 1:
                 yield USAGES[KEYBOARD, MODIFIERS_FROM + bit]
         if key not in USAGES:
-            raise SpotsError(f"no keyboard here has a key {name_of(*key)}: choose another")
+            raise SpotsError(f"this keyboard has no key {name_of(*key)}: choose another key")
         yield USAGES[key]
 
     def _check(self, one: Usage) -> None:
-        """Raise SpotsError if this device has no such key."""
+        """Raise SpotsError if the device has no such key."""
 
     def _set(self, one: Usage, pressed: bool) -> None:
         raise NotImplementedError
@@ -187,28 +187,28 @@ class Keyboard(Output):
 
 
 class Gamepad(Output):
-    """States in; only what changes goes out."""
+    """Gamepad that sends a state only if it has changed."""
 
     def __init__(self):
         self._last: State | None = REST
 
     def update(self, x: int, y: int, z: int, buttons: int) -> None:
-        """Take all axes and buttons.
+        """Set all axes and buttons.
 
         Parameters
         ----------
         x, y, z, buttons : int
-            In the ranges of `State`.
+            Values as in `State`.
 
         Raises
         ------
         SpotsError
-            If the device takes no events any more.
+            If the device refuses events.
         """
         with SECTION:
             state = REST if self.muted else State(x, y, z, buttons)
             if state != self._last:
-                self._last = None  # what the computer knows is unknown until it is sent
+                self._last = None  # unknown if sending fails
                 self._send(state)
                 self._last = state
 
@@ -224,12 +224,12 @@ _print = functools.partial(print, flush=True)
 
 
 class PrintedKeyboard(Keyboard):
-    """Prints a line for each key that goes down or up.
+    """Keyboard that prints a line for each key that is pressed or released.
 
     Parameters
     ----------
     write : callable
-        Takes the line.
+        Function that takes the line.
     """
 
     def __init__(self, write: Callable[[str], None] = _print):
@@ -241,12 +241,12 @@ class PrintedKeyboard(Keyboard):
 
 
 class PrintedGamepad(Gamepad):
-    """Prints a line for each state.
+    """Gamepad that prints a line for each state.
 
     Parameters
     ----------
     write : callable
-        Takes the line.
+        Function that takes the line.
     """
 
     def __init__(self, write: Callable[[str], None] = _print):
@@ -258,6 +258,6 @@ class PrintedGamepad(Gamepad):
 
 
 def line(state: State) -> str:
-    """Return a state as a line of text."""
+    """Return a gamepad state as a line of text."""
     names = " ".join(str(i + 1) for i in range(BUTTONS) if state.buttons >> i & 1)
     return f"x {state.x:6}  y {state.y:6}  z {state.z:5}  buttons {names or '-'}"

@@ -1,4 +1,4 @@
-"""Opens the keyboard or the gamepad of this computer, or one that prints."""
+"""Opens a keyboard or a gamepad of this computer, or one that only prints."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .uinput import UInputGamepad, UInputKeyboard
 
 
 def open_keyboard(dry_run: bool) -> Keyboard:
-    """Return a keyboard of this computer, or one that prints.
+    """Open a keyboard of this computer, or one that only prints if `dry_run` is true.
 
     Raises
     ------
     SpotsError
-        If a package or a permission is missing; the text says what to do.
+        If a package or a permission is missing.
     """
     if dry_run:
         return PrintedKeyboard()
@@ -26,18 +26,18 @@ def open_keyboard(dry_run: bool) -> Keyboard:
 
 
 def open_gamepad(dry_run: bool) -> Gamepad:
-    """Return a gamepad of this computer, or one that prints.
+    """Open a gamepad of this computer, or one that only prints if `dry_run` is true.
 
     Raises
     ------
     SpotsError
-        If this system has none, or a package or a permission is missing; the text says what to do.
+        If this system cannot emulate a gamepad, or a package or a permission is missing.
     """
     if dry_run:
         return PrintedGamepad()
     if not sys.platform.startswith("linux"):
         raise SpotsError(
-            "a program can be a gamepad on Linux only: let the board be one ('gamepad on'), "
-            "or use --dry-run"
+            "this program can emulate a gamepad on Linux only: let the board be the gamepad "
+            "('spots command gamepad on'), or use --dry-run"
         )
     return UInputGamepad()

@@ -1,4 +1,4 @@
-"""A keyboard and a gamepad of Linux, by the kernel's uinput and python-evdev."""
+"""Virtual keyboard and gamepad for Linux, by the kernel's uinput and python-evdev."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .usages import USAGES, Usage
 
 _NODE = "/dev/uinput"
 _UINPUT_RULE = 'KERNEL=="uinput", SUBSYSTEM=="misc", OPTIONS+="static_node=uinput", TAG+="uaccess"'
-# Where there is a wheel, no compiler is needed.
+# A binary wheel needs no compiler.
 _PACKAGE = "evdev-binary" if platform.machine() == "x86_64" else "evdev"
 
 
@@ -21,14 +21,14 @@ class UInputKeyboard(Keyboard):
     Raises
     ------
     SpotsError
-        If evdev is missing, or /dev/uinput is or may not be written.
+        If evdev is missing, or /dev/uinput is missing or not writable.
     """
 
     def __init__(self):
         super().__init__()
         self._evdev = evdev = _import_evdev()
         codes = sorted({evdev.ecodes.ecodes[one.linux] for one in USAGES.values()})
-        # The kernel repeats keys of devices with EV_REP where no desktop does.
+        # With EV_REP the kernel repeats a held key, also without a desktop.
         self._device = _open(evdev, {evdev.ecodes.EV_KEY: codes, evdev.ecodes.EV_REP: ()}, "keys")
 
     def _set(self, one: Usage, pressed: bool) -> None:
@@ -48,7 +48,7 @@ class UInputGamepad(Gamepad):
     Raises
     ------
     SpotsError
-        If evdev is missing, or /dev/uinput is or may not be written.
+        If evdev is missing, or /dev/uinput is missing or not writable.
     """
 
     def __init__(self):
@@ -57,7 +57,7 @@ class UInputGamepad(Gamepad):
         ecodes = evdev.ecodes
         both, one = _range(evdev, -AXIS_MAX), _range(evdev, 0)
         axes = [(ecodes.ABS_X, both), (ecodes.ABS_Y, both), (ecodes.ABS_Z, one)]
-        # Buttons as the kernel's HID driver counts those of a gamepad.
+        # The button codes that the kernel's HID driver uses for a gamepad.
         self._buttons = [ecodes.BTN_GAMEPAD + i for i in range(BUTTONS)]
         events = {ecodes.EV_ABS: axes, ecodes.EV_KEY: self._buttons}
         self._device = _open(evdev, events, "gamepad")
@@ -79,7 +79,7 @@ def _import_evdev():
         import evdev
     except ImportError:
         raise SpotsError(
-            f"this needs evdev: pip install {_PACKAGE}, or use --dry-run to print instead"
+            f"the package evdev is missing: pip install {_PACKAGE}, or use --dry-run"
         ) from None
     return evdev
 
@@ -94,20 +94,21 @@ def _open(evdev, events: dict, name: str):
 def _why_not(error: Exception) -> str:
     text = str(error)
     if "does not exist" in text or isinstance(error, FileNotFoundError):
-        return f"there is no {_NODE}: 'sudo modprobe uinput', or use --dry-run to print instead"
+        return f"there is no {_NODE}: run 'sudo modprobe uinput', or use --dry-run"
     if "for writing" in text or isinstance(error, PermissionError):
         return (
-            f"{_NODE} may not be written: put this into /etc/udev/rules.d/60-spots.rules, then "
-            f"'sudo udevadm control --reload' and 'sudo udevadm trigger {_NODE}': {_UINPUT_RULE}"
+            f"{_NODE} is not writable: put the line at the end into "
+            "/etc/udev/rules.d/60-spots.rules, then run 'sudo udevadm control --reload' and "
+            f"'sudo udevadm trigger {_NODE}': {_UINPUT_RULE}"
         )
-    return f"{_NODE} makes no device: {text}"
+    return f"cannot create a device with {_NODE}: {text}"
 
 
 def _do(function: Callable[..., None], *arguments: int) -> None:
     try:
         function(*arguments)
     except OSError as error:
-        raise SpotsError(f"{_NODE} takes no events any more: {error}") from None
+        raise SpotsError(f"{_NODE} refuses events ({error}): start the command again") from None
 
 
 def _range(evdev, low: int):

@@ -1,8 +1,8 @@
-"""Keys by the names of the USB HID Usage Tables, and what each is called elsewhere.
+"""Keys by their names in the USB HID Usage Tables, with their names on Linux and in pynput.
 
-Names follow the tables' (version 1.5, pages 0x07 and 0x0C), in capitals with underscores. A
-key that types a character by itself can also be called by it, as an American keyboard has it:
-``usage_of("1")`` is ``usage_of("ONE")``.
+Names are those of the tables (version 1.5, pages 0x07 and 0x0C), in capitals with underscores. A
+key can also be named by the character that it types on an American keyboard: ``usage_of("1")`` is
+``usage_of("ONE")``.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ MODIFIERS = 8
 
 
 class Usage(NamedTuple):
-    """One key.
+    """A key.
 
     Attributes
     ----------
     page, usage : int
-        As in the HID Usage Tables.
+        HID usage page and usage.
     name : str
-        See the module.
+        Name in the HID Usage Tables, in capitals with underscores.
     linux : str
-        Its name in Linux's input-event-codes.h, as the kernel's HID driver maps it.
+        Name in Linux's input-event-codes.h, as the kernel's HID driver maps the key.
     pynput : str or None
-        A character, or the name of a member of ``pynput.keyboard.Key``; None if it has none.
+        Character of the key, or name of a member of ``pynput.keyboard.Key``; None if pynput has no
+        such key.
     """
 
     page: int
@@ -54,10 +55,10 @@ USAGES: dict[tuple[int, int], Usage] = {
     (one.page, one.usage): one for one in _read(Path(__file__).with_name("usages.txt"))
 }
 _BY_NAME = {one.name: one for one in USAGES.values()}
-# What somebody may mean: Linux calls VOLUME_INCREMENT what most do.
+# For suggestions: Linux names are common, such as VOLUMEUP for VOLUME_INCREMENT.
 _SIMILAR = {one.linux.removeprefix("KEY_"): one.name for one in USAGES.values()}
 _SIMILAR |= {name: name for name in _BY_NAME}
-# A keypad has characters of the main keys too; the main keys come first.
+# The keypad types characters of the main keys, too; the main keys take precedence.
 _BY_CHARACTER = {
     one.pynput: one
     for one in reversed(USAGES.values())
@@ -66,29 +67,29 @@ _BY_CHARACTER = {
 
 
 def usage_of(name: str) -> tuple[int, int]:
-    """Return page and usage of a key.
+    """Return HID usage page and usage of a key.
 
     Parameters
     ----------
     name : str
-        In any case, such as ``enter``, ``VOLUME_INCREMENT`` or ``/``.
+        Name of the key in upper or lower case, such as ``enter``, ``VOLUME_INCREMENT`` or ``/``.
 
     Raises
     ------
     SpotsError
-        If the key is unknown; the text names similar ones.
+        If there is no such key; the text suggests similar names.
     """
     found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
     if found is None:
         near = difflib.get_close_matches(name.upper(), _SIMILAR, n=3, cutoff=0.7)
         near = dict.fromkeys(_SIMILAR[one] for one in near)
-        hint = f"did you mean {' or '.join(near)}?" if near else "names are such as ENTER or F5"
+        hint = f"did you mean {' or '.join(near)}?" if near else "use a name such as ENTER or F5"
         raise SpotsError(f"there is no key '{name}': {hint}")
     return found.page, found.usage
 
 
 def name_of(page: int, usage: int) -> str:
-    """Return a key's name; its page and usage as numbers where the table has none.
+    """Return the name of a key.
 
     Parameters
     ----------
@@ -98,23 +99,24 @@ def name_of(page: int, usage: int) -> str:
     Returns
     -------
     str
+        Name; page and usage as hexadecimal numbers if the key has no name.
     """
     found = USAGES.get((page, usage))
     return found.name if found else f"{page:#04x}:{usage:#04x}"
 
 
 def chord_of(text: str) -> tuple[int, int, int]:
-    """Return page, usage and bits of the modifiers of a key with modifiers before it.
+    """Return HID usage page, usage and modifier bits of a key with modifiers.
 
     Parameters
     ----------
     text : str
-        Such as ``LEFT_SHIFT+A``.
+        Modifiers and key, joined by ``+``, such as ``LEFT_SHIFT+A``.
 
     Raises
     ------
     SpotsError
-        If the key or modifier is unknown, or the key takes no modifiers.
+        If the key or a modifier is unknown, or the key cannot have modifiers.
     """
     *modifiers, name = text.split("+") if len(text) > 1 else [text]
     bits = 0
@@ -122,9 +124,9 @@ def chord_of(text: str) -> tuple[int, int, int]:
         page, usage = usage_of(modifier)
         if page != KEYBOARD or not 0 <= usage - MODIFIERS_FROM < MODIFIERS:
             known = (name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(MODIFIERS))
-            raise SpotsError(f"'{modifier}' is no modifier; there are {', '.join(known)}")
+            raise SpotsError(f"'{modifier}' is not a modifier: use one of {', '.join(known)}")
         bits |= 1 << usage - MODIFIERS_FROM
     page, usage = usage_of(name)
     if bits and page != KEYBOARD:
-        raise SpotsError(f"'{name}' takes no modifiers")
+        raise SpotsError(f"'{name}' cannot have modifiers: remove them")
     return page, usage, bits

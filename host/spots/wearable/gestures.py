@@ -1,7 +1,7 @@
-"""Touches to gestures, with a confidence, for a strip that is worn.
+"""Classifies touches on a worn strip as gestures, each with a confidence.
 
-Everything is relative to the touch itself (how far, how long, how much harder), for on an arm that
-bends and stretches places and forces are less certain than on a desk.
+On an arm that bends and stretches, positions and forces are less accurate than on a desk. So all
+limits are relative to the touch itself: its distance, duration and change of force.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from ..link.timeouts import RELEASE_S
 
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"
 SQUEEZE = "squeeze"
-SWIPE_MINUS, SWIPE_PLUS = "swipe_minus", "swipe_plus"  # to the sensor, and away from it
-SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # after a rest: press and slide
+SWIPE_MINUS, SWIPE_PLUS = "swipe_minus", "swipe_plus"  # towards the sensor, and away from it
+SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # the same after a rest
 NAMES = (
     TAP, DOUBLE_TAP, HOLD, SQUEEZE, SWIPE_MINUS, SWIPE_PLUS, SLIDE_MINUS, SLIDE_PLUS
 )  # fmt: skip
 
-_STILL_UM = 4_000  # within so much a finger stays where it is
-_TAP_S = 0.3  # a longer touch is no tap
-_AGAIN_S = 0.3  # a second tap comes within this
-_AGAIN_UM = 15_000  # and not farther off than this
+_STILL_UM = 4_000  # a finger that moves less than this counts as still
+_TAP_S = 0.3  # longest tap
+_AGAIN_S = 0.3  # longest pause between two taps of a double tap
+_AGAIN_UM = 15_000  # largest distance of two taps of a double tap
 _HOLD_S = 0.6
 _SWIPE_UM = 14_000
 _SWIPE_S = 0.45
-_REST_S = 0.25  # a finger that rests so long before it moves presses and slides
+_REST_S = 0.25  # least rest before a slide
 _SQUEEZE_MN = 5_000
 _SQUEEZE_S = 0.1
 _KEPT = 4096  # readings of a touch
-# Half as sure where a measure is at its limit; 88 % where it is a quarter beyond.
+# The confidence is 50 % at a limit, and 88 % where a value is a quarter better than its limit.
 _STEEPNESS = 8.0
 _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
 
@@ -47,15 +47,17 @@ class Gesture(NamedTuple):
     Attributes
     ----------
     name : str
-        One of `NAMES`.
+        Name of the gesture, one of `NAMES`.
     confidence : float
-        0 to 1: how far the measured values lie from the limits to another gesture; 0.5 at a limit.
+        Confidence from 0 to 1, from the distance of the measured values to the limits of the
+        gesture; 0.5 at a limit.
     position_um, distance_um : int
-        Where it began, and how far it moved away from the sensor.
+        Position where the touch began, and distance that it moved away from the sensor (negative
+        towards the sensor), in um.
     force_mN : int
-        At its hardest.
+        Largest force of the touch, in mN.
     time_s : float
-        Host time of the reading that decided it.
+        `Touch.time_s` of the reading that completed the gesture, in seconds.
     """
 
     name: str
@@ -67,12 +69,12 @@ class Gesture(NamedTuple):
 
 
 class Gestures:
-    """Classifies touches; takes every reading of one strip.
+    """Classifies the touches of one strip.
 
     Attributes
     ----------
     rests : int
-        How often an object that is not a finger was found on the strip.
+        Number of times that an object, not a finger, was detected on the strip.
     """
 
     def __init__(self):
@@ -81,96 +83,86 @@ class Gestures:
         self._found: list[Gesture] = []
         self._now_s = 0.0
         self._heard_s: float | None = None
-        self._path: _Path | None = None  # while a finger is there
-        self._decided = False
-        self._hard_since_s: float | None = None
-        self._tap: Gesture | None = None
+        self._path: _Path | None = None  # None while no finger touches
+        self._tap: Gesture | None = None  # waits for a second tap
         self.rests = 0
 
-    @property
-    def touching(self) -> bool:
-        """Whether a finger is on the strip."""
-        return self._path is not None
-
     def take(self, touch: Touch, now_s: float) -> list[Gesture]:
-        """Take a reading and return the gestures that are complete.
+        """Add a reading, and return the gestures that are now complete.
 
         Parameters
         ----------
         touch : Touch
-            The readings of one strip, in order.
+            The next reading of the strip.
         now_s : float
-            When it arrived, in seconds by the clock of `tick`.
+            Time at which it arrived, in seconds, by the same clock as in `tick`.
 
         Returns
         -------
         list of Gesture
+            Complete gestures, oldest first; mostly empty.
         """
         self.tick(now_s)
-        if not touch.flags & LED_OFF:  # a reading with the LED off sees no finger
+        if not touch.flags & LED_OFF:  # a reading with the LED off does not show a finger
             self._heard_s = now_s
         self._now_s = touch.time_s
         t = touch.t_us // TICK_US % TICKS
         self._contact.take(touch.flags & ~DROPPED, touch.position_um, touch.force_mN, t)
-        if self._tap and not self.touching and self._now_s - self._tap.time_s > _AGAIN_S:
-            self._found.append(self._tap)
-            self._tap = None
+        if self._tap and not self._path and self._now_s - self._tap.time_s > _AGAIN_S:
+            self._report_tap()
         found, self._found = self._found, []
         return found
 
     def tick(self, now_s: float) -> None:
-        """Drop the touch and what is pending if no reading has come for `RELEASE_S`."""
+        """Drop the touch and a waiting tap if no reading has arrived for `RELEASE_S`."""
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             self.release()
 
     def release(self) -> None:
-        """Drop the touch and the tap that waits for a second one."""
+        """Drop the touch and a tap that waits for a second one."""
         self._contact.spend()
-        self._path = None
-        self._tap = None
+        self._path = self._tap = None
 
     # Called by the contact.
 
     def down(self, x_um: int, t: int) -> None:
-        """Take the start of a contact, as `spots_device.contact.Contact` reports it.
+        """Handle the start of a contact, see `spots_device.contact.Contact`.
 
         Parameters
         ----------
         x_um : int
-            Place on the strip, in um.
+            Position on the strip, in um.
         t : int
             Time in ticks of the contact.
         """
         self._path = _Path(self._now_s, x_um)
-        self._decided = False
-        self._hard_since_s = None
         self.at(x_um, t)
 
     def at(self, x_um: int, t: int) -> None:
-        """Take a place of a contact that lasts.
+        """Handle a new position of a contact.
 
         Parameters
         ----------
         x_um : int
-            Place on the strip, in um.
+            Position on the strip, in um.
         t : int
             Time in ticks of the contact.
         """
         self._path.extend(self._now_s, x_um, self._contact.force_mN)
-        if not self._decided:
+        if not self._path.decided:
             self._decide_early()
 
     def firm(self, t: int) -> None:
         pass
 
     def next(self, x_um: int, t: int) -> None:
-        """Take another finger: the contact ends, and the next one begins.
+        """Handle a jump: the contact of one finger ends, and that of another begins.
 
         Parameters
         ----------
         x_um : int
-            Place on the strip, in um.
+            Position of the new contact on the strip, in um.
         t : int
             Time in ticks of the contact.
         """
@@ -178,7 +170,7 @@ class Gestures:
         self.down(x_um, t)
 
     def up(self, t: int) -> None:
-        if not self._decided:
+        if not self._path.decided:
             self._decide_late()
         self._path = None
 
@@ -189,25 +181,29 @@ class Gestures:
     # Classification.
 
     def _decide_early(self) -> None:
-        """Decide on a squeeze or a hold while the finger is still there."""
+        """Detect a squeeze or a long hold while the finger still touches."""
         path = self._path
         still = path.spread_um <= _STILL_UM
-        if not (still and path.force_mN >= _SQUEEZE_MN):
-            self._hard_since_s = None
-        elif self._hard_since_s is None:
-            self._hard_since_s = self._now_s
-        elif self._now_s - self._hard_since_s >= _SQUEEZE_S:
-            self._decide(SQUEEZE, _above(path.hardest_mN, _SQUEEZE_MN), self._certainly_still())
-        if not self._decided and still and self._now_s - path.began_s >= 2 * _HOLD_S:
-            self._decide(HOLD, 1.0, self._certainly_still())
+        hard = still and path.force_mN >= _SQUEEZE_MN
+        path.hard_since_s = min(path.hard_since_s, self._now_s) if hard else math.inf
+        if self._now_s - path.hard_since_s >= _SQUEEZE_S:
+            self._decide(SQUEEZE, _above(path.hardest_mN, _SQUEEZE_MN), path.stillness)
+        elif still and self._now_s - path.began_s >= 2 * _HOLD_S:
+            self._decide(HOLD, 1.0, path.stillness)
 
     def _decide_late(self) -> None:
+        """Classify a touch that has ended; one that fits no gesture is dropped."""
         path = self._path
-        lasted_s = path.end_s - path.began_s
-        if path.spread_um > _STILL_UM and abs(path.moved_um) > _STILL_UM:
+        lasted_s, far_um = path.end_s - path.began_s, abs(path.moved_um)
+        if path.spread_um <= _STILL_UM:
+            if lasted_s >= _HOLD_S:
+                self._decide(HOLD, _above(lasted_s, _HOLD_S), path.stillness)
+            elif lasted_s <= _TAP_S:
+                self._tapped(self._gesture(TAP, _below(lasted_s, _TAP_S), path.stillness))
+        elif far_um > _STILL_UM:
+            away = path.moved_um > 0
             rested_s = path.left_s - path.began_s
             went_s = max(path.arrived_s() - path.left_s, 1e-3)
-            away, far_um = path.moved_um > 0, abs(path.moved_um)
             if rested_s >= _REST_S:
                 name = SLIDE_PLUS if away else SLIDE_MINUS
                 self._decide(name, _above(rested_s, _REST_S), _above(far_um, _STILL_UM))
@@ -215,32 +211,26 @@ class Gestures:
                 name = SWIPE_PLUS if away else SWIPE_MINUS
                 quick = min(_below(went_s, _SWIPE_S), _below(rested_s, _REST_S))
                 self._decide(name, _above(far_um, _SWIPE_UM), quick)
-            return  # a finger that wandered is no gesture
-        if path.spread_um > _STILL_UM:
-            return
-        if lasted_s >= _HOLD_S:
-            self._decide(HOLD, _above(lasted_s, _HOLD_S), self._certainly_still())
-        elif lasted_s <= _TAP_S:
-            self._tapped(_below(lasted_s, _TAP_S))
 
-    def _tapped(self, short: float) -> None:
+    def _tapped(self, second: Gesture) -> None:
         first = self._tap
-        gesture = self._gesture(TAP, short, self._certainly_still())
-        if first and abs(gesture.position_um - first.position_um) <= _AGAIN_UM:
+        if first and abs(second.position_um - first.position_um) <= _AGAIN_UM:
             self._tap = None
-            sure = min(first.confidence, gesture.confidence)
-            self._found.append(gesture._replace(name=DOUBLE_TAP, confidence=sure))
-            return
-        if first:
-            self._found.append(first)
-        self._tap = gesture
+            sure = min(first.confidence, second.confidence)
+            self._found.append(second._replace(name=DOUBLE_TAP, confidence=sure))
+        else:
+            self._report_tap()
+            self._tap = second
 
     def _decide(self, name: str, *margins: float) -> None:
-        self._decided = True
+        self._path.decided = True
+        self._report_tap()
+        self._found.append(self._gesture(name, *margins))
+
+    def _report_tap(self) -> None:
         if self._tap:
             self._found.append(self._tap)
             self._tap = None
-        self._found.append(self._gesture(name, *margins))
 
     def _gesture(self, name: str, *margins: float) -> Gesture:
         path = self._path
@@ -248,33 +238,36 @@ class Gestures:
             name, min(margins), path.begin_um, path.moved_um, path.hardest_mN, self._now_s
         )
 
-    def _certainly_still(self) -> float:
-        return _below(max(self._path.spread_um, 1), _STILL_UM)
-
 
 class _Path:
-    """The path of a finger; what is needed at every reading is stored, not searched for.
+    """Path of a finger, updated with each reading at constant cost.
 
     Attributes
     ----------
     began_s, left_s, end_s : float
-        When it came down, left that place (or has not yet), and was last seen.
+        Time of the first reading, of the last reading near the first position, and of the last
+        reading, in seconds.
     begin_um, end_um : int
-        Where.
+        First and last position, in um.
     force_mN, hardest_mN : int
-        Now, and at most.
+        Present and largest force, in mN.
+    hard_since_s : float
+        Time since which the finger is still and presses hard; infinity if it does not.
+    decided : bool
+        Whether a gesture was found for this path.
     """
 
     def __init__(self, now_s: float, x_um: int):
         self.began_s = self.left_s = self.end_s = now_s
         self.begin_um = self.end_um = self._low_um = self._high_um = x_um
         self.force_mN = self.hardest_mN = 0
-        self._left = False
-        # A finger that was swiped rests for less than these: 4 s at 1000 readings a second.
+        self.hard_since_s = math.inf
+        self.decided = self._left = False
+        # Long enough for a swipe: 4 s at 1000 readings a second.
         self._lately: deque[tuple[float, int]] = deque(maxlen=_KEPT)
 
     def extend(self, now_s: float, x_um: int, force_mN: int) -> None:
-        """Take a reading."""
+        """Add a reading."""
         self.end_s, self.end_um, self.force_mN = now_s, x_um, force_mN
         self.hardest_mN = max(self.hardest_mN, force_mN)
         self._low_um, self._high_um = min(self._low_um, x_um), max(self._high_um, x_um)
@@ -285,16 +278,21 @@ class _Path:
 
     @property
     def spread_um(self) -> int:
-        """How far apart the places are that it was at."""
+        """Distance between the lowest and the highest position, in um."""
         return self._high_um - self._low_um
 
     @property
     def moved_um(self) -> int:
-        """How far it has gone, away from the sensor if positive."""
+        """Distance from the first to the last position in um; positive away from the sensor."""
         return self.end_um - self.begin_um
 
+    @property
+    def stillness(self) -> float:
+        """Confidence that the finger did not move, from 0 to 1."""
+        return _below(max(self.spread_um, 1), _STILL_UM)
+
     def arrived_s(self) -> float:
-        """Return when it came to where it is now, or the longest ago that is known."""
+        """Return the time at which the finger arrived near its last position, if known."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)
@@ -304,8 +302,9 @@ class _Path:
 
 
 def _above(value: float, limit: float) -> float:
+    """Return the confidence that a value is above its limit."""
     return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
 
 
 def _below(value: float, limit: float) -> float:
-    return 1 / (1 + math.exp(_STEEPNESS * (value / limit - 1)))
+    return 1 - _above(value, limit)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +12,7 @@ import msgspec
 from rich.console import Console
 
 from .. import toml
-from ..errors import SpotsError
+from ..errors import SpotsError, did_you_mean
 from ..link.board import Board
 from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
@@ -37,55 +37,56 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Mapping:
-    """The keys of gestures, from a validated file.
+    """Keys of gestures, read from a gestures file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Path of the file, or name of a file that comes with the package.
 
     Attributes
     ----------
     least_confidence : float
-        Gestures below it do nothing.
+        Gestures with a lower confidence press no key.
     names : dict of str to str
-        By gesture, the key as the file has it.
+        Name of the key for each gesture, as in the file.
     keys : dict of str to tuple of int
-        By gesture: page, usage, modifiers.
+        HID usage page, usage and modifier bits of the key for each gesture.
 
     Raises
     ------
     SpotsError
-        If there is no such file, or something in it is wrong.
+        If the file does not exist, or contains an error.
     """
 
     def __init__(self, path: str | Path = DEFAULT):
         path, text = toml.find(path, FOLDER, "gestures")
         file = toml.checked(text, _File, f"gestures file {path}")
-        unknown = sorted(set(file.gestures) - set(NAMES))
-        if unknown:
-            raise SpotsError(
-                f"gestures file {path}: there is no gesture '{unknown[0]}'; there are "
-                + ", ".join(NAMES)
-            )
         self.least_confidence = file.least_confidence
         self.names = file.gestures
         self.keys = {}
         for gesture, action in file.gestures.items():
             try:
+                if gesture not in NAMES:
+                    raise SpotsError(f"no such gesture: {did_you_mean(gesture, NAMES)}")
                 self.keys[gesture] = chord_of(action)
             except SpotsError as error:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
-        """Press and release the key of a gesture if its confidence suffices.
+        """Press and release the key of a gesture, if its confidence is high enough.
 
         Parameters
         ----------
         gesture : Gesture
-            With its confidence.
+            The gesture.
         keyboard : KeySink
-            Gets both events.
+            Keyboard that gets both key events.
 
         Raises
         ------
         SpotsError
-            If the keyboard no longer takes events.
+            If the keyboard refuses events.
         """
         if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
             for pressed in (True, False):
@@ -97,10 +98,13 @@ def wearable_command(options: argparse.Namespace) -> None:
     mapping = Mapping(options.gestures or DEFAULT)
     with (
         released_by_signals(),
+        suppress(KeyboardInterrupt),
         open_named(options) as board,
         open_keyboard(options.dry_run) as keyboard,
     ):
         drawing = Console().is_terminal and not options.dry_run
+        if options.dry_run:
+            print(f"waiting for one of these gestures: {', '.join(mapping.names)}", flush=True)
         play(board, lambda one: mapping.do(one, keyboard), options.seconds, drawing, mapping)
 
 
@@ -111,18 +115,20 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Report each gesture until the time is over; return all of them.
+    """Read a board and report each gesture; return all of them at the end.
 
     Parameters
     ----------
     board : Board
-        It is set to follow the baseline.
+        Board with a calibrated strip. Its ``baseline`` setting is switched on.
     on_gesture : callable
+        Called with each gesture.
     seconds : float or None
-        By the link's clock; endless if None.
+        Time after which to end, in seconds by the link's clock; no limit if None.
     drawing : bool
-        Whether to show a picture, with what `mapping` says.
+        Whether to show a live picture.
     mapping : Mapping
+        Keys of the gestures, for the picture.
 
     Returns
     -------
@@ -131,7 +137,7 @@ def play(
     Raises
     ------
     SpotsError
-        If the board is lost, has no calibration, or its readings are too far apart.
+        If the board is lost, has no calibration, or takes readings too seldom.
     """
     gestures, untrusted, found = Gestures(), Untrusted(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]

@@ -1,7 +1,8 @@
-"""A worn strip in the terminal: the finger, and the last gestures with what they do."""
+"""Picture of a worn strip in the terminal: the finger, and the last gestures with their keys."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from rich.console import Group
@@ -11,24 +12,11 @@ from rich.text import Text
 
 from ..errors import printable
 from ..link.frames import LinkStats, Touch
-from .gestures import (
-    DOUBLE_TAP,
-    HOLD,
-    SLIDE_MINUS,
-    SLIDE_PLUS,
-    SQUEEZE,
-    SWIPE_MINUS,
-    SWIPE_PLUS,
-    TAP,
-    Gesture,
-)
+from .gestures import NAMES, Gesture
 
 _COLUMNS = 74
 _ROWS = 6
-_SIGNS = {
-    TAP: "·", DOUBLE_TAP: "··", HOLD: "━━", SQUEEZE: "▐█▌",
-    SWIPE_MINUS: "◀──", SWIPE_PLUS: "──▶", SLIDE_MINUS: "◁━●", SLIDE_PLUS: "●━▷",
-}  # fmt: skip
+_SIGNS = dict(zip(NAMES, ("·", "··", "━━", "▐█▌", "◀──", "──▶", "◁━●", "●━▷")))
 
 
 def picture(
@@ -38,20 +26,20 @@ def picture(
     does: Mapping[str, str],
     stats: LinkStats,
 ) -> Panel:
-    """Return the picture as it is now.
+    """Return the picture of a strip and of its last gestures.
 
     Parameters
     ----------
     touch : Touch or None
-        The latest reading.
+        Latest reading.
     length_um : int
         Length of the strip, in um.
     found : sequence of Gesture
         Gestures so far, oldest first.
     does : mapping of str to str
-        By gesture, the name of its key.
+        Name of the key for each gesture that has one.
     stats : LinkStats
-        Shown below.
+        Statistics of the link, shown below.
 
     Returns
     -------
@@ -78,16 +66,15 @@ def picture(
 
 
 def spoken(name: str) -> str:
-    """Return a gesture's name as people say it."""
+    """Return the name of a gesture in words."""
     return name.replace("_minus", " to sensor").replace("_plus", " away").replace("_", " ")
 
 
 def _strip(touch: Touch | None, length_um: int) -> Text:
-    at = -1.0
+    line = Text("█" * _COLUMNS, style="rgb(120,30,40)")
     if touch is not None and touch.touching:
         at = touch.position_um / length_um * (_COLUMNS - 1)
-    line = Text()
-    for column in range(_COLUMNS):
-        lit = at >= 0 and abs(column - at) <= 0.6 + touch.force_mN / 5000
-        line.append("█", style="rgb(255,220,200)" if lit else "rgb(120,30,40)")
+        half = 0.6 + touch.force_mN / 5000
+        first, last = max(math.ceil(at - half), 0), math.floor(at + half)
+        line.stylize("rgb(255,220,200)", first, last + 1)
     return line

@@ -1,1 +1,1 @@
-"""``spots serve``: one live page for every use of the sensor. See docs/page.md."""
+"""``spots serve``: the web UI, a live view of a board and its applications. See docs/page.md."""

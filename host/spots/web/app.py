@@ -1,7 +1,7 @@
-"""The web server: static files, one WebSocket for the state, and recordings if they are allowed.
+"""The web application: static files, a WebSocket for the state, and recordings if allowed.
 
-Nothing that a page sends does anything to a board. A page acknowledges what it has drawn, and gets
-the newest state when it has; nothing is queued for it, here or in the sockets between.
+No message from a browser changes a board. A browser acknowledges each message that it has drawn,
+and then gets the newest state. No messages are queued for it, here or in sockets.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import mimetypes
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -26,23 +27,24 @@ from .recordings import START, STOP, Recordings
 from .state import PageState
 
 STATIC = Path(__file__).parent / "static"
-# By name, so that no name that a request invents reaches the file system.
+# By name, so that no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
 _COMMANDS = {word.encode(): word for word in (START, STOP)}
 _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
+_NUMBER = re.compile("[0-9]+")
 _HEARTBEAT_S = 20.0
 _ANSWER_S = 10.0
 _PING_EVERY = 32  # messages
 _REQUEST_MAX = 1024  # bytes
 
 
-# What aiohttp raises for requests that are no HTTP, or whose body is not what its header promises.
+# Exceptions of aiohttp for requests that are not HTTP, or whose body does not match the header.
 _DAMAGED = (HttpProcessingError, web.RequestPayloadError, PayloadEncodingError)
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
-    """Whether a line of the log is about this program, not about what somebody sent to it."""
+    """Whether a log record is about this program, not about a damaged request."""
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, (*_DAMAGED, ConnectionError))
 
@@ -52,19 +54,21 @@ LOG.addFilter(_is_fault)
 
 
 class PageApp:
-    """Serves a state; used within one event loop.
+    """Web application that serves a state; use it in one event loop.
 
     Parameters
     ----------
     state : PageState
+        State to serve.
     guard : Guard
+        Access control.
     recordings : Recordings, optional
-        What a page with the token may start and stop.
+        Recordings that a browser with the token may start and stop.
 
     Attributes
     ----------
     on_page : callable
-        Given the transport of each connection that becomes a page's WebSocket.
+        Called with the transport of each connection that becomes a WebSocket.
     """
 
     def __init__(self, state: PageState, guard: Guard, recordings: Recordings | None = None):
@@ -73,9 +77,9 @@ class PageApp:
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
         self._waking = False
-        self._wake = Guarded(self._wake_all, "waking the pages", self._not_woken)
-        self._sending = Guarded(self._send_news, "sending to a page")
-        state.on_change = Guarded(self._changed, "waking the server of the page")
+        self._wake = Guarded(self._wake_all, "waking the browsers", self._not_woken)
+        self._sending = Guarded(self._send_news, "sending to a browser")
+        state.on_change = Guarded(self._changed, "waking the web server")
         self.web = web.Application(middlewares=[guard.middleware()], client_max_size=_REQUEST_MAX)
         self.web.router.add_get("/", self._static)
         self.web.router.add_get("/live", self._live)
@@ -86,18 +90,18 @@ class PageApp:
         self.web.on_shutdown.append(self._close)
 
     def _changed(self) -> None:
-        # From the reader's thread, thousands of times a second; the loop is woken once.
+        # Called by the reader's thread thousands of times a second; the loop is woken only once.
         if not self._waking:
             self._waking = True
             try:
                 self._loop.call_soon_threadsafe(self._wake)
             except Exception:
-                self._waking = False  # the next change tries again
+                self._waking = False  # the next change wakes the loop
                 if not self._loop.is_closed():
                     raise
 
     def _not_woken(self, why: str) -> None:
-        self._waking = False  # the next change tries again
+        self._waking = False  # the next change wakes the loop
 
     def _wake_all(self) -> None:
         self._waking = False
@@ -110,38 +114,43 @@ class PageApp:
     async def _record(self, request: web.Request) -> web.Response:
         word = _COMMANDS.get(await _body(request))
         if word is None:
-            raise web.HTTPBadRequest(text=f"say {START} or {STOP}")
+            raise web.HTTPBadRequest(text=f"the body must be '{START}' or '{STOP}'")
         try:
             await asyncio.wait_for(asyncio.wrap_future(self._recordings.ask(word)), _ANSWER_S)
         except SpotsError as error:
             raise web.HTTPConflict(text=str(error)) from None
         except asyncio.TimeoutError:
-            raise web.HTTPServiceUnavailable(text="the board does not answer") from None
+            raise web.HTTPServiceUnavailable(text="the board does not answer: try again") from None
         return web.Response(status=204)
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         if len(self._clients) >= _CLIENTS_MAX:
-            raise web.HTTPServiceUnavailable(text="too many pages are open")
+            raise web.HTTPServiceUnavailable(
+                text=f"{_CLIENTS_MAX} browser windows are open: close one"
+            )
         socket = web.WebSocketResponse(
             autoping=False, heartbeat=_HEARTBEAT_S, max_msg_size=_ACK_MAX, compress=False
         )
         await socket.prepare(request)
         self.on_page(request.transport)
-        news, drawn = asyncio.Event(), _Drawn()
+        news, pace = asyncio.Event(), PagePace(time.monotonic)
         news.set()
         self._clients[socket] = news
         may_record = self._recordings and self._guard.may_command(request)
         first = {"may_record": True} if may_record else {}
-        sending = asyncio.create_task(self._send_news(socket, news, drawn, first))
+        sending = asyncio.create_task(self._send_news(socket, news, pace, first))
         try:
             async for message in socket:
                 if message.type == WSMsgType.PONG:
-                    drawn.answered(message.data)
+                    pace.pong(message.data)
                 elif message.type == WSMsgType.PING:
                     await socket.pong(message.data)
-                elif message.type != WSMsgType.TEXT or not drawn.take(message.data):
+                elif message.type == WSMsgType.TEXT and _NUMBER.fullmatch(message.data):
+                    pace.acknowledge(int(message.data))
+                else:
                     await socket.close(
-                        code=WSCloseCode.POLICY_VIOLATION, message=b"this page is to be looked at"
+                        code=WSCloseCode.POLICY_VIOLATION,
+                        message=b"only numbers of messages are accepted",
                     )
         finally:
             del self._clients[socket]
@@ -149,27 +158,27 @@ class PageApp:
         return socket
 
     async def _send_news(
-        self, socket: web.WebSocketResponse, news: asyncio.Event, drawn: _Drawn, first: dict
+        self, socket: web.WebSocketResponse, news: asyncio.Event, pace: PagePace, first: dict
     ) -> None:
         cursor = self._state.begin()
         try:
             while not socket.closed:
                 await news.wait()
-                await drawn.room()
+                await pace.room()
                 news.clear()
                 cursor, parts = self._state.since(cursor)
                 if parts or first:
                     parts, first = first | parts, {}
-                    number = drawn.pace.send()
+                    number = pace.send()
                     message = msgspec.json.encode({"n": number, **parts}).decode()
                     if number % _PING_EVERY == 1:
-                        await socket.ping(drawn.ask())
+                        await socket.ping(pace.ping())
                     await socket.send_str(message)
-                    await asyncio.sleep(drawn.pace.every_s)
+                    await asyncio.sleep(pace.every_s)
         except ConnectionError:
-            pass  # the page has left
+            pass  # the browser has closed the connection
         except Exception as error:
-            # A page whose socket closes connects again and starts from the newest state.
+            # The browser reconnects and starts from the newest state.
             self._sending.failed(error)
             await socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b"the server failed")
 
@@ -178,43 +187,8 @@ class PageApp:
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
 
 
-class _Drawn:
-    """What a page says it has drawn, and how far away it is."""
-
-    def __init__(self):
-        self.pace = PagePace(time.monotonic)
-        self._changed = asyncio.Event()
-        self._asked = b""
-        self._asked_s = 0.0
-
-    def take(self, text: str) -> bool:
-        """Take an acknowledgement; return whether it is one."""
-        if not (text.isascii() and text.isdigit()):
-            return False
-        self.pace.acknowledge(int(text))
-        self._changed.set()
-        return True
-
-    def ask(self) -> bytes:
-        """Return what to send in a ping. A browser answers it even while the page draws."""
-        self._asked_s = time.monotonic()
-        self._asked = str(self.pace.sent).encode()
-        return self._asked
-
-    def answered(self, data: bytes) -> None:
-        """Take what came in a pong."""
-        if data == self._asked:  # and none of the socket's own
-            self.pace.answered(time.monotonic() - self._asked_s)
-
-    async def room(self) -> None:
-        """Wait until another message may be sent."""
-        while self.pace.full:
-            self._changed.clear()
-            await self._changed.wait()
-
-
 def _file(name: str) -> web.Response:
-    # Not a FileResponse: its sendfile raises RuntimeError where a client has left meanwhile.
+    # Not a FileResponse: its sendfile raises RuntimeError if the client has disconnected.
     path = _FILES.get(name)
     if path is None:
         raise web.HTTPNotFound
@@ -227,12 +201,12 @@ async def _body(request: web.Request) -> bytes:
     try:
         return await request.read()
     except _DAMAGED:
-        raise web.HTTPBadRequest(text="the body is damaged") from None
+        raise web.HTTPBadRequest(text="the body of the request is damaged") from None
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
     host = host_of(request)
-    # A policy has no way to write an IPv6 address.
+    # A Content-Security-Policy cannot contain an IPv6 address.
     live = f" ws://{request.host}" if host and ":" not in host[0] else ""
     response.headers.update(
         {

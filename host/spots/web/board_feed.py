@@ -1,4 +1,4 @@
-"""The thread that reads a board, and reconnects when it was unplugged."""
+"""A thread that reads a board for the web UI, and reconnects after the board was unplugged."""
 
 from __future__ import annotations
 
@@ -27,42 +27,44 @@ from .state import PageState
 _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
 _HEALTH_EVERY_S = 0.5
-_RATE_OVER = 4  # times the link is looked at
+_RATE_OVER_S = 2.0  # time over which rate and latency are computed
 _WHY = {
-    STALLED: "no readings come",
+    STALLED: "no readings arrive",
     LOST: "the board was disconnected",
     REFUSED: "another board is in its place",
 }
-# What keeps the strip from being felt, and the next step.
+# Cause and next step while the strip cannot be read.
 _NEXT = {
-    SEARCHING: "there is no board; next: plug one in, or name its port with --port",
+    SEARCHING: "no board found; next: plug one in, or name its port with --port",
     STALLED: "the board sends no readings; next: wait a moment, or press its reset button",
-    LOST: "the board is lost; next: check its plug, and this page finds it again",
+    LOST: "the board is disconnected; next: check its plug, and the web UI finds it again",
     REFUSED: "this is another board; next: plug the first one in, or restart 'spots serve'",
 }
 _UNCALIBRATED = (
-    "the board is not calibrated, so no press has a place or a force; "
+    "the board is not calibrated, so a press has no position and no force; "
     "next: spots calibrate position"
 )
 
 
 class BoardReader:
-    """Reads a board into a state until it is stopped.
+    """Reads a board into a state, in a thread, until it is stopped.
 
     Parameters
     ----------
     open_board : callable
-        Given the id of the board to find again, or None for any, returns it or raises SpotsError.
+        Function that takes the id of the board to find again, or None for any board. It returns
+        the open board, or raises SpotsError.
     layout : KeyLayout
+        Key layout to show.
     state : PageState
-        ``board`` (what it is, and whether it is there), ``touch``, ``spectrum``, ``keys``,
-        ``stick`` and ``link`` are put there.
+        State that gets the parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick`` and
+        ``link``, see docs/page.md.
     search_every_s : float
-        How long to wait before a board is looked for again.
+        Time between two searches for a board, in seconds.
     on_touch : callable
-        Given each reading of each sensor, by the thread that reads.
+        Called with each reading, in the reader's thread.
     recordings : Recordings, optional
-        Of the board, for who asks for them.
+        Recordings that browsers start and stop.
     """
 
     def __init__(
@@ -81,25 +83,18 @@ class BoardReader:
         self._id: str | None = None
         self._known: dict = {}
         self._said: tuple = ()
-        self._board: Board | None = None  # the one that is read
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
-        """Begin in a thread."""
+        """Start the thread."""
         self._say(SEARCHING, "")
         self._thread.start()
 
     def stop(self, timeout_s: float = 5.0) -> None:
-        """End the thread and close the board."""
+        """Stop the thread and close the board; wait at most `timeout_s` seconds for it."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(timeout_s)
-
-    def watch(self) -> None:
-        """Report a silent board; called now and then by a thread that does not read."""
-        board = self._board
-        if board is not None and board.silent(SEARCH_S):
-            self._say(LOST, "no readings come")
 
     def _run(self) -> None:
         attempt = Guarded(self._attempt, "the reader of a board", self._lost)
@@ -108,7 +103,7 @@ class BoardReader:
                 self._stopping.wait(self._search_every_s)
 
     def _attempt(self) -> bool:
-        """Read a board until it restarts; return False if it cannot be read."""
+        """Read a board until it restarts. Return False if it cannot be read."""
         try:
             with self._open_board(self._id) as board:
                 self._read(board)
@@ -132,7 +127,6 @@ class BoardReader:
             "expected": expected_shown(board, info, settings["dark"]),
             "layout": layout_shown(self._layout) if info.get("length_um") else None,
         }
-        self._board = board
         self._say(CONNECTED, "")
         board.when_state_changes(self._take_state)
         feel = Feel(board, info, self._layout, self._state)
@@ -143,20 +137,19 @@ class BoardReader:
                     self._take(frame, feel, health, board)
                     if self._stopping.is_set():
                         return
-                if board.ended:
-                    self._stopping.wait(_TICK_S)  # its frames do not wait
+                if board.ended:  # an ended recording returns from `frames` at once
+                    self._stopping.wait(_TICK_S)
                 feel.tick(board.now_s())
                 health.show()
                 if self._recordings:
                     self._recordings.attend(board)
-                # A pause in a recording is as it was then; it goes on.
+                # A pause in a recording is part of the recording.
                 paused = isinstance(board, Replay) and not board.ended
                 if board.silent(SEARCH_S) and not paused:
-                    raise SpotsError("no readings come")
+                    raise SpotsError("no readings arrive")
                 if board.stats.restarts:
-                    return  # it has forgotten its settings, or is another one on the same port
+                    return  # it lost its settings, or is another board on the same port
         finally:
-            self._board = None
             feel.release()
             if self._recordings:
                 self._recordings.leave()
@@ -172,14 +165,14 @@ class BoardReader:
                 self._say(CONNECTED, "")
             now_s = board.now_s()
             feel.take(frame, now_s)
-            health.took(now_s - frame.time_s)
+            health.took(now_s, now_s - frame.time_s)
         elif isinstance(frame, Spectrum):
             self._state.put("spectrum", {"counts": frame.counts})
         elif isinstance(frame, Key):
             feel.take_key(frame)
 
     def _take_state(self, state: str) -> None:
-        if state != CONNECTED:  # that is shown with the first reading
+        if state != CONNECTED:  # shown with the first reading
             self._say(state, _WHY[state])
 
     def _say(self, state: str, message: str) -> None:
@@ -189,7 +182,7 @@ class BoardReader:
             step = _NEXT.get(state, _UNCALIBRATED if uncalibrated else "")
             board = {"state": state, "message": message, "next": step, **self._known}
             self._state.put("board", board)
-            self._said = said  # now: what could not be shown is shown with the next attempt
+            self._said = said  # last: after an error the next attempt shows it again
 
 
 def _settings(board: Board) -> dict:
@@ -197,7 +190,7 @@ def _settings(board: Board) -> dict:
     try:
         return unknown | board.command("get")
     except SpotsError:
-        return unknown  # a recording
+        return unknown  # a recording has no settings
 
 
 _FACTS = (
@@ -207,36 +200,33 @@ _FACTS = (
 
 
 class _Health:
-    """Rate, losses and latency of a link, twice a second."""
+    """Puts rate, losses and latency of a link into a state, twice a second."""
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
-        self._readings = 0
-        self._latencies_s: deque[float] = deque(maxlen=256)
-        self._marks: deque[tuple[float, int]] = deque(maxlen=_RATE_OVER + 1)
+        self._latest: deque[tuple[float, float]] = deque()  # arrival and latency of readings, in s
         self._due_s = 0.0
 
-    def took(self, latency_s: float) -> None:
-        """Count a reading."""
-        self._readings += 1
-        self._latencies_s.append(latency_s)
+    def took(self, now_s: float, latency_s: float) -> None:
+        """Count a reading that arrived at `now_s` of the link's clock."""
+        self._latest.append((now_s, latency_s))
         self.show()
 
     def show(self) -> None:
-        """Put the figures into the state if it is time."""
-        now_s = time.monotonic()
-        if now_s < self._due_s:
+        """Put the figures into the state if half a second has passed."""
+        if time.monotonic() < self._due_s:
             return
-        self._due_s = now_s + _HEALTH_EVERY_S
-        self._marks.append((self._board.now_s(), self._readings))
-        (then_s, before), (last_s, after) = self._marks[0], self._marks[-1]
-        stats = self._board.stats
+        self._due_s = time.monotonic() + _HEALTH_EVERY_S
+        latest, stats = self._latest, self._board.stats
+        while latest and latest[0][0] < self._board.now_s() - _RATE_OVER_S:
+            latest.popleft()
+        lasted_s = latest[-1][0] - latest[0][0] if latest else 0.0
         link = {
-            "rate_hz": (after - before) / (last_s - then_s) if last_s > then_s else None,
+            "rate_hz": (len(latest) - 1) / lasted_s if lasted_s > 0 else None,
             "frames": stats.frames,
             "lost": stats.lost,
             "bad": stats.bad_crc,
-            "latency_ms": 1000 * median(self._latencies_s) if self._latencies_s else None,
+            "latency_ms": 1000 * median(one for _, one in latest) if latest else None,
         }
         self._state.put("link", link)
 
@@ -244,26 +234,26 @@ class _Health:
 def finder(
     port: str | None, sensor: str = "default", scenario: str = "demo", seed: int = 0
 ) -> Callable[[str | None], Board]:
-    """Return a function that opens a board, as `BoardReader` takes it.
+    """Return a function that opens a board, for the `open_board` of `BoardReader`.
 
     Parameters
     ----------
     port : str or None
-        As for `spots.open`; found if None.
+        Port as for `spots.open`; if None, the board is found on USB.
     sensor, scenario : str
-        Files of the virtual board, by path or name.
+        Sensor file and scenario file of the virtual board, by path or name.
     seed : int
-        Of the virtual board's noise.
+        Seed of the virtual board's noise.
 
     Returns
     -------
     callable
-        ``open_board(board_id)``: opens the board of that id, or any board for None.
+        ``open_board(board_id)``: opens the board with this id, or any board if it is None.
 
     Raises
     ------
     SpotsError
-        If a file of the virtual board is wrong, which waiting does not mend.
+        If a file of the virtual board is wrong.
     """
     module, rest = scheme(port)
     simulated = {"sensor": sensor, "scenario": scenario, "seed": seed}
@@ -271,22 +261,24 @@ def finder(
         module.check(rest, **simulated)
 
     def open_board(board_id: str | None) -> Board:
+        if board_id is None:
+            return open(port, **simulated)
         found = []
-        if port is not None or board_id is None:
+        if port is not None:
             try:
-                found = [open(port, **simulated)]
+                found.append(open(port, **simulated))
             except SpotsError:
-                if board_id is None or module is not None:
+                if module is not None:
                     raise
         refusal = RefusedError if found else SpotsError
-        if board_id not in (None, *(one.info["id"] for one in found)):
-            found += find()[0]  # its port may have another name now
-        wanted = [one for one in found if board_id in (None, one.info["id"])][:1]
+        if not found or found[0].info["id"] != board_id:
+            found += find()[0]  # after a restart a serial port may have another name
+        wanted = next((one for one in found if one.info["id"] == board_id), None)
         for one in found:
-            if one not in wanted:
+            if one is not wanted:
                 one.close()
-        if not wanted:
+        if wanted is None:
             raise refusal(f"waiting for board {board_id}: plug it in again")
-        return wanted[0]
+        return wanted
 
     return open_board

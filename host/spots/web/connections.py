@@ -1,39 +1,39 @@
-"""How many connections the server has, and for how long."""
+"""Limits the number and the duration of connections to the server."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
 
-# With the pages' WebSockets and this program's own files below the 256 that macOS allows.
+# Together with WebSockets and open files this stays below the 256 file handles of macOS.
 CONNECTIONS_MAX = 128
-# For a request and its answer, however slowly the other side sends and reads.
+# Longest duration of a request with its answer, however slow the client is.
 CONNECTION_S = 30.0
 
 
 class Connections:
-    """Bounds the connections that are no WebSocket, in number and in time.
+    """Limits the number and the duration of connections that are not WebSockets.
 
-    When there are too many, the oldest one is closed, not the new one refused: whoever opens many
-    and sends nothing keeps no page out. A browser sends its request at once, and opens another
-    connection where one was closed.
+    If there are too many, the oldest connection is closed. So a client that opens many connections
+    and sends nothing cannot keep browsers out: a browser sends its request at once, and reconnects
+    after its connection was closed.
 
     Parameters
     ----------
     protocol : callable
-        Returns the protocol of a connection, as aiohttp's server does.
+        Factory that returns the protocol of a new connection: aiohttp's server.
     """
 
     def __init__(self, protocol: Callable[[], asyncio.Protocol]):
         self._protocol = protocol
-        self._ends: dict[asyncio.BaseTransport, asyncio.TimerHandle] = {}  # the oldest first
+        self._ends: dict[asyncio.BaseTransport, asyncio.TimerHandle] = {}  # oldest first
 
     def __call__(self) -> asyncio.Protocol:
         """Return the protocol of a new connection."""
         return _Counted(self._protocol(), self)
 
     def opened(self, transport: asyncio.Transport) -> None:
-        """Count a connection from now on."""
+        """Add a new connection, and start its timeout."""
         if len(self._ends) >= CONNECTIONS_MAX:
             oldest = next(iter(self._ends))
             self.release(oldest)
@@ -42,14 +42,14 @@ class Connections:
         self._ends[transport] = loop.call_later(CONNECTION_S, transport.abort)
 
     def release(self, transport: asyncio.BaseTransport | None) -> None:
-        """Stop counting a connection: it has ended, or has become a WebSocket."""
+        """Remove a connection that has ended or has become a WebSocket."""
         end = self._ends.pop(transport, None)
         if end is not None:
             end.cancel()
 
 
 class _Counted(asyncio.Protocol):
-    """Delegates to a protocol, and reports when its connection begins and ends."""
+    """Delegates to a protocol, and reports the begin and the end of its connection."""
 
     def __init__(self, protocol: asyncio.Protocol, connections: Connections):
         self._connections = connections

@@ -1,4 +1,4 @@
-"""The spectra that a board's calibration expects, as the page draws them over the counts."""
+"""Spectra that a board's calibration expects, for the web UI to draw over the counts."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from ..link.board import Board
 
 
 def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
-    """Return what is expected along the strip.
+    """Return the expected spectra along the strip.
 
     Parameters
     ----------
     board : Board
+        The board; its ``calibration`` is used.
     info : dict
-        Its ``hello``.
+        The board's reply to ``hello``.
     dark : list of int
-        Its dark frame, from ``get``.
+        Dark frame from the board's reply to ``get``: sums of `DARK_SAMPLES` counts.
 
     Returns
     -------
     dict or None
-        None where the host does not know the calibration that the board uses, or it is invalid.
+        ``from_um`` and ``step_um`` of the positions, ``logs`` of the spectra there, and ``dark``
+        counts. None if the calibration of the board is unknown to this program, or invalid.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:
@@ -32,7 +34,7 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     try:
         position_um, logs = expected(lines, info.get("strain_ppm") or 0)
     except CalibrationError:
-        return None  # a recording may hold anything
+        return None  # the calibration in a recording is not validated
     return {
         "from_um": float(position_um[0]),
         "step_um": float(position_um[1] - position_um[0]),

@@ -1,4 +1,4 @@
-"""Keys, gestures and a stick from a board's readings, as parts of the page."""
+"""Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
 
 from __future__ import annotations
 
@@ -24,46 +24,47 @@ _BUTTONS = 3
 
 
 class Feel:
-    """Runs the applications on readings and puts their output into a state.
+    """Runs the applications on readings, and puts their output into a state.
 
     Parameters
     ----------
     board : Board
+        The board that is read.
     info : dict
-        Its ``hello``; without a calibration there is nothing but the readings.
+        The board's reply to ``hello``. Without a calibration only the readings are shown.
     layout : KeyLayout
-        Of keys; not used where the board is a keyboard itself.
+        Key layout; not used if the board is a keyboard itself.
     state : PageState
+        State that gets the parts ``touch``, ``keys``, ``stick``, ``untrusted`` and the events.
     """
 
     def __init__(self, board: Board, info: dict, layout: KeyLayout, state: PageState):
         self._state, self._layout = state, layout
         self._engine = self._gestures = self._controller = None
-        self._down: dict[tuple, tuple] = {}  # by the event that will release it
-        self._shown: dict[str, dict] = {}
+        self._untrusted = Untrusted()
+        self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> place
+        self._shown: dict[str, object] = {}
         length_um = info.get("length_um")
         if length_um:
             self._gestures = Gestures()
-            with contextlib.suppress(SpotsError):  # too slow for a stick
+            with contextlib.suppress(SpotsError):  # too slow for a gamepad
                 self._controller = controller_for(board, load_controller())
             if not info["keys"]:
                 self._engine = KeyEngine(layout, length_um, self)
         engines = self._engine, self._gestures, self._controller
         self._engines = [one for one in engines if one is not None]
-        self._untrusted = Untrusted()
-        state.put("keys", None)
-        state.put("stick", None)
+        self.release()
         self._show()
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Take a reading and update the state.
+        """Update the state with a reading.
 
         Parameters
         ----------
         touch : Touch
-            The readings of one strip, in order.
+            The next reading of the strip.
         now_s : float
-            When it arrived, in seconds by the link's clock.
+            Time at which it arrived, in seconds by the link's clock.
         """
         self._state.put("touch", _message(touch, now_s))
         self._untrusted.take(touch, now_s)
@@ -74,18 +75,18 @@ class Feel:
         self._show()
 
     def take_key(self, key: Key) -> None:
-        """Take a key of a board that is a keyboard itself."""
+        """Show a key event of a board that is a keyboard itself."""
         if self._engine is None:
             self.key(key.page, key.usage, key.modifiers, key.pressed)
 
     def tick(self, now_s: float) -> None:
-        """Let time pass, also when no reading comes."""
+        """Update the timeouts of the applications; call this also without readings."""
         for engine in self._engines:
             engine.tick(now_s)
         self._show()
 
     def release(self) -> None:
-        """Release all keys and the stick: where the finger is, is unknown."""
+        """Release all keys and the gamepad, because the touch is unknown."""
         if self._engine:
             self._engine.release()
         self._shown.clear()
@@ -93,7 +94,7 @@ class Feel:
             self._state.put(name, None)
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Add a key event, and mark which key of the layout it is."""
+        """Add a key event, and find its key in the layout."""
         event = page, usage, modifiers
         if pressed:
             self._down[event] = self._place(action(*event))
@@ -117,13 +118,14 @@ class Feel:
         return None, None
 
     def _show(self) -> None:
-        """Put the parts that have changed."""
-        for name, engine, part in (
-            ("keys", self._engine, self._keys),
-            ("stick", self._controller, self._stick),
-            ("untrusted", self._untrusted, lambda: self._untrusted.sentence),
-        ):
-            if engine is not None and (value := part()) != self._shown.get(name):
+        """Put changed parts into the state."""
+        parts = {
+            "keys": self._engine and self._keys(),
+            "stick": self._controller and self._stick(),
+            "untrusted": self._untrusted.sentence,
+        }
+        for name, value in parts.items():
+            if value != self._shown.get(name):
                 self._shown[name] = value
                 self._state.put(name, value)
 
@@ -143,7 +145,7 @@ class Feel:
 
 
 def layout_shown(layout: KeyLayout) -> dict:
-    """Return a layout as the page draws it."""
+    """Return a layout as JSON for the web UI: names, places and labels of its keys."""
     return {
         "name": layout.name,
         "layers": {

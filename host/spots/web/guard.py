@@ -1,4 +1,4 @@
-"""Who may see the page: checked before anything else is looked at."""
+"""Access control of the web UI: checks each request before anything else handles it."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import socket
 
 from aiohttp import web
 
-_COOKIE = "spots-token-{port}"  # browsers keep the cookies of all ports of an address together
+_COOKIE = "spots-token-{port}"  # browsers do not separate cookies by port
 _LOOKING = ("GET", "HEAD")
 _ASK = "this needs the token: open the address that 'spots serve' printed"
-# What a browser sends as Host: a name, an IPv4 address or an IPv6 one in brackets, and a port.
+# The Host header of a browser: a name, an IPv4 address or an IPv6 address in brackets; a port.
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z.-]+))(?::([0-9]{1,5}))?", re.ASCII | re.I)
-_PORT = 80  # of HTTP, where the host names none
+_PORT = 80  # default of HTTP
 _PORT_MAX = 65_535
 
 
 class Guard:
-    """Refuses foreign hosts, origins and visitors without the token.
+    """Refuses requests with a foreign ``Host`` or ``Origin`` header, or without the token.
 
-    A page of another site can make a browser send requests here, also under a name of its own
-    that it lets point here (DNS rebinding). Such a name is in the ``Host`` header, and such a site
-    in ``Origin``; neither can be forged by a page.
+    Another website can make a browser send requests to this server, also under its own domain name
+    (DNS rebinding). The browser then sends this name in ``Host``, and the website in ``Origin``.
+    A website cannot forge these headers.
 
     Parameters
     ----------
     address : str
-        The IP address that is listened on.
+        IP address that the server listens on.
     token : str or None
-        Asked of who commands anything, and of everyone unless `address` is a loopback one. Without
-        one nobody commands.
+        Secret that is needed for commands; for all requests, if `address` is not a loopback
+        address. With None all commands are refused.
     """
 
     def __init__(self, address: str, token: str | None):
@@ -41,15 +41,17 @@ class Guard:
         self._names = {"localhost"} if self._loopback else {"localhost", name, name + ".local"}
 
     def middleware(self):
-        """Return it as aiohttp takes it."""
+        """Return the check as a middleware for aiohttp."""
 
         @web.middleware
         async def check(request: web.Request, handler):
             if not self._knows(request):
-                raise web.HTTPForbidden(text="this name is not mine: use the address printed")
+                raise web.HTTPForbidden(
+                    text="unknown host name: open the address that 'spots serve' printed"
+                )
             origins = request.headers.getall("Origin", [])
             if origins not in ([], [f"http://{request.headers['Host']}"]):
-                raise web.HTTPForbidden(text="pages of other sites get nothing here")
+                raise web.HTTPForbidden(text="requests from other websites are refused")
             if self._is_token(request.query.get("token", "")):
                 raise self._let_in(request)
             if not self._loopback and not self.may_command(request):
@@ -61,7 +63,7 @@ class Guard:
         return check
 
     def may_command(self, request: web.Request) -> bool:
-        """Return whether who asks has the token."""
+        """Return whether a request has the token in its cookie."""
         return self._is_token(request.cookies.get(_cookie(request), ""))
 
     def _knows(self, request: web.Request) -> bool:
@@ -71,7 +73,7 @@ class Guard:
         if host[0] in self._names:
             return True
         try:
-            # A name that is an address cannot be made to point anywhere else.
+            # DNS rebinding needs a name; an IP address is safe.
             address = ipaddress.ip_address(host[0])
         except ValueError:
             return False
@@ -83,14 +85,14 @@ class Guard:
         return hmac.compare_digest(given.encode(errors="surrogateescape"), self._token.encode())
 
     def _let_in(self, request: web.Request) -> web.HTTPSeeOther:
-        # The token moves from the address, which is seen and shared, into a cookie.
+        # The token moves from the visible address into a cookie.
         answer = web.HTTPSeeOther("/")
         answer.set_cookie(_cookie(request), self._token, httponly=True, samesite="Lax")
         return answer
 
 
 def host_of(request: web.Request) -> tuple[str, int] | None:
-    """Return the host that a request names and its port; None unless it names one, wholly."""
+    """Return host and port from the ``Host`` header of a request; None if it is invalid."""
     hosts = request.headers.getall("Host", [])
     match = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
     if match is None:

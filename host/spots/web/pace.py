@@ -1,66 +1,88 @@
-"""The rate of messages to a page: as many as it draws without delay."""
+"""Rate of messages to a browser: as high as the browser draws without delay."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
-WINDOW = 2  # messages that a page may not have drawn yet
+WINDOW = 2  # largest number of messages that are not drawn yet
 SOONEST_S = 1 / 60
 SELDOM_S = 0.1
-# A page that keeps up has drawn a message at the next frame of its screen or the one after, and
-# what it took on the way is no fault of its own.
+# A browser that keeps up draws a message within two frames of its screen. The time on the network
+# is added to this.
 LATE_S = 0.03
 _SLOWER, _FASTER = 1.25, 0.99
 
 
 class PagePace:
-    """The pace of one page, from the times of its messages and of their acknowledgements.
+    """Rate control for one browser window, from the times of messages and acknowledgements.
 
-    Where processors are short, more messages do not show more, they only wait longer. So each
-    that was drawn late makes those that follow much rarer, and each that was not, a little more
-    frequent. Nobody has to know how many pages share a processor.
+    On a busy processor more messages only wait longer. So after a message that was drawn late the
+    interval grows by 25 %, and after each other message it shrinks by 1 %. Windows that share a
+    processor find the rate that it can draw.
 
     Parameters
     ----------
     now_s : callable
+        Function that returns the time in seconds.
 
     Attributes
     ----------
     every_s : float
-        How long to wait after a message.
+        Interval between two messages, in seconds.
     sent, drawn : int
-        Number of the last message that was sent, and that was drawn.
+        Numbers of the last message that was sent, and of the last message that was drawn.
     """
 
     def __init__(self, now_s: Callable[[], float]):
         self._now_s = now_s
         self._sent_s: dict[int, float] = {}
         self._way_s: float | None = None
+        self._pinged = b"", 0.0  # payload of the last ping, and its time
+        self._drew = asyncio.Event()
         self.every_s = SOONEST_S
         self.sent = self.drawn = 0
 
     @property
     def full(self) -> bool:
-        """Whether as much is on its way as may be."""
+        """Whether no more messages may be sent until one is drawn."""
         return self.sent - self.drawn >= WINDOW
 
+    async def room(self) -> None:
+        """Wait until one more message may be sent."""
+        while self.full:
+            self._drew.clear()
+            await self._drew.wait()
+
     def send(self) -> int:
-        """Return the number of a message that is sent now."""
+        """Record a message that is sent now, and return its number."""
         self.sent += 1
         self._sent_s[self.sent] = self._now_s()
         return self.sent
 
     def acknowledge(self, number: int) -> None:
-        """Record that a page has drawn all messages up to one."""
+        """Record that all messages up to this number are drawn."""
         for one in range(self.drawn + 1, min(number, self.sent) + 1):
             late = self._now_s() - self._sent_s.pop(one) > LATE_S + (self._way_s or 0.0)
             every_s = self.every_s * (_SLOWER if late else _FASTER)
             self.every_s = min(max(every_s, SOONEST_S), SELDOM_S)
             self.drawn = one
+        self._drew.set()
+
+    def ping(self) -> bytes:
+        """Return the payload of a new ping. A browser answers it even while it draws."""
+        self._pinged = str(self.sent).encode(), self._now_s()
+        return self._pinged[0]
+
+    def pong(self, payload: bytes) -> None:
+        """Handle a pong; one that does not answer the last ping is ignored."""
+        asked, asked_s = self._pinged
+        if payload == asked:
+            self.answered(self._now_s() - asked_s)
 
     def answered(self, way_s: float) -> None:
-        """Record the round-trip time of a ping, which needs no drawing.
+        """Record the round-trip time of a ping, in seconds; the least one is used.
 
-        The least counts: where processors are short, such an answer waits for them, too.
+        A ping needs no drawing, but on a busy processor its answer is late, too.
         """
         self._way_s = way_s if self._way_s is None else min(self._way_s, way_s)

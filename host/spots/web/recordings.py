@@ -1,4 +1,4 @@
-"""Recordings that a page starts and stops: asked for by the web server, made by the reader."""
+"""Recordings that a browser starts and stops: the web server asks, the reader's thread records."""
 
 from __future__ import annotations
 
@@ -21,39 +21,38 @@ _SHOWN_EVERY_S = 0.5
 
 
 class Recordings:
-    """Recordings of one board after another, one at a time.
+    """Starts and stops recordings of a board on request, one at a time.
 
     Parameters
     ----------
     folder : Path
-        Where their files are made; named by date and board.
+        Folder for the recordings; a file is named by date and board.
     state : PageState
-        ``recording`` is put there.
+        State that gets the part ``recording``.
 
     Raises
     ------
     SpotsError
-        If there is no such folder.
+        If the folder does not exist.
     """
 
     def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
-            raise SpotsError(f"there is no folder {folder} to record to: make it first")
+            raise SpotsError(f"there is no folder {folder} for recordings: make it first")
         self._folder, self._state = folder, state
         self._asked: SimpleQueue[tuple[str, Future]] = SimpleQueue()
         self._attended = False
         self._recorder: Recorder | None = None
-        self._shown: dict = {"on": False, "file": None}
         self._due_s = 0.0
-        state.put("recording", self._shown)
+        self._put({"on": False, "file": None})
 
     def ask(self, word: str) -> Future:
-        """Ask for `START` or `STOP`, from any thread.
+        """Request `START` or `STOP`, from any thread.
 
         Returns
         -------
         concurrent.futures.Future
-            None when it is done, SpotsError if it cannot be.
+            Its result is None when the request is done; its exception is SpotsError on failure.
         """
         answer: Future = Future()
         self._asked.put((word, answer))
@@ -62,7 +61,7 @@ class Recordings:
         return answer
 
     def attend(self, board: Board) -> None:
-        """Do what was asked, and show progress; called often by the thread that reads the board."""
+        """Handle requests and show progress. The thread that reads the board calls this often."""
         self._attended = True
         while asked := self._next():
             word, answer = asked
@@ -72,7 +71,7 @@ class Recordings:
             except SpotsError as error:
                 answer.set_exception(error)
             except Exception as error:
-                # Who asked gets an answer at once, and readings go on.
+                # The client gets an answer at once, and the reader goes on.
                 sentence = sentence_of("a recording", error)
                 print(f"spots: {sentence}", file=sys.stderr, flush=True)
                 answer.set_exception(SpotsError(sentence))
@@ -80,7 +79,7 @@ class Recordings:
             self._show(board, on=True)
 
     def leave(self) -> None:
-        """Handle the end of reading from a board: its recording has ended, too."""
+        """Record that the board is closed, which ends its recording."""
         self._attended = False
         self._recorder = None
         self._put({**self._shown, "on": False})
@@ -88,7 +87,9 @@ class Recordings:
 
     def _start(self, board: Board) -> None:
         if self._recorder:
-            raise SpotsError(f"{self._recorder.paths[0].name} is being recorded already")
+            raise SpotsError(
+                f"{self._recorder.paths[0].name} is being recorded already: stop it first"
+            )
         date = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
         board_id = re.sub(r"[^0-9A-Za-z]", "", str(board.info["id"]))
         self._recorder = board.record(self._folder / f"{date}-{board_id}.spots")
@@ -97,7 +98,7 @@ class Recordings:
 
     def _stop(self, board: Board) -> None:
         if not self._recorder:
-            raise SpotsError("nothing is being recorded")
+            raise SpotsError("there is no recording to stop: start one first")
         try:
             self._recorder.stop()
             self._show(board, on=False)
@@ -110,25 +111,25 @@ class Recordings:
                 asked = self._asked.get_nowait()
             except Empty:
                 return None
-            if asked[1].set_running_or_notify_cancel():  # who asked may have given up
+            if asked[1].set_running_or_notify_cancel():  # False after a timeout of the client
                 return asked
 
     def _refuse(self) -> None:
         while asked := self._next():
-            asked[1].set_exception(SpotsError("there is no board to record"))
+            asked[1].set_exception(SpotsError("there is no board to record: plug one in"))
 
     def _show(self, board: Board, on: bool) -> None:
         self._due_s = time.monotonic() + _SHOWN_EVERY_S
-        shown = {
-            "on": on,
-            "file": self._recorder.paths[0].name,
-            "bytes": self._recorder.bytes,
-            "seconds": board.now_s() - self._begun_s,
-            "lost": board.stats.lost - self._lost,
-        }
-        self._put(shown)
+        self._put(
+            {
+                "on": on,
+                "file": self._recorder.paths[0].name,
+                "bytes": self._recorder.bytes,
+                "seconds": board.now_s() - self._begun_s,
+                "lost": board.stats.lost - self._lost,
+            }
+        )
 
     def _put(self, shown: dict) -> None:
-        if shown != self._shown:
-            self._shown = shown
-            self._state.put("recording", shown)
+        self._shown = shown
+        self._state.put("recording", shown)

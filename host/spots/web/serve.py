@@ -1,4 +1,4 @@
-"""``spots serve``: a reader and a web server, until Ctrl-C."""
+"""``spots serve``: readers of boards and a web server, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..errors import SpotsError, missing
-from ..guarded import Guarded
 from ..keyboard.layout import load
 from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import BoardReader, finder
-from .browser import print_address
 from .connections import Connections
 from .recordings import Recordings
 from .state import PageState
@@ -29,36 +27,36 @@ try:
     from .app import LOG, PageApp
     from .guard import Guard
 except ImportError:
-    raise missing("the page needs", "aiohttp", "web") from None
+    raise missing("the web UI needs", "aiohttp", "web") from None
 
 LOOPBACK = "127.0.0.1"
-_WATCH_EVERY_S = 0.5
 
 
 class Server:
-    """The page on an address; an async context manager.
+    """Web server of the web UI; an async context manager.
 
     Parameters
     ----------
     state : PageState
+        State to show.
     address : str
-        An IP address of this machine. Any but a loopback one asks everyone for a token.
+        IP address of this machine to listen on. With another address than a loopback one, every
+        browser needs the token.
     port : int
-        0 for any that is free.
-    token : str, optional
-        A new one, if not given.
+        TCP port to listen on; 0 for any free port.
     recordings : Recordings, optional
-        What who has the token may start and stop; the reader has to have the same.
+        Recordings that a browser with the token may start and stop. The reader of the board must
+        have the same object.
 
     Attributes
     ----------
     url : str
-        What to open, with the token if there is one.
+        Address to open in a browser, with the token if there is one.
 
     Raises
     ------
     SpotsError
-        If the address is not of this machine, or the port is in use.
+        If the address is not an IP address of this machine, or the port is in use.
     """
 
     def __init__(
@@ -66,7 +64,6 @@ class Server:
         state: PageState,
         address: str = LOOPBACK,
         port: int = 0,
-        token: str | None = None,
         recordings: Recordings | None = None,
     ):
         self._state, self._address, self._port = state, address, port
@@ -74,9 +71,10 @@ class Server:
         try:
             at_home = ipaddress.ip_address(address).is_loopback
         except ValueError:
-            raise SpotsError(f"'{address}' is no IP address, such as 192.168.1.20") from None
-        secret = not at_home or recordings is not None
-        self._token = (token or secrets.token_urlsafe(16)) if secret else None
+            raise SpotsError(
+                f"'{address}' is not an IP address: give one such as 192.168.1.20"
+            ) from None
+        self._token = None if at_home and recordings is None else secrets.token_urlsafe(16)
         self.url = ""
 
     async def __aenter__(self) -> Server:
@@ -92,8 +90,8 @@ class Server:
         except OSError as error:
             await self._runner.cleanup()
             raise SpotsError(
-                f"cannot serve on {self._address} port {self._port}: {error.strerror}; "
-                "--http-port takes another port, --address an address of this machine"
+                f"cannot serve on {self._address} port {self._port}: {error.strerror}: choose "
+                "another port with --http-port, or an address of this machine with --address"
             ) from None
         address, port = self._listener.sockets[0].getsockname()[:2]
         if ipaddress.ip_address(address).is_unspecified:
@@ -114,7 +112,10 @@ def serve_command(options: argparse.Namespace) -> None:
     recordings = _recordings(options, state)
     if options.linkage is None:
         if len(ports) > 1:
-            raise SpotsError("one --port is shown; a linkage has two, and a --linkage FILE")
+            raise SpotsError(
+                f"'spots serve' shows one board, but {len(ports)} --port are given: name one port, "
+                "or add --linkage FILE for the two boards of a linkage"
+            )
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
         readers = [BoardReader(open_board, layout, state, recordings=recordings)]
@@ -123,14 +124,16 @@ def serve_command(options: argparse.Namespace) -> None:
         readers = driven_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
-    serve(state, options.address, options.http_port, readers, print_address, recordings)
+    serve(state, options.address, options.http_port, readers, recordings=recordings)
 
 
 def _recordings(options: argparse.Namespace, state: PageState) -> Recordings | None:
     if options.record_to is None:
         return None
     if options.linkage is not None or any(map(is_recording, options.port)):
-        raise SpotsError("--record-to is for one board, not for a linkage or a recording")
+        raise SpotsError(
+            "--record-to works with one board, not with --linkage or a recording: leave it out"
+        )
     return Recordings(Path(options.record_to), state)
 
 
@@ -139,42 +142,39 @@ def serve(
     address: str,
     port: int,
     readers: list[BoardReader],
-    on_start: Callable[[str], None],
+    on_start: Callable[[str], None] = lambda url: None,
     recordings: Recordings | None = None,
 ) -> None:
-    """Serve until Ctrl-C or SIGTERM.
+    """Serve the web UI until Ctrl-C or SIGTERM; print its address first.
 
     Parameters
     ----------
     state : PageState
+        State to show.
     address : str
+        IP address to listen on, see `Server`.
     port : int
-        As for `Server`.
+        TCP port to listen on; 0 for any free port.
     readers : list of BoardReader
-        Of the state.
-    on_start : callable
-        Called with the URL.
+        Readers that fill the state; they are started and stopped here.
+    on_start : callable, optional
+        Called with the address of the web UI.
     recordings : Recordings, optional
-        As for `Server`.
+        Recordings that a browser may start and stop, see `Server`.
     """
 
     async def main():
         async with Server(state, address, port, recordings=recordings) as server:
             ended = _ended_by_sigterm()
-            watches = [Guarded(reader.watch, "watching a reader") for reader in readers]
             for reader in readers:
                 reader.start()
+            print(f"the web UI is at {server.url} (Ctrl-C ends it)", flush=True)
             on_start(server.url)
-            while not ended.is_set():
-                for watch in watches:
-                    watch()
-                with suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(ended.wait(), _WATCH_EVERY_S)
+            await ended.wait()
 
     try:
-        asyncio.run(main())
-    except KeyboardInterrupt:
-        pass
+        with suppress(KeyboardInterrupt):
+            asyncio.run(main())
     finally:
         for reader in readers:
             reader.stop()
@@ -182,13 +182,13 @@ def serve(
 
 def _ended_by_sigterm() -> asyncio.Event:
     ended = asyncio.Event()
-    with suppress(NotImplementedError, RuntimeError):  # on Windows, and in threads
+    with suppress(NotImplementedError, RuntimeError):  # Windows, or not the main thread
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
     return ended
 
 
 def _outward(address: str) -> str:
-    """Return this machine's address towards others; nothing is sent to find it."""
+    """Return the address of this machine in its network; no packet is sent to find it."""
     six = ":" in address
     with socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

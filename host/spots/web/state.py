@@ -1,7 +1,7 @@
-"""The state of the page: the newest of every part, and the last events in order.
+"""State of the web UI: the newest value of each part, and the last events in order.
 
-One thread writes, any number of clients read. A client is a pair of numbers, so that a slow one
-costs nothing and loses what was overwritten meanwhile.
+One thread writes, any number of clients read. A client is only a pair of numbers, so a slow client
+costs nothing. It misses values that were overwritten before it read them.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-# A client that falls behind by more key events and gestures than this loses the oldest.
+# A client that is more than so many events behind loses the oldest ones.
 EVENTS_KEPT = 512
 
 
 class Cursor(NamedTuple):
-    """How far a client has read.
+    """Position of a client in the state.
 
     Attributes
     ----------
     version : int
-        Of the parts.
+        Version of the parts that the client has read.
     events : int
-        How many had been added.
+        Number of events that had been added when the client read.
     """
 
     version: int
@@ -36,7 +36,7 @@ class PageState:
     Parameters
     ----------
     on_change : callable, optional
-        Called without arguments by the thread that wrote.
+        Called without arguments after each change, in the thread that writes.
     """
 
     def __init__(self, on_change: Callable[[], None] = lambda: None):
@@ -48,14 +48,14 @@ class PageState:
         self._added = 0
 
     def put(self, name: str, value: Any) -> None:
-        """Replace a part; None takes it away from the page.
+        """Replace the value of a part.
 
         Parameters
         ----------
         name : str
-            Of the part, see docs/page.md.
+            Name of the part, see docs/page.md.
         value : object
-            What JSON can hold, or None.
+            New value, of JSON types; None removes the part from the web UI.
         """
         with self._lock:
             self._version += 1
@@ -70,19 +70,20 @@ class PageState:
         self.on_change()
 
     def begin(self) -> Cursor:
-        """Return the cursor of a client that knows no part and wants the events from now on."""
+        """Return the cursor of a new client, which gets all parts and the events from now on."""
         with self._lock:
             return Cursor(0, self._added)
 
     def since(self, cursor: Cursor) -> tuple[Cursor, dict]:
-        """Return what a client does not know yet, and its cursor after that.
+        """Return the changes since a client's cursor, and its new cursor.
 
         Returns
         -------
         cursor : Cursor
+            Cursor for the next call.
         news : dict
-            Parts that changed, by name; ``events``, a list, if there are any; ``missed``, how
-            many events were dropped before these, if any were.
+            Changed parts by name. ``events`` is a list of new events, if there are any. ``missed``
+            is the number of events that were dropped before these, if any.
         """
         with self._lock:
             news = {

@@ -1,4 +1,4 @@
-"""A linkage on the page: the readings of both joints in, the part ``twin`` of a state out."""
+"""A linkage in the web UI: readings of both joints in, the part ``twin`` of a state out."""
 
 from __future__ import annotations
 
@@ -13,24 +13,26 @@ from ..link.board import Board
 from ..link.frames import Touch
 from ..link.timeouts import CONNECTED
 from ..linkage.digital_twin import Terminal, Twin
-from ..linkage.twin_source import DrivenLinkage, check, give, loaded
+from ..linkage.twin_source import DrivenLinkage, give, loaded
 from ..terminal.view import Pace
 from .board_feed import BoardReader, finder
 from .state import PageState
 
 _SHOWN_PER_S = 20
-# A trail is sent whole each time: no finer than a page shows it, and so long at most.
+# The trail is sent whole each time, so its step and its length are limited.
 _STEP_MM = 0.5
 _TRAIL = 1000
 
 
 class TwinFeed:
-    """Follows a linkage and puts it into a state; its joints may be read by different threads.
+    """Follows a linkage and puts its twin into a state; a thread may read each joint.
 
     Parameters
     ----------
     twin : Twin
+        The twin to follow.
     state : PageState
+        State that gets the part ``twin``.
     """
 
     def __init__(self, twin: Twin, state: PageState):
@@ -39,27 +41,24 @@ class TwinFeed:
         self._pace = Pace(_SHOWN_PER_S)
         self._trail: deque[tuple[float, float]] = deque(maxlen=_TRAIL)
         self._shown_s = -math.inf
-        self._away = ["", ""]  # why a joint cannot be read
-        linkage = twin.linkage
+        self._away = ["", ""]  # reason why each joint cannot be read
         self._shown = {
             **dict.fromkeys(("x_mm", "y_mm", "theta1_rad", "theta2_rad", "cov")),
-            "base_mm": linkage.base_mm,
-            "bar_mm": linkage.bar_mm,
+            "base_mm": twin.linkage.base_mm,
+            "bar_mm": twin.linkage.bar_mm,
         }
         self._wait("waiting for readings of both joints")
 
     def take(self, joint: int, touch: Touch) -> None:
-        """Take a reading of a joint.
+        """Add a reading of a joint.
 
         Parameters
         ----------
         joint : int
-            0 or 1; others are ignored.
+            Index of the joint: 0 for joint 1, 1 for joint 2.
         touch : Touch
-            The readings of one strip, in order.
+            The next reading of this joint, in order of time.
         """
-        if joint >= len(self._away):
-            return  # a third sensor
         with self._lock:
             self._away[joint] = ""
             for terminal in self._twin.take(joint, touch):
@@ -76,14 +75,14 @@ class TwinFeed:
                 self._wait("".join(self._away) or silence)
 
     def lost(self, joint: int, why: str) -> None:
-        """Report why a joint cannot be read.
+        """Show that a joint cannot be read.
 
         Parameters
         ----------
         joint : int
-            0 or 1.
+            Index of the joint: 0 for joint 1, 1 for joint 2.
         why : str
-            Shown in the web UI.
+            Reason, shown in the web UI.
         """
         with self._lock:
             self._away[joint] = f"joint {joint + 1}: {why}"
@@ -96,8 +95,8 @@ class TwinFeed:
     def _extend(self, terminal: Terminal) -> None:
         if terminal.limit:
             return
-        x_mm, y_mm = self._trail[-1] if self._trail else (float("inf"), 0.0)
-        if max(abs(terminal.x_mm - x_mm), abs(terminal.y_mm - y_mm)) >= _STEP_MM:
+        here = terminal.x_mm, terminal.y_mm
+        if not self._trail or math.dist(here, self._trail[-1]) >= _STEP_MM:
             self._trail.append((round(terminal.x_mm, 2), round(terminal.y_mm, 2)))
 
     def _put(self, note: str) -> None:
@@ -105,7 +104,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """The state of a board that is not shown itself; only its loss is reported."""
+    """State of a board that is not shown itself; it only reports the loss of the board."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
@@ -113,22 +112,24 @@ class _Aside(PageState):
 
     def put(self, name, value):
         if name == "board" and value["state"] != CONNECTED:
-            self._feed.lost(self._joint, value["message"] or "looking for its board")
+            self._feed.lost(self._joint, value["message"] or "searching for its board")
 
 
 def linkage_readers(
     linkage: str, ports: list[str], layout: KeyLayout, state: PageState
 ) -> list[BoardReader]:
-    """Return a reader for each board of a linkage file; the first one's strip is shown, too.
+    """Return the readers of the two boards of a linkage file.
 
     Parameters
     ----------
     linkage : str
-        A linkage file.
+        Path of the linkage file.
     ports : list of str
-        Of joint 1 and joint 2, or of one board with two sensors; found, if not given.
+        Port of joint 1 and port of joint 2. If empty, the boards are found by their ids.
     layout : KeyLayout
+        Key layout to show for the strip of joint 1.
     state : PageState
+        State that gets the twin and the strip of joint 1.
 
     Returns
     -------
@@ -137,51 +138,46 @@ def linkage_readers(
     Raises
     ------
     SpotsError
-        If a file is wrong, or there are more than two ports.
+        If a file is wrong, or one or more than two ports are named.
     """
     twin, strips = loaded(linkage, ports)
-    feed = TwinFeed(twin, state)
-    if len(ports) == 1:
-
-        def of_any_sensor(touch: Touch) -> None:
-            feed.take(touch.sensor, touch)
-
-        return [BoardReader(finder(ports[0]), layout, state, on_touch=of_any_sensor)]
-    # One after the other: a board that one search asks for its id is busy for the other one.
+    # One search at a time: a board that answers one search is busy for the other.
     searching = threading.Lock()
-
     searches = [finder(port) for port in (ports or (None, None))]
 
     def open_board(joint: int, board_id: str | None) -> Board:
         strip = strips[joint]
         with searching, ExitStack() as stack:
             board = stack.enter_context(searches[joint](board_id if ports else strip.board))
-            check(strip, board.info, joint + 1, board.port)
-            give(board, strip)
+            give(board, strip, joint + 1)
             stack.pop_all()
             return board
 
-    return _readers(feed, open_board, layout, state)
+    return _readers(twin, open_board, layout, state)
 
 
 def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:
-    """Return readers of the two boards of a linkage that opens them itself.
+    """Return the readers of the two boards of a linkage that opens them itself.
 
     Parameters
     ----------
     driven : DrivenLinkage
+        The linkage, for example a simulated one.
     layout : KeyLayout
+        Key layout to show for the strip of joint 1.
     state : PageState
+        State that gets the twin and the strip of joint 1.
 
     Returns
     -------
     list of BoardReader
     """
-    feed = TwinFeed(Twin(driven.linkage, driven.encoders()), state)
-    return _readers(feed, lambda joint, board_id: driven.open(joint), layout, state)
+    twin = Twin(driven.linkage, driven.encoders())
+    return _readers(twin, lambda joint, board_id: driven.open(joint), layout, state)
 
 
-def _readers(feed: TwinFeed, open_board, layout: KeyLayout, state: PageState) -> list[BoardReader]:
+def _readers(twin: Twin, open_board, layout: KeyLayout, state: PageState) -> list[BoardReader]:
+    feed = TwinFeed(twin, state)
     return [
         BoardReader(partial(open_board, i), layout, of_board, on_touch=partial(feed.take, i))
         for i, of_board in enumerate((state, _Aside(feed, 1)))

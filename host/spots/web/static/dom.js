@@ -1,4 +1,4 @@
-// An element with a class, text and children.
+// Returns a new element with a class, text and children.
 export function make(tag, name = "", ...children) {
   const element = document.createElement(tag);
   if (name) element.className = name;
@@ -16,16 +16,16 @@ export function placed(touch) {
   return Boolean(touch?.touching) && !touch.flags.includes("not calibrated");
 }
 
-// Rows of <dt> and <dd> from pairs of words; without a value there is no row.
+// Rows of <dt> and <dd> from pairs of name and value; a pair without a value is omitted.
 export function list(root, pairs) {
   root.replaceChildren(...pairs
     .filter(([, value]) => value !== null && value !== undefined && value !== "")
     .map(([name, value]) => make("div", "", make("dt", "", name), make("dd", "", String(value)))));
 }
 
-// A canvas as sharp as the screen; `draw(context, width, height)` in CSS pixels. With a key it is
-// drawn only when the key is another one than last time. It draws itself again when its size or
-// the colours change.
+// A canvas with the resolution of the screen; `draw(context, width, height)` uses CSS pixels. With a
+// key it is drawn only if the key has changed. It is drawn again when its size or the colours
+// change.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
   element.style.height = `${height}px`;
@@ -51,7 +51,7 @@ export function canvas(root, height) {
   };
 }
 
-// Colours by name, as the style sheet has them now; read again when the scheme changes.
+// Colours of the style sheet by name; read again when the colour scheme changes.
 const names = ["text", "quiet", "edge", "faint", "place", "force"];
 const painted = [];
 export const colours = {};

@@ -1,9 +1,9 @@
-// The connection to the server: opened again by itself, and acknowledged only when drawn.
+// The connection to the server: reconnects, and acknowledges messages when they are drawn.
 
 const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 5000;
 
-// onNews(parts) for each message, onState("connecting" | "live") as the connection comes and goes.
-// Returns a function whose result, called later, acknowledges what had come when it was made.
+// onNews(parts) for each message, onState("connecting" | "live") as the connection opens and closes.
+// Returns a function that notes the last message; its result acknowledges this message later.
 export function connect(onNews, onState) {
   let socket, wait = FIRST_WAIT_MS, number = 0, acknowledged = 0;
 
@@ -18,7 +18,7 @@ export function connect(onNews, onState) {
     };
     socket.onclose = () => {
       onState("connecting");
-      // Not all pages at the same moment.
+      // Random, so that not all browsers reconnect at once.
       setTimeout(open, wait * (0.75 + Math.random() / 2));
       wait = Math.min(2 * wait, LONGEST_WAIT_MS);
     };

@@ -1,4 +1,4 @@
-// Draws the server's messages at the next frame of the screen, and acknowledges them.
+// Draws the messages of the server in the next frame of the screen, and acknowledges them.
 
 import { placed } from "./dom.js";
 import { connect } from "./link.js";
@@ -14,8 +14,8 @@ import { recording } from "./panels/recording.js";
 import { next } from "./panels/next.js";
 import { link } from "./panels/link.js";
 
-// How often a panel is drawn at most, a second: what answers a finger at every frame, what is
-// looked at less often, what is read less still. And the parts that it shows.
+// Largest drawing rate of each panel, per second: every frame for panels that follow the finger,
+// less often for charts, least often for text. And the parts that a panel shows.
 const ANSWER = Infinity, LOOK = 15, READ = 5;
 const PANELS = [
   [strip, ANSWER, "board", "touch"],
@@ -30,12 +30,12 @@ const PANELS = [
   [link, READ, "link"],
   [next, READ, "board", "untrusted", "connection"],
 ];
-// What waits is drawn with the next messages, or so long after the last one.
+// Waiting panels are drawn with the next messages, or this time after the last message.
 const QUIET_MS = 100;
 
-// A panel is made once, from its element, and returns what draws it: (state, news, now_s). `state`
-// has the newest of every part, `news` the parts that changed since it drew last, `events`, and
-// `touches`, all readings that came. It is drawn again without news if it returns true.
+// A panel is a function of its element that returns its draw function: (state, news, now_s). `state`
+// has the newest value of every part. `news` has the parts that changed since its last drawing,
+// `events`, and `touches`, all readings since then. If it returns true, it is drawn again.
 const panels = PANELS.map(([make, rate, ...parts]) => ({
   draw: make(document.getElementById(make.name)), parts,
   every_ms: 1000 / rate, due_ms: 0, news: null,
@@ -57,7 +57,7 @@ const receipt = connect(
   },
 );
 
-// Clears what is stale as soon as board or server is lost.
+// Clears stale parts when the board or the server is lost.
 function clear() {
   take({ touch: null, stick: null, keys: null, untrusted: null });
 }
@@ -89,8 +89,8 @@ function ask() {
 function frame(now_ms) {
   asked = false;
   const due = panels.filter(({ news, due_ms }) => news && due_ms <= now_ms);
-  // While messages come, a frame has what answers a finger, and of the rest what waits longest:
-  // with more in it, it would be late.
+  // While messages arrive, a frame draws the panels that follow the finger, and one other panel,
+  // the one that waits longest. With more panels it would be late.
   const [longest] = due.filter(({ every_ms }) => every_ms).sort((a, b) => a.due_ms - b.due_ms);
   for (const panel of due) {
     if (arrived && panel.every_ms && panel !== longest) continue;
@@ -108,6 +108,6 @@ function frame(now_ms) {
   after.port2.postMessage(null);
 }
 
-// The frame has gone to the screen when this task is over and the next one begins.
+// The frame is on the screen when the next task begins.
 const after = new MessageChannel(), shown = [];
 after.port1.onmessage = () => shown.shift()();

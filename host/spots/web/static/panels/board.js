@@ -1,8 +1,8 @@
-// Which board, and whether it is there.
+// Name and state of the board.
 import { list } from "../dom.js";
 
 const WORDS = {
-  searching: "looking for a board",
+  searching: "searching for a board",
   stalled: "board silent",
   lost: "board lost",
   refused: "another board",
@@ -15,7 +15,7 @@ export function board(root) {
     if (!news.board && !news.connection) return;
     if (document.body.dataset.link !== "live") {
       root.dataset.state = "searching";
-      root.textContent = "looking for the server";
+      root.textContent = "searching for the server";
       return;
     }
     const it = state.board;

@@ -1,4 +1,4 @@
-// The place of the press and its force in figures, and the flags of the reading in words.
+// Position and force of the press as numbers, and the flags of the reading in words.
 import { FULL_FORCE_MN, fill, make, placed } from "../dom.js";
 
 export function figures(root) {

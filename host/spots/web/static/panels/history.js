@@ -1,4 +1,4 @@
-// Contrast and force over the last seconds.
+// Contrast and force of the last seconds.
 import { FULL_FORCE_MN, canvas, colours, make } from "../dom.js";
 
 const SPAN_S = 10, KEPT = 2048, STALE_S = 1.5;
@@ -8,12 +8,12 @@ export function history(root) {
   const layers = root.appendChild(make("div", "layers"));
   const paintScale = canvas(layers, HEIGHT), paintCurves = canvas(layers, HEIGHT);
   const points = [];
-  let ahead_s = null;  // of the page's clock over that of the readings
+  let ahead_s = null;  // clock of the browser minus clock of the readings
   let heard_s = -Infinity;
   let low = Infinity, high = -Infinity;
 
   function take(touch, now_s) {
-    // The soonest arrival is nearest the truth; a clock that restarts is followed.
+    // The shortest delay is the most accurate; a clock that restarts is followed.
     const offset = now_s - touch.time_s;
     if (ahead_s === null || Math.abs(offset - ahead_s) > STALE_S) {
       ahead_s = offset;
@@ -44,7 +44,7 @@ export function history(root) {
       curve(c, TOP, span, colours.place, (t) => t.contrast, x);
       curve(c, TOP + EACH + GAP, [0, FULL_FORCE_MN], colours.force, (t) => t.force_mN, x);
     });
-    return now_s - heard_s < STALE_S;  // until it stands still
+    return now_s - heard_s < STALE_S;  // draw again until it stands still
   };
 
   function curve(c, top, [bottom, ceiling], colour, value, x) {

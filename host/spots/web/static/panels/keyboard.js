@@ -1,4 +1,4 @@
-// The keys of the layout, the one that is pressed, and what was pressed lately.
+// The keys of the layout, the pressed keys, and the last keys and gestures.
 import { make } from "../dom.js";
 
 const SHORTEST_S = 0.15, TAPE = 12;
@@ -8,7 +8,7 @@ export function keyboard(root) {
   const row = root.appendChild(make("div", "keys"));
   const tape = root.appendChild(make("div", "tape"));
   let layout = null, shown = null, keys = [];
-  const lit = new Map();  // "layer/index" to when it may go out
+  const lit = new Map();  // "layer/index" -> earliest time at which its light goes out
 
   function lay(layer) {
     shown = layer;
@@ -36,7 +36,7 @@ export function keyboard(root) {
     if (!layout) return;
     for (const event of news.events) {
       if (event.kind === "gesture") {
-        // That a key was tapped, the key says.
+        // A tap is shown as its key.
         if (event.name !== "tap") say(event.name.replaceAll("_", " "), "gesture");
       } else if (event.pressed) {
         say(event.name, "key-event");
@@ -54,6 +54,6 @@ export function keyboard(root) {
       key.classList.toggle("lit", down.has(id) || lit.has(id));
       key.classList.toggle("under", share >= low && share < high);
     });
-    return lit.size > 0;  // until they have gone out
+    return lit.size > 0;  // draw again until all lights are out
   };
 }

@@ -1,4 +1,4 @@
-// The health of the link.
+// Statistics of the link.
 import { list } from "../dom.js";
 
 export function link(root) {

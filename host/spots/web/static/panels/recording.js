@@ -1,4 +1,4 @@
-// The recording, and its button for those who may record.
+// The recording, and its button if this browser may record.
 import { list } from "../dom.js";
 
 export function recording(root) {
@@ -11,7 +11,7 @@ export function recording(root) {
       const answer = await fetch("recording", { method: "POST", body: it.on ? "stop" : "start" });
       refused = answer.ok ? "" : await answer.text();
     } catch {
-      refused = "the server does not answer";
+      refused = "the server does not answer: try again";
     }
     root.disabled = false;
     show();

@@ -1,14 +1,14 @@
-// The six channels behind a reading, and what the calibration expects of a press there, so bright.
+// The six channels of a reading, and their expected counts for a press at this position.
 import { fill, make, placed } from "../dom.js";
 
-// What a channel's band looks like.
+// Colour of the band of each channel.
 const COLOURS = {
   F1: "#7600ed", F2: "#0028ff", F3: "#00b8e6", F4: "#1fd400", F5: "#9be000",
   F6: "#f2c800", F7: "#ff4f00", F8: "#d00000", CLEAR: "#a0a0a0", NIR: "#8a5a5a",
 };
 const LEAST_TOP = 1000;
 
-const COUNTED_S = 0.2;  // a number is to be read
+const COUNTED_S = 0.2;  // numbers change slowly enough to read
 
 export function spectrum(root) {
   const bars = root.appendChild(make("div", "bars"));
@@ -54,8 +54,8 @@ export function spectrum(root) {
   };
 }
 
-// Counts of a press at the place and of the brightness of a reading, in straight lines between
-// the places that the server sent.
+// Expected counts for the position and the brightness of a reading, interpolated between the
+// positions that the server sent.
 function expected(curve, { position_um, brightness }) {
   if (!curve) return null;
   const { from_um, step_um, logs, dark } = curve;

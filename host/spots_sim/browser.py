@@ -1,4 +1,4 @@
-"""Opens the page in a browser where there is a screen."""
+"""Opens the web UI in a browser if this computer has a screen."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 
 def opens() -> bool:
-    """Return whether a page would be seen if it were opened."""
+    """Return whether the web UI can be served, and a user would see it in a browser."""
     screen = sys.platform in ("win32", "darwin") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )
@@ -17,12 +17,6 @@ def opens() -> bool:
 
 
 def show(url: str) -> None:
-    """Print the address of the page, and open it if there is a screen."""
-    print_address(url)
+    """Open an address in a browser if there is a screen."""
     if opens():
         webbrowser.open(url)
-
-
-def print_address(url: str) -> None:
-    """Print the address of the page."""
-    print(f"the page is at {url} (Ctrl-C ends it)", flush=True)
