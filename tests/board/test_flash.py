@@ -271,7 +271,7 @@ def test_a_doctor_for_a_healthy_board(capsys):
 
 def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
     class Blinks(Patient):
-        def frames(self, seconds):
+        def spectra(self, seconds):
             assert seconds > 12 * 0.64
             dark_us, lit_us = range(0, 50_000, 10_000), range(400_000, 4_880_000, 640_000)
             at_us = [*((t_us, 1 << 7) for t_us in dark_us), *((t_us, 0) for t_us in lit_us)]
@@ -310,7 +310,7 @@ class Patient:
     def command(self, line, timeout_s=None):
         return self._state
 
-    def frames(self, seconds):
+    def spectra(self, seconds):
         return iter(self._spectra)
 
 
