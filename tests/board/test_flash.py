@@ -18,7 +18,6 @@ from spots.deploy.doctor import examine_board
 from spots.deploy.prompt import Prompt
 from spots.deploy.staging import device_of
 from spots.link import serial_link as link
-from spots.link import udev
 
 
 @pytest.fixture
@@ -203,8 +202,8 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
 
     monkeypatch.setattr(link.serial, "Serial", denied)
     monkeypatch.setattr(sys, "platform", "linux")
-    usb = SimpleNamespace(device="/dev/null", vid=0x2E8A)
-    monkeypatch.setattr(udev, "usb_ports", lambda: [usb])
+    usb = SimpleNamespace(device="/dev/null", vid=0x2E8A, serial_number="1")
+    monkeypatch.setattr(link, "usb_ports", lambda: [usb])
     line = refused(capsys, "flash", "pico", "--port", "/dev/null")
     assert "may not be opened" in line
     assert 'idVendor}=="2e8a"' in line

@@ -273,7 +273,7 @@ def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net, monkeypa
     [
         (b"\xff nonsense", "does not answer 'hello'"),
         (b"[1, 2]", "does not answer 'hello'"),
-        (json.dumps({"protocol": 99}).encode(), "speaks protocol 99"),
+        (json.dumps({"protocol": 99}).encode(), "has protocol 99"),
         (json.dumps({"protocol": PROTOCOL}).encode(), "no reply to 'sync'"),
         (None, "does not answer 'hello'"),
     ],

@@ -16,10 +16,9 @@ from .staging import CONFIG, Device, device_of, stage
 
 # By their number in an .mpy file; 0 is bytecode (MicroPython, py/persistentcode.h).
 ARCHITECTURES = (
-    None,
-    *"x86 x64 armv6 armv6m armv7m armv7em armv7emsp armv7emdp".split(),
-    *"xtensa xtensawin rv32imc rv64imc".split(),
-)
+    None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp",
+    "xtensa", "xtensawin", "rv32imc", "rv64imc",
+)  # fmt: skip
 
 
 class MpyHeader(NamedTuple):

@@ -16,7 +16,6 @@ from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.ports import no_port, scheme_name
 from ..link.serial_link import SerialLink
-from ..link.udev import with_rule
 from .place import the_board
 
 _SPECTRA = 12
@@ -69,7 +68,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
         try:
             SerialLink(port).close()
         except SpotsError as error:
-            yield Finding("permission", False, with_rule(str(error), port))
+            yield Finding("permission", False, str(error))
             return
         yield Finding("permission", True, "the port can be opened")
     try:

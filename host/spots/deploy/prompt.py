@@ -15,7 +15,6 @@ import serial
 
 from ..errors import SpotsError, missing
 from ..link.serial_link import SerialLink
-from ..link.udev import with_rule
 
 _TIMEOUT_S = 10.0
 # Timeouts of the attempts to enter the prompt: a board that is starting misses the first.
@@ -96,10 +95,7 @@ class Prompt:
         self._refused = TransportExecError
         # What mpremote raises when the cable is pulled depends on what it was doing.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
-        try:
-            SerialLink(port).close()  # its error explains why a port cannot be opened
-        except SpotsError as error:
-            raise SpotsError(with_rule(str(error), port)) from None
+        SerialLink(port).close()  # its error explains why a port cannot be opened
         self._transport = None
         try:
             self._transport = SerialTransport(port)

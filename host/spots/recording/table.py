@@ -1,4 +1,4 @@
-"""Frames as rows of tables: one table a kind, one list of columns for every export."""
+"""Frames as rows of tables: the columns of all exports, and of what `spots publish` sends."""
 
 from __future__ import annotations
 
@@ -7,28 +7,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from spots_device import decode
-
 from ..errors import printable
-from ..link.frames import DOUBTFUL, Text
-from .arrays import Arrays, RecordingBlocks
+from ..link.frames import Key, Reading, Spectrum, Text, Touch
+from .recording import Recording
 
 
 @dataclass(frozen=True)
 class Table:
-    """A kind of frames.
+    """The table of a kind of frames.
 
     Attributes
     ----------
     name : str
+        Name of the table, and of the kind of frames.
     columns : dict
-        Name to NumPy type; a type with a shape is a tuple, a text is ``"U"``. The first ones are
-        the same in every table: ``time_s``, when it was measured (a text: when it arrived), and
-        ``arrived_s``, both since the recording began; ``sensor``, ``sequence``, ``t_us``.
+        NumPy type of each column, by its name; ``"U"`` for a text, a tuple for a type with a shape.
+        The first columns are the same in every table: ``time_s``, time of the measurement (of a
+        text: of its arrival), and ``arrived_s``, both since the recording began; ``sensor``,
+        ``sequence``, ``t_us``.
     """
 
     name: str
@@ -36,78 +35,59 @@ class Table:
 
 
 _FIRST = {"time_s": "f8", "arrived_s": "f8", "sensor": "u1", "sequence": "u2", "t_us": "u4"}
-_TOUCH = {
-    "touching": "?",
-    "trusted": "?",
-    "position_um": "i4",
-    "force_mN": "u2",
-    "contrast_log2": "f8",
-    "brightness_log2": "f8",
-    "flags": "u1",
+_VALUES: dict[type, dict[str, Any]] = {
+    Touch: {
+        "touching": "?",
+        "trusted": "?",
+        "position_um": "i4",
+        "force_mN": "u2",
+        "contrast_log2": "f8",
+        "brightness_log2": "f8",
+        "flags": "u1",
+    },
+    Spectrum: {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))},
+    Key: {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"},
+    Text: {"content": "U"},
 }
-_SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
-_KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
-_TEXT = {"content": "U"}
-
-# In the order of the arrays.
-TABLES = [
-    Table("touch", _FIRST | _TOUCH),
-    Table("spectrum", _FIRST | _SPECTRUM),
-    Table("key", _FIRST | _KEY),
-    Table("text", _FIRST | _TEXT),
-]
+# Columns whose names have a unit that the attribute does not have.
+_ATTRIBUTES = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
+TABLES = {kind: Table(kind.__name__.lower(), _FIRST | values) for kind, values in _VALUES.items()}
 
 
-def rows(recording: RecordingBlocks) -> Iterator[tuple[Table, tuple[Any, ...]]]:
-    """Yield the table and the row of each frame of a recording, showing how far it is.
+def values(frame: Reading) -> dict[str, Any]:
+    """Return the measured values of a frame, by column name; NaN if unknown."""
+    return {name: getattr(frame, _ATTRIBUTES.get(name, name)) for name in _VALUES[type(frame)]}
 
-    Position and force are as on the wire: 0 where the flags say that they are not known.
+
+def rows(recording: Recording) -> Iterator[tuple[Table, tuple[Any, ...]]]:
+    """Yield the table and the row of each frame, and show the progress on a terminal.
+
+    As on the wire, an unknown value is 0; the flags show which values are unknown.
     """
     begun_s = recording.header.host_s
-    for block in shown(recording):
-        arrays = block.touches, block.spectra, block.keys
-        tables = [_array_rows(array, begun_s) for array in arrays]
-        tables.append(_text_rows(block.texts, begun_s))
-        for kind in recording.order.tolist():
-            yield TABLES[kind], next(tables[kind])
+    for arrived_s, frame in shown(recording):
+        if isinstance(frame, Text):
+            time_s, found = None, [json.dumps(frame.content, ensure_ascii=False)]
+        else:
+            time_s = frame.time_s
+            found = [0 if one != one else one for one in values(frame).values()]
+        times_s = (round((arrived_s if s is None else s) - begun_s, 9) for s in (time_s, arrived_s))
+        yield TABLES[type(frame)], (*times_s, frame.sensor, frame.sequence, frame.t_us, *found)
 
 
-def _array_rows(array: np.ndarray, begun_s: float) -> Iterator[tuple[Any, ...]]:
-    columns = {name: array[name].tolist() for name in array.dtype.names or ()}
-    arrived_s = [round(one - begun_s, 9) for one in columns.pop("arrived_s")]
-    times_s = zip(columns.pop("time_s"), arrived_s)
-    time_s = [late if one != one else round(one - begun_s, 9) for one, late in times_s]
-    first = [columns.pop(name) for name in ("sensor", "sequence", "t_us")]
-    if "contrast_q20" in columns:
-        flags = array["flags"]
-        touching = flags & decode.TOUCHING != 0
-        rest = [touching.tolist(), (touching & (flags & DOUBTFUL == 0)).tolist()]
-        rest += [columns["position_um"], columns["force_mN"]]
-        rest += [(array[name] / (1 << 20)).tolist() for name in ("contrast_q20", "brightness_q20")]
-        rest += [columns["flags"]]
-    else:
-        rest = [map(tuple, one) if name == "counts" else one for name, one in columns.items()]
-    return zip(time_s, arrived_s, *first, *rest)
-
-
-def _text_rows(texts: list[tuple[float, Text]], begun_s: float) -> Iterator[tuple[Any, ...]]:
-    for at_s, text in texts:
-        arrived_s = round(at_s - begun_s, 9)
-        content = json.dumps(text.content, ensure_ascii=False)
-        yield arrived_s, arrived_s, text.sensor, text.sequence, text.t_us, content
-
-
-def shown(recording: RecordingBlocks) -> Iterator[Arrays]:
-    """Yield the blocks of a recording, showing on a terminal how far it is."""
+def shown(recording: Recording) -> Iterator[Any]:
+    """Iterate over a recording, and show the progress on a terminal."""
     columns = (
         TextColumn(printable(recording.path.name), markup=False),
         BarColumn(),
         TimeRemainingColumn(),
     )
-    console = Console(stderr=True)
+    console, done = Console(stderr=True), 0
     quiet = not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
         task = progress.add_task("", total=recording.size)
-        for block in recording:
-            progress.update(task, completed=recording.read_bytes)
-            yield block
+        for one in recording:
+            if recording.read_bytes != done:
+                done = recording.read_bytes
+                progress.update(task, completed=done)
+            yield one

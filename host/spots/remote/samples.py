@@ -1,4 +1,4 @@
-"""A frame as an object that any language reads; the names are those of the exports."""
+"""A frame as an object that any language can read; the names are those of the exports."""
 
 from __future__ import annotations
 
@@ -6,30 +6,25 @@ from typing import Any
 
 import msgspec
 
-from ..link.frames import Key, Reading, Spectrum
+from ..link.frames import Reading
+from ..recording.table import values
 
 encode = msgspec.json.Encoder().encode  # NaN becomes null
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
-    """Return what is published of a reading, a spectrum or a key.
+    """Return the object that is published for a frame.
 
     Parameters
     ----------
     frame : Touch, Spectrum or Key
+        The frame.
     utc_s : float
-        When it was measured, since 1970.
+        Time of the measurement, in seconds since 1970.
 
     Returns
     -------
     dict
     """
     first = {"utc_s": utc_s, "sensor": frame.sensor, "sequence": frame.sequence, "t_us": frame.t_us}
-    if isinstance(frame, Spectrum):
-        return {**first, "flags": frame.flags, "gain_code": frame.gain, "counts": frame.counts}
-    if isinstance(frame, Key):
-        names = "page", "usage", "modifiers", "pressed"
-    else:
-        names = "touching", "trusted", "position_um", "force_mN"
-        names += "contrast_log2", "brightness_log2", "flags"
-    return first | {name: getattr(frame, name.removesuffix("_log2")) for name in names}
+    return first | values(frame)
