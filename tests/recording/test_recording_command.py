@@ -184,18 +184,21 @@ def test_a_header_cut_short_and_one_of_a_later_version(tmp_path, capsys):
     record(path, stream(3))
     data = path.read_bytes()
     cut = bad(tmp_path, data[:400])
-    assert "its header is cut short or damaged" in refused(capsys, "info", cut)
+    assert "both copies of its header are damaged" in refused(capsys, "info", cut)
     header = headed(recording=2)
     later = bad(tmp_path, encoded(header))
-    assert "has version 2 of the format, and this program reads 1: update" in refused(capsys, "info", later)
+    assert "has version 2 of the format, and this program reads 1: update" in refused(
+        capsys, "info", later
+    )
 
 
 def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
     info = {"protocol": 7}
     header = headed(program="spots 9", info=info)
     path = bad(tmp_path, encoded(header) + stream(1)[0])
-    assert "with protocol 7, and this program reads 2: use the program that wrote it, spots 9" in refused(
-        capsys, "replay", path
+    assert (
+        "with protocol 7, and this program reads 2: use the program that wrote it, spots 9"
+        in refused(capsys, "replay", path)
     )
 
 
@@ -226,7 +229,7 @@ def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):
 def test_a_speed_that_is_none(capsys, speed, tmp_path):
     with pytest.raises(SystemExit):
         cli.main(["replay", "a", "--speed", speed])
-    assert "a speed is a number from" in capsys.readouterr().err
+    assert "a speed must be a number from" in capsys.readouterr().err
     record(tmp_path / "a.spots", stream(1))
     with pytest.raises(spots.SpotsError, match="must be more than 0"):
         spots.open_recording(tmp_path / "a.spots", -1.0)

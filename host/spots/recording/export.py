@@ -18,9 +18,9 @@ from numpy.lib import format as npy
 
 from ..atomic import replacing, sync
 from ..errors import SpotsError, missing
+from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .header import Header
-from .recording import Recording
 from .table import Table, rows
 
 # Rows of a table in memory; the memory of an export does not grow with the recording.
@@ -57,7 +57,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     The memory does not grow with the length of the recording. NPZ needs twice the room on the
     medium while it is written.
     """
-    recording = Recording(path)
+    recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
     with ExitStack() as stack:
         files = _Files(stack)

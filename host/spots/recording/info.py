@@ -21,7 +21,7 @@ def summary(path: str | Path) -> dict:
         If the recording cannot be read.
     """
     recording = RecordingBlocks(path)
-    names = [table.name for table in TABLES.values()]
+    names = [table.name for table in TABLES]
     counts = dict.fromkeys(names, 0)
     for block in shown(recording):
         for name, found in zip(names, (block.touches, block.spectra, block.keys, block.texts)):

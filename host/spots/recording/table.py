@@ -1,18 +1,23 @@
-"""Frames as rows of tables: the columns of all exports, and of what `spots publish` sends."""
+"""Frames as rows of tables: the columns of all exports."""
 
 from __future__ import annotations
 
+import heapq
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from spots_device import decode
+
 from ..errors import printable
-from ..link.frames import Key, Reading, Spectrum, Text, Touch
-from .recording import Recording
+from ..link.frames import DOUBTFUL, Text
+from .arrays import Arrays, RecordingBlocks
 
 
 @dataclass(frozen=True)
@@ -35,59 +40,77 @@ class Table:
 
 
 _FIRST = {"time_s": "f8", "arrived_s": "f8", "sensor": "u1", "sequence": "u2", "t_us": "u4"}
-_VALUES: dict[type, dict[str, Any]] = {
-    Touch: {
-        "touching": "?",
-        "trusted": "?",
-        "position_um": "i4",
-        "force_mN": "u2",
-        "contrast_log2": "f8",
-        "brightness_log2": "f8",
-        "flags": "u1",
-    },
-    Spectrum: {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))},
-    Key: {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"},
-    Text: {"content": "U"},
+_TOUCH = {
+    "touching": "?",
+    "trusted": "?",
+    "position_um": "i4",
+    "force_mN": "u2",
+    "contrast_log2": "f8",
+    "brightness_log2": "f8",
+    "flags": "u1",
 }
-# Columns whose names have a unit that the attribute does not have.
-_ATTRIBUTES = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
-TABLES = {kind: Table(kind.__name__.lower(), _FIRST | values) for kind, values in _VALUES.items()}
+_SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
+_KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
+
+# In the order of the arrays.
+TABLES = (
+    Table("touch", _FIRST | _TOUCH),
+    Table("spectrum", _FIRST | _SPECTRUM),
+    Table("key", _FIRST | _KEY),
+    Table("text", _FIRST | {"content": "U"}),
+)
+Row = tuple[Table, tuple[Any, ...]]
 
 
-def values(frame: Reading) -> dict[str, Any]:
-    """Return the measured values of a frame, by column name; NaN if unknown."""
-    return {name: getattr(frame, _ATTRIBUTES.get(name, name)) for name in _VALUES[type(frame)]}
+def rows(recording: RecordingBlocks) -> Iterator[Row]:
+    """Yield the table and the row of each frame by time of arrival; show the progress.
 
-
-def rows(recording: Recording) -> Iterator[tuple[Table, tuple[Any, ...]]]:
-    """Yield the table and the row of each frame, and show the progress on a terminal.
-
-    As on the wire, an unknown value is 0; the flags show which values are unknown.
+    As on the wire, an unknown position or force is 0; the flags show which values are unknown.
     """
     begun_s = recording.header.host_s
-    for arrived_s, frame in shown(recording):
-        if isinstance(frame, Text):
-            time_s, found = None, [json.dumps(frame.content, ensure_ascii=False)]
-        else:
-            time_s = frame.time_s
-            found = [0 if one != one else one for one in values(frame).values()]
-        times_s = (round((arrived_s if s is None else s) - begun_s, 9) for s in (time_s, arrived_s))
-        yield TABLES[type(frame)], (*times_s, frame.sensor, frame.sequence, frame.t_us, *found)
+    for block in shown(recording):
+        arrays = block.touches, block.spectra, block.keys
+        tables = [_array_rows(*pair, begun_s) for pair in zip(TABLES, arrays)]
+        tables.append(_text_rows(block.texts, begun_s))
+        yield from heapq.merge(*tables, key=lambda row: row[1][1])
 
 
-def shown(recording: Recording) -> Iterator[Any]:
-    """Iterate over a recording, and show the progress on a terminal."""
+def _array_rows(table: Table, array: np.ndarray, begun_s: float) -> Iterator[Row]:
+    arrived_s = [round(one - begun_s, 9) for one in array["arrived_s"].tolist()]
+    times_s = zip(array["time_s"].tolist(), arrived_s)
+    columns = {name: array[name].tolist() for name in array.dtype.names}
+    columns["arrived_s"] = arrived_s
+    columns["time_s"] = [late if one != one else round(one - begun_s, 9) for one, late in times_s]
+    if "contrast_q20" in columns:
+        touching = array["flags"] & decode.TOUCHING != 0
+        columns["touching"] = touching.tolist()
+        columns["trusted"] = (touching & (array["flags"] & DOUBTFUL == 0)).tolist()
+        for name in ("contrast", "brightness"):
+            columns[f"{name}_log2"] = (array[f"{name}_q20"] / (1 << 20)).tolist()
+    elif "counts" in columns:
+        columns["gain_code"] = columns["gain"]
+        columns["counts"] = map(tuple, columns["counts"])
+    return zip(repeat(table), zip(*(columns[name] for name in table.columns)))
+
+
+def _text_rows(texts: list[tuple[float, Text]], begun_s: float) -> Iterator[Row]:
+    for at_s, text in texts:
+        arrived_s = round(at_s - begun_s, 9)
+        content = json.dumps(text.content, ensure_ascii=False)
+        yield TABLES[-1], (arrived_s, arrived_s, text.sensor, text.sequence, text.t_us, content)
+
+
+def shown(recording: RecordingBlocks) -> Iterator[Arrays]:
+    """Yield the blocks of a recording, and show the progress on a terminal."""
     columns = (
         TextColumn(printable(recording.path.name), markup=False),
         BarColumn(),
         TimeRemainingColumn(),
     )
-    console, done = Console(stderr=True), 0
+    console = Console(stderr=True)
     quiet = not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
         task = progress.add_task("", total=recording.size)
-        for one in recording:
-            if recording.read_bytes != done:
-                done = recording.read_bytes
-                progress.update(task, completed=done)
-            yield one
+        for block in recording:
+            progress.update(task, completed=recording.read_bytes)
+            yield block

@@ -6,8 +6,7 @@ from typing import Any
 
 import msgspec
 
-from ..link.frames import Reading
-from ..recording.table import values
+from ..link.frames import Key, Reading, Spectrum
 
 encode = msgspec.json.Encoder().encode  # NaN becomes null
 
@@ -27,4 +26,11 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
     dict
     """
     first = {"utc_s": utc_s, "sensor": frame.sensor, "sequence": frame.sequence, "t_us": frame.t_us}
-    return first | values(frame)
+    if isinstance(frame, Spectrum):
+        return {**first, "flags": frame.flags, "gain_code": frame.gain, "counts": frame.counts}
+    if isinstance(frame, Key):
+        names = "page", "usage", "modifiers", "pressed"
+    else:
+        names = "touching", "trusted", "position_um", "force_mN"
+        names += "contrast_log2", "brightness_log2", "flags"
+    return first | {name: getattr(frame, name.removesuffix("_log2")) for name in names}
