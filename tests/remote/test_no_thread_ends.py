@@ -25,6 +25,7 @@ from spots.keyboard.layout import load
 from spots.link.timeouts import CONNECTED
 from spots.recording import disk
 from spots.remote import mailbox, subscribe
+from spots.remote import zenoh_session as session_module
 from spots.remote.zenoh_link import ZenohLink
 from spots.web import app as app_module
 from spots.web import serve as serve_module
@@ -221,6 +222,15 @@ def test_a_board_that_appears_on_zenoh(net, fault, monkeypatch):
         wait_until(lambda: fault.raised)
 
 
+def test_boards_that_are_looked_for_on_zenoh(net, fault, monkeypatch):
+    condition = threading.Condition()
+    fault.patch(monkeypatch, condition, "notify_all")
+    monkeypatch.setattr(session_module, "threading", SimpleNamespace(Condition=lambda: condition))
+    monkeypatch.setattr(session_module, "_PATIENCE_S", 5.0)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:") as board:
+        assert board.info["id"] == "a1"
+
+
 def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):
     with publishing(net.hub, stand_in()):
         fault.patch(monkeypatch, mailbox.Mailbox, "put")
@@ -296,6 +306,7 @@ time.sleep(10)
         (
             r"declare_subscriber\(",
             {
+                "spots/remote/zenoh_session.py",
                 "spots/remote/zenoh_link.py",
                 "spots/remote/subscribe.py",
             },

@@ -19,7 +19,7 @@ from ..link.frames import Frame, whole
 from ..signals import released_by_signals
 from .answers import Answers
 from .samples import encode, sample
-from .zenoh_session import key, open_session, published
+from .zenoh_session import key, open_session
 
 FRAMES_ENCODING = "application/octet-stream;spots-frames"
 _JSON = zenoh.Encoding.APPLICATION_JSON
@@ -58,7 +58,7 @@ class Publisher:
                 f"cannot publish the board on {board.port}: it has no valid id; flash its firmware "
                 "again"
             )
-        if published(session, self.board_id):
+        if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
             raise SpotsError(f"the board {self.board_id} is already published: end that publisher")
         self._copy = b""  # bytes that have arrived and are not published yet
         board.tap(self._keep)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import time
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -20,7 +20,6 @@ READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 
 _NESTED_MAX = 1000  # objects and lists in a configuration; the longest example has about 150
 _PATIENCE_S = 3.0
-_LOOK_EVERY_S = 0.1
 _OTHERS_S = 0.5  # time for other boards to appear after the first one
 _FOUND_MAX = 16  # boards that are listed; anyone may publish thousands of names
 
@@ -103,17 +102,33 @@ def find(session: zenoh.Session, wanted: str) -> str:
     SpotsError
         If the board is not published in time, or `wanted` is empty and there are several boards.
     """
-    end_s = time.monotonic() + _PATIENCE_S
+    alive: set[str] = set()
+    changed = threading.Condition()
+
+    def note(sample: zenoh.Sample) -> None:
+        with changed:
+            board_id = str(sample.key_expr).split("/")[1]
+            if sample.kind != zenoh.SampleKind.PUT:
+                alive.discard(board_id)
+            elif len(alive) < _FOUND_MAX:
+                alive.add(board_id)
+            changed.notify_all()
+
+    tokens = key(wanted or "*", "alive")
     try:
-        while not (found := published(session, wanted or "*")) and time.monotonic() < end_s:
-            time.sleep(_LOOK_EVERY_S)
-        if found and not wanted:
-            time.sleep(_OTHERS_S)
-            found = published(session, "*") or found
+        watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
     except zenoh.ZError:
         raise SpotsError(
             f"'{wanted}' is not a board's id: give zenoh:ID, or zenoh: for the only board"
         ) from None
+    try:
+        with changed:
+            changed.wait_for(lambda: alive, _PATIENCE_S)
+            if not wanted:
+                changed.wait_for(lambda: len(alive) > 1, _OTHERS_S)
+            found = sorted(alive)
+    finally:
+        watch.undeclare()
     if not found:
         what = f"no board {wanted} is" if wanted else "no board is"
         raise SpotsError(
@@ -123,26 +138,6 @@ def find(session: zenoh.Session, wanted: str) -> str:
         names = ", ".join(f"zenoh:{board_id}" for board_id in found)
         raise SpotsError(f"more than one board is published: give one of these: {names}")
     return found[0]
-
-
-def published(session: zenoh.Session, wanted: str) -> list[str]:
-    """Return the ids of published boards that the session knows so far, at most 16.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        An open session.
-    wanted : str
-        Id of a board; ``*`` for all boards.
-
-    Returns
-    -------
-    list of str
-    """
-    tokens = key(wanted, "alive")
-    newest = zenoh.handlers.RingChannel(_FOUND_MAX)  # another channel would block when it is full
-    replies = session.liveliness().get(tokens, newest, timeout=_PATIENCE_S)
-    return sorted({str(one.ok.key_expr).split("/")[1] for one in replies if one.ok})
 
 
 def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
