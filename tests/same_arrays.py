@@ -38,17 +38,15 @@ def recording_of(path: Path, data: bytes, part: int = 0, restarts: int = 0) -> P
     return path
 
 
-def check(path: Path, block_bytes: int = arrays._BLOCK_BYTES, few: int = arrays._FEW) -> int:
+def check(path: Path, block_bytes: int = arrays._BLOCK_BYTES) -> int:
     """Return how many frames a recording has, all of them the same in both ways to read it.
 
     Parameters
     ----------
     block_bytes : int
         Bytes that are decoded at once.
-    few : int
-        Of so few pieces of a size each is decoded alone; 1 decodes all of them together.
     """
-    with mock.patch.multiple(arrays, _BLOCK_BYTES=block_bytes, _FEW=few):
+    with mock.patch.object(arrays, "_BLOCK_BYTES", block_bytes):
         recording, frames, refusal = _frames(path)
         if refusal is not None:
             with pytest.raises(SpotsError, match=f"^{re.escape(refusal)}$"):

@@ -24,47 +24,25 @@ if TYPE_CHECKING:
     from .recording.recording import Recording
     from .recording.replay import open_recording
 
-# Each name is loaded where it is first used: `import spots` takes neither NumPy nor a serial port.
-_MODULES = {
-    "Arrays": "recording.arrays",
-    "Board": "link.board",
-    "Decoder": "link.frames",
-    "Encoder": "linkage.encoder",
-    "Key": "link.frames",
-    "LinkStats": "link.frames",
-    "Linkage": "linkage.fivebar",
-    "Note": "link.frames",
-    "Recording": "recording.recording",
-    "Spectrum": "link.frames",
-    "RecordingBlocks": "recording.arrays",
-    "SpotsError": "errors",
-    "Text": "link.frames",
-    "Touch": "link.frames",
-    "Twin": "linkage.digital_twin",
-    "open": "link.connect",
-    "open_recording": "recording.replay",
-    "read_arrays": "recording.arrays",
+# Each name is imported at its first use: `import spots` loads neither NumPy nor pyserial.
+_NAMES = {
+    "errors": ("SpotsError",),
+    "link.board": ("Board",),
+    "link.connect": ("open",),
+    "link.frames": ("Decoder", "Key", "LinkStats", "Note", "Spectrum", "Text", "Touch"),
+    "linkage.digital_twin": ("Twin",),
+    "linkage.encoder": ("Encoder",),
+    "linkage.fivebar": ("Linkage",),
+    "recording.arrays": ("Arrays", "RecordingBlocks", "read_arrays"),
+    "recording.recording": ("Recording",),
+    "recording.replay": ("open_recording",),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
-    "Arrays",
-    "Board",
-    "Decoder",
-    "Encoder",
-    "Key",
-    "LinkStats",
-    "Linkage",
-    "Note",
-    "Recording",
-    "RecordingBlocks",
-    "Spectrum",
-    "SpotsError",
-    "Text",
-    "Touch",
-    "Twin",
-    "open",
-    "open_recording",
+    "Arrays", "Board", "Decoder", "Encoder", "Key", "LinkStats", "Linkage", "Note", "Recording",
+    "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "Twin", "open", "open_recording",
     "read_arrays",
-]
+]  # fmt: skip
 
 
 def __getattr__(name: str):

@@ -1,8 +1,8 @@
-"""Files and folders written atomically: others see the old one or the new one, and each is whole.
+"""Atomic writes of files and folders: a reader sees the old content or the new, never a part.
 
-Until it is whole, a file has a random name in the same folder. It is created exclusively, so no
-link is followed. A killed process leaves it behind; the next write in that folder removes it. A
-lock on it, which ends with its process, shows whether it is still being written.
+A file or folder is written under a random name in the same folder, and renamed when it is complete.
+The random name is created exclusively, so no link is followed. A killed process leaves its part
+behind; a write in the same folder at least an hour later removes it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import re
 import secrets
 import shutil
 import stat
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -21,141 +22,123 @@ from typing import IO
 
 from .errors import SpotsError
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
-_NAME = ".spots-{}.part"
-_OURS = re.compile(r"\.spots-[0-9a-f]{16}\.part")
-_TRIES = 100
-# Where there are no locks, a left-over is one that nobody has touched for so long.
+_PREFIX, _SUFFIX = ".spots-", ".part"
+_PART = re.compile(r"\.spots-\w{8,16}\.part")
+# A part that nobody has changed for so long is of a killed process.
 _STALE_S = 3600.0
-
-
-class _SweptError(Exception):
-    pass
 
 
 @contextmanager
 def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
-    """Write a file, or replace it, at the end of the context; nothing changes on an exception.
+    """Create or replace a file atomically: it gets its name when the block ends without exception.
 
-    A link in its place is replaced and not followed. A replaced file's mode is kept.
+    A symbolic link with this name is replaced and not followed. A replaced file keeps its mode.
 
     Parameters
     ----------
     path : str or Path
+        Name of the file.
     kind : str
         ``b`` for a binary file, ``t`` for text.
     new : bool
-        Whether to refuse to replace a file.
+        Whether an existing file is an error.
     **options
-        See `open`.
+        Further options of `open`, such as ``encoding``.
 
     Yields
     ------
     file object
-        To be written. What is flushed and synced is not yet under its name.
+        The open file, to write to.
 
     Raises
     ------
     SpotsError
-        If it cannot be written; then what was there still is.
+        If the file cannot be written. An existing file is unchanged.
     """
     path = Path(path)
-    beside = lock = None
+    part = path.parent / f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}"
     try:
         mode = _replaced_mode(path, new)
-        _sweep(path.parent, stat.S_ISREG, os.unlink)
-        beside, file, lock = _create(path.parent, kind, mode, options)
-        with file:
+        # A replacement of a private file is private from its first byte on.
+        access = 0o666 if mode is None else 0o600
+        _sweep(path.parent, os.DirEntry.is_file, os.unlink)
+        with open(
+            part, "x" + kind, opener=lambda path, flags: os.open(path, flags, access), **options
+        ) as file:
             yield file
             sync(file)
-        if mode is not None and stat.S_IMODE(beside.stat().st_mode) != mode:
-            beside.chmod(mode)
-        (_place_new if new else os.replace)(beside, path)
+        if mode is not None and stat.S_IMODE(part.stat().st_mode) != mode:
+            part.chmod(mode)
+        (_place_new if new else os.replace)(part, path)
     except OSError as error:
         if not path.parent.is_dir():
             raise SpotsError(f"there is no folder {path.parent}: make it first") from None
         raise SpotsError(f"cannot write {path}: {error.strerror or error}") from None
     finally:
-        if beside is not None:
-            with suppress(OSError):
-                beside.unlink(missing_ok=True)
-        _release(lock)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def write_text(text: str, path: str | Path) -> None:
-    """Write a text file, or replace it.
+    """Create or replace a text file atomically.
 
     Parameters
     ----------
     text : str
-        The whole content; line ends are written as they are.
+        Content of the file. Line ends are written unchanged.
     path : str or Path
-        A link there is replaced and not followed.
+        Name of the file. A symbolic link with this name is replaced and not followed.
 
     Raises
     ------
     SpotsError
-        If it cannot be written; then what was there still is.
+        If the file cannot be written. An existing file is unchanged.
     """
     with replacing(path, "t", encoding="utf-8", newline="\n") as file:
         file.write(text)
 
 
 def sync(file: IO) -> None:
-    """Return when all that was written is on the medium; raises OSError if it cannot be."""
+    """Wait until everything written to a file is on the medium; OSError if that fails."""
     file.flush()
     os.fsync(file.fileno())
 
 
 @contextmanager
 def folder(parent: Path) -> Iterator[Path]:
-    """Make a staging directory in a folder; it is removed on exit.
+    """Make a staging directory in the folder `parent`; it is removed on exit.
 
     Raises
     ------
     OSError
         If it cannot be made.
     """
-    _sweep(parent, stat.S_ISDIR, shutil.rmtree)
-    for _ in range(_TRIES):
-        path = parent / _NAME.format(secrets.token_hex(8))
-        path.mkdir(0o700)
-        with suppress(_SweptError):
-            lock = _locked(path)
-            break
-    else:
-        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
-    try:
-        yield path
-    finally:
-        shutil.rmtree(path, ignore_errors=True)
-        _release(lock)
+    _sweep(parent, os.DirEntry.is_dir, shutil.rmtree)
+    with tempfile.TemporaryDirectory(
+        _SUFFIX, _PREFIX, parent, ignore_cleanup_errors=True
+    ) as staging:
+        yield Path(staging)
 
 
-def _place_new(beside: Path, path: Path) -> None:
-    """Give a file its name, unless there is one meanwhile."""
-    try:
-        os.link(beside, path)
-    except FileExistsError:
-        raise _exists(path) from None
-    except OSError:  # a file system without links
-        if os.path.lexists(path):
-            raise _exists(path) from None
-        os.replace(beside, path)
-
-
-def _exists(path: Path) -> SpotsError:
+def exists(path: Path) -> SpotsError:
+    """Return the error of a new file whose name is already in use."""
     return SpotsError(f"{path} exists: choose another name or remove it")
 
 
+def _place_new(part: Path, path: Path) -> None:
+    """Rename a part; raise an error if another file got the name meanwhile."""
+    try:
+        os.link(part, path)
+    except OSError:  # also on a file system without hard links
+        if os.path.lexists(path):
+            raise exists(path) from None
+        os.replace(part, path)
+
+
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the mode of the file that is replaced, if there is one."""
+    """Return the permissions of the file that will be replaced; None without such a file."""
     if new and os.path.lexists(path):
-        raise _exists(path)
+        raise exists(path)
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -167,79 +150,12 @@ def _replaced_mode(path: Path, new: bool) -> int | None:
     return mode & 0o777
 
 
-def _create(
-    parent: Path, kind: str, mode: int | None, options: dict
-) -> tuple[Path, IO, int | None]:
-    # What replaces a private file is private from its first byte on.
-    access = 0o666 if mode is None else 0o600
-    for _ in range(_TRIES):
-        beside = parent / _NAME.format(secrets.token_hex(8))
-        file = open(
-            beside, "x" + kind, opener=lambda path, flags: os.open(path, flags, access), **options
-        )
-        try:
-            return beside, file, _locked(beside)
-        except _SweptError:
-            file.close()
-    raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
-
-
-def _sweep(parent: Path, is_kind: Callable[[int], bool], remove: Callable[[str], None]) -> None:
-    """Remove what processes left behind that were killed while they wrote in a folder."""
+def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], None]) -> None:
+    """Remove the stale parts of one kind, files or folders, in a folder."""
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
-            if _OURS.fullmatch(entry.name):
+            if _PART.fullmatch(entry.name) and is_kind(entry, follow_symlinks=False):
                 with suppress(OSError):
-                    known = entry.stat(follow_symlinks=False)
-                    if is_kind(known.st_mode) and _is_own(known):
-                        _remove_unlocked(entry.path, known, remove)
-
-
-def _is_own(known: os.stat_result) -> bool:
-    return not hasattr(os, "geteuid") or known.st_uid == os.geteuid()
-
-
-def _remove_unlocked(path: str, known: os.stat_result, remove: Callable[[str], None]) -> None:
-    if fcntl is None:
-        if time.time() - known.st_mtime > _STALE_S:
-            remove(path)
-        return
-    lock = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(lock), known):
-            remove(path)
-    finally:
-        os.close(lock)
-
-
-def _locked(path: Path) -> int | None:
-    """Return a descriptor whose lock lasts until it is closed, or its process ends.
-
-    Raises
-    ------
-    _SweptError
-        If another process takes the path for a left-over: it was not locked at once.
-    """
-    if fcntl is None:
-        return None
-    try:
-        lock = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
-    except FileNotFoundError:
-        raise _SweptError from None
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        swept = not path.exists()
-    except BlockingIOError:
-        swept = True
-    except OSError:
-        swept = False  # a file system without locks: nobody gets one, and nothing is swept
-    if swept:
-        os.close(lock)
-        raise _SweptError
-    return lock
-
-
-def _release(lock: int | None) -> None:
-    if lock is not None:
-        os.close(lock)
+                    changed_s = entry.stat(follow_symlinks=False).st_mtime
+                    if time.time() - changed_s > _STALE_S:
+                        remove(entry.path)

@@ -1,34 +1,34 @@
-"""Errors that a user can correct, and their sentences."""
+"""Errors that a user can correct, and helpers for their messages."""
 
 import difflib
 from collections.abc import Iterable
 
-# As `pip` knows the project: `spots` alone is somebody else's.
+# Name for `pip`: another project has the name `spots`.
 DISTRIBUTION = "spots-tactile"
 
-# Characters of a sentence; it may quote a file.
+# Characters of a message, which may quote a file.
 _LONGEST = 2000
 
 
 def printable(text: str) -> str:
-    """Return a text as one line that does nothing to a terminal: the rest of it is escaped."""
+    """Return a text as one line that is safe to print: control characters are escaped."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence about a name that does not exist.
+    """Return the advice in the error message of an unknown name.
 
     Parameters
     ----------
     word : str
-        The name that was given, in any case.
+        The unknown name. Upper and lower case are the same.
     known : iterable of str
         The names that exist.
 
     Returns
     -------
     str
-        "did you mean ...?" with the similar names, or all names if no name is similar.
+        "did you mean ...?" with the similar names, or a list of all names.
     """
     by_case = {name.lower(): name for name in known}
     found = difflib.get_close_matches(word.lower(), by_case, n=3, cutoff=0.7)
@@ -37,18 +37,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"there are {', '.join(by_case.values())}"
 
 
-def _shortened(text: str) -> str:
-    if len(text) <= _LONGEST:
-        return text
-    half = _LONGEST // 2
-    return f"{text[:half]} ... {text[-half:]}"  # its end says what to do
-
-
 class SpotsError(Exception):
-    """A mistake or a fault outside the program; the text says what is wrong and what to do.
+    """An error that the user can correct: the text says what is wrong and what to do.
 
-    The command line prints it as one line and ends with exit code 2. What it quotes of a file or
-    a board is made printable, and short.
+    The command line prints the text as one line and exits with code 2. Control characters in the
+    text are escaped, and a very long text is cut in its middle.
 
     Examples
     --------
@@ -57,7 +50,8 @@ class SpotsError(Exception):
     """
 
     def __init__(self, text: str):
-        super().__init__(_shortened(printable(text)))
+        text, half = printable(text), _LONGEST // 2
+        super().__init__(text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}")
 
 
 def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsError:
@@ -66,28 +60,29 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
     Parameters
     ----------
     what : str
-        What needs it, with its verb.
+        Subject and verb of the message, such as "flashing needs".
     package : str
+        Name of the package.
     extra : str
-        Of the distribution, which brings it.
+        Name of the extra of this distribution that installs the package.
     instead : str, optional
-        What else one can do.
+        Another remedy, such as ", or name the drive's folder with --port".
 
     Returns
     -------
     SpotsError
-        It names the command that installs the package.
+        Error whose text has the command that installs the package.
     """
     return SpotsError(f"{what} {package}: pip install '{DISTRIBUTION}[{extra}]'{instead}")
 
 
 class PortLostError(SpotsError):
-    """The port was unplugged, or its board restarted and drives USB by itself."""
+    """The port disappeared: the board was unplugged, or its USB port ended with a restart."""
 
 
 class ClosedError(SpotsError):
-    """The board was closed by this program."""
+    """The board is closed: the program itself has closed it."""
 
 
 class RefusedError(SpotsError):
-    """Another board is in the place of the one that is waited for."""
+    """Another board is on the port of the board that was lost."""

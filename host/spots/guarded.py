@@ -1,4 +1,4 @@
-"""Exceptions in threads and callbacks: reported as one sentence; the thread goes on."""
+"""Exceptions in threads and callbacks: reported in one line, and the thread continues."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ _TEXT_MAX = 200
 
 
 class Guarded:
-    """A function that reports an exception instead of raising it, for threads and callbacks.
+    """Wraps a function for a thread or a callback: its exceptions are reported, not raised.
 
-    An exception that leaves a thread ends it, and nobody who waits for the thread notices.
+    A raised exception would end the thread silently.
 
     Parameters
     ----------
     function : callable
+        Function to call.
     name : str
-        What it does, as the subject of the sentence: "the reader of a board".
+        Subject of the message, such as "the reader of a board".
     on_failure : callable, optional
-        Gets each sentence. It goes to stderr, too, but at most every 10 s.
+        Called with each message. A message is also printed on stderr, at most every 10 s.
     """
 
     def __init__(
@@ -37,7 +38,7 @@ class Guarded:
         self._due_s = float("-inf")
 
     def __call__(self, *arguments):
-        """Return what the function returns; None if it raises."""
+        """Call the function and return its result; None after an exception."""
         try:
             return self._function(*arguments)
         except Exception as error:
@@ -45,7 +46,7 @@ class Guarded:
             return None
 
     def failed(self, error: Exception) -> None:
-        """Report an exception; never raises one itself, even where memory is short."""
+        """Report an exception; never raise one, even when memory is short."""
         with contextlib.suppress(Exception):
             sentence = sentence_of(self._name, error)
             try:
@@ -61,23 +62,23 @@ class Guarded:
 
 
 def sentence_of(name: str, error: Exception) -> str:
-    """Return what failed, where and why, as one line.
+    """Return a message about an exception: what failed, where and why, in one line.
 
     Parameters
     ----------
     name : str
-        What failed, as the subject of the sentence: "the reader of a board".
+        Subject of the message, such as "the reader of a board".
     error : Exception
-        As it was caught, with its traceback.
+        The exception, with its traceback.
 
     Returns
     -------
     str
-        Printable, of bounded length.
+        Printable text of bounded length.
     """
     trace = error.__traceback__
     while trace.tb_next:
         trace = trace.tb_next
     place = f"{trace.tb_frame.f_globals.get('__name__')}, line {trace.tb_lineno}"
     what = printable(f"{type(error).__name__}: {error}"[:_TEXT_MAX])
-    return f"{name} failed and goes on: please report this fault ({place}, {what})"
+    return f"{name} failed and continues: please report this fault ({place}, {what})"

@@ -1,10 +1,10 @@
-"""Signals that end, stop or continue a process: open outputs release all before they take effect.
+"""Releases all keys and buttons of open outputs before a signal ends or stops the process.
 
-An output counts as open while it is in its ``with`` block, and applies each change in a section
-``with SECTION``. A signal that comes in a section is deferred to its end, so that no change is cut
-in two. After a signal outputs press nothing until the loop that feeds them has called `resumed`.
+An output is open while it is in its ``with`` block. It applies each change in a ``with SECTION``
+block: a signal that arrives there is deferred to the end of the block, so no change is cut in two.
+After a signal, outputs press nothing until the loop that feeds them has called `resumed`.
 
-SIGKILL, SIGSTOP and a crash in C run none of this.
+SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from collections.abc import Iterator
 
 from .errors import SpotsError
 
-# What there is of them on this system.
+# Names of signals; each system has some of them.
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
 _STOPPING = ("SIGTSTP", "SIGTTIN", "SIGTTOU")
-# Nobody is asked before a SIGSTOP: what it held is released when it goes on.
+# SIGSTOP cannot be handled: outputs release their keys when the process continues.
 _CONTINUING = ("SIGCONT",)
-# Console events of Windows: the process ends as soon as their handler returns, or after 5 s.
+# Console events of Windows: the process ends when their handler returns, or after 5 s.
 _CONSOLE_EVENTS = (2, 5, 6)  # close, logoff, shutdown
 _CONSOLE_S = 4.5
 
@@ -33,23 +33,15 @@ def _numbers(names: tuple[str, ...]) -> list[int]:
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
-def _ignore(numbers: list[int], handler) -> list[int]:
-    """Ignore those of the signals that have this handler, and return them."""
-    found = [one for one in numbers if signal.getsignal(one) == handler]
-    for one in found:
-        signal.signal(one, signal.SIG_IGN)
-    return found
-
-
 class _Section:
-    """Defers signals while it is entered; the main thread's. Reentrant.
+    """Defers signals while the main thread is in its ``with`` block. Reentrant.
 
     Attributes
     ----------
     outputs : weakref.WeakSet of outputs.Output
-        Those that are open.
+        The open outputs.
     ended_by : int or None
-        The signal that ends the process.
+        Number of the signal that ends the process.
     """
 
     def __init__(self):
@@ -67,15 +59,15 @@ class _Section:
         self._act()
 
     def handle(self, number: int, frame=None) -> None:
-        """Handle a signal, now or at the end of the section; as `signal.signal` takes it."""
+        """Handle a signal, now or at the end of the section; a handler for `signal.signal`."""
         if self.ended_by is not None:
-            return  # the end is under way: a SIGCONT that follows must not raise again in it
+            return  # the process is ending: a SIGCONT now must not raise a second exception
         if number not in self._pending:
             self._pending.append(number)
         self._act()
 
     def resumed(self) -> bool:
-        """Return whether the process was stopped since the last call; outputs press again."""
+        """Return whether the process was stopped since the last call; let outputs press again."""
         if not self._stopped:
             return False
         self._stopped = False
@@ -84,8 +76,8 @@ class _Section:
         return True
 
     def _act(self) -> None:
-        # A handler that interrupts this between two lines finds nothing half done: it takes all
-        # that is pending, or, within the section, leaves it.
+        # A signal may interrupt this between any two lines: its handler then takes all pending
+        # signals, or leaves them to this call.
         while self._pending and not self._depth:
             self._depth += 1
             try:
@@ -103,22 +95,29 @@ class _Section:
     def _take_effect(self, number: int) -> None:
         stopping = _numbers(_STOPPING)
         ending = _numbers(_ENDING)
-        # An output that prints may raise SIGTTOU, again and again.
-        ignored = _ignore(stopping, self.handle)
+        # An output that prints may raise SIGTTOU again and again.
+        ignored = self._ignore(stopping)
         for output in list(self.outputs):
-            with contextlib.suppress(SpotsError, OSError):  # its device or terminal is gone
+            with contextlib.suppress(SpotsError, OSError):  # its device or terminal has disappeared
                 output.mute()
         for one in ignored:
             signal.signal(one, self.handle)
         if number in ending:
             self.ended_by = number
-            _ignore(ending, self.handle)  # no second one disturbs the end
+            self._ignore(ending)  # a second signal must not disturb the end
             return
         self._stopped = True
         if number in stopping:
             signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)  # returns when the process is continued
+            signal.raise_signal(number)  # returns when the process continues
             signal.signal(number, self.handle)
+
+    def _ignore(self, numbers: list[int]) -> list[int]:
+        """Ignore the signals that this section handles, and return them."""
+        handled = [one for one in numbers if signal.getsignal(one) == self.handle]
+        for one in handled:
+            signal.signal(one, signal.SIG_IGN)
+        return handled
 
 
 SECTION = _Section()
@@ -127,15 +126,15 @@ resumed = SECTION.resumed
 
 @contextlib.contextmanager
 def released_by_signals() -> Iterator[None]:
-    """Release all open outputs on a signal, then do what the signal does.
+    """Run a block in which a signal first releases all open outputs, and then takes effect.
 
     A signal that ends the process raises KeyboardInterrupt or SystemExit in the block. After the
     block the process ends by that signal, unless the block caught the exception. A signal that
-    stops the process stops it at once. Ignored signals stay ignored (nohup). Only for the main
-    thread, since Python delivers signals there.
+    stops the process stops it at once. Ignored signals stay ignored (nohup). For the main thread
+    only, because Python delivers signals there.
     """
     numbers = _numbers(_ENDING + _STOPPING + _CONTINUING)
-    # What C has set (None) cannot be set back.
+    # A handler set by C code (None) could not be restored.
     numbers = [one for one in numbers if signal.getsignal(one) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, SECTION.handle) for number in numbers}
     ended_by = None
@@ -183,19 +182,19 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 
 
 def on_console_event(event: int, released: threading.Event) -> bool:
-    """Let the main thread end as by Ctrl-C, and wait for it; Windows calls this in a thread.
+    """End the main thread as Ctrl-C does, and wait for it; Windows calls this in another thread.
 
     Parameters
     ----------
     event : int
-        ``dwCtrlType`` of a console control handler.
+        ``dwCtrlType`` of the console control handler.
     released : threading.Event
-        Set once the main thread has released everything.
+        Set when the main thread has released all outputs.
 
     Returns
     -------
     bool
-        Whether the event was one that ends the process.
+        Whether the event ends the process.
     """
     if event not in _CONSOLE_EVENTS:
         return False

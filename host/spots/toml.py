@@ -1,4 +1,4 @@
-"""TOML files of checked keys, bounded in size and depth, by the standard library's reader."""
+"""Reads TOML files and validates their keys; size and depth of a file are limited."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ else:
 
 _Kind = TypeVar("_Kind")
 _TOO_DEEP = "tables or lists are nested too deep"
-# The reader takes time that grows with the square of a key's parts.
+# The time of the TOML reader grows with the square of the parts of a dotted key.
 _KEY_PARTS_MAX = 32
-# Dots of a key stand between these; texts and comments are taken away before.
+# Separators of keys, in a file without its strings and comments.
 _BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
-# Each alternative matches from its first character on, so that the time is linear in any text.
-_TEXT_OR_COMMENT = re.compile(
+# Each alternative is decided by its first character, so the time is linear in the text.
+_STRING_OR_COMMENT = re.compile(
     r'"""(?:[^\\]|\\.)*?(?:"{3,5}|\Z)'
     r"|'''.*?(?:'{3,5}|\Z)"
     r'|"(?:[^"\\\n]|\\.)*"?'
@@ -35,22 +35,22 @@ _TEXT_OR_COMMENT = re.compile(
     re.DOTALL,
 )
 
-# How msgspec reports a key or a value that does not exist, and the parts of its path there.
+# msgspec's message about an unknown key or value, and the steps of the path in it.
 _UNKNOWN = re.compile(r"(?:unknown field `|Invalid enum value ')(.*?)[`'](?: - at `\$(.*)`)?$")
 _STEP = re.compile(r"\.([^.\[]+)|\[[^]]*\]")
 
 
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
-    """Return path and text of a file, by its path or by the name of one in the folder.
+    """Return path and text of a TOML file: the user's own, or one that comes with the package.
 
     Parameters
     ----------
     name : str or Path
-        A path that ends in ``.toml``, or the name of a file in `folder`.
+        Path that ends in ``.toml``, or name of a file in `folder` without its suffix.
     folder : Path
-        With the files that come with the package.
+        Folder with the package's files of this kind.
     what : str
-        Kind of file, for the message.
+        Kind of file for error messages, such as "layout".
 
     Returns
     -------
@@ -60,8 +60,7 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     Raises
     ------
     SpotsError
-        If there is no such file, and the text says which names exist; or it is not a regular file,
-        or too large.
+        If the file does not exist, is not a regular file, or is too large.
     """
     path = Path(name)
     if not path.suffix:
@@ -71,18 +70,18 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     except (OSError, UnicodeDecodeError):
         known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
         raise SpotsError(
-            f"cannot read the {what} file {name}: give a path that ends in .toml, or one of {known}"
+            f"cannot read the {what} file {name}: name a file that ends in .toml, or one of {known}"
         ) from None
 
 
 def loads(text: str) -> dict:
-    """Return what a file says.
+    """Return the content of a TOML file.
 
     Raises
     ------
     msgspec.ValidationError
-        If it is not TOML, or says what no file of ours has reason to: a number that is not
-        finite, a character that does something to a terminal.
+        If the text is not TOML, is nested too deep, or has a number that is not finite or a
+        string with control characters.
     """
     try:
         _check_keys(text)
@@ -90,32 +89,32 @@ def loads(text: str) -> dict:
         _check_strings(content)
     except RecursionError:
         raise msgspec.ValidationError(_TOO_DEEP) from None
-    except ValueError as error:  # TOMLDecodeError is one; a number of too many digits is another
+    except ValueError as error:  # a TOMLDecodeError, or a number with too many digits
         raise msgspec.ValidationError(str(error)) from None
     return content
 
 
 def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
-    """Return what a file says as a `msgspec.Struct`.
+    """Return the content of a TOML file as a struct.
 
     Parameters
     ----------
     text : str
-        The file.
+        Text of the file.
     kind : type
-        The struct.
+        Subclass of `msgspec.Struct` that describes the file.
     what : str
-        Which file, for the sentence that says what is wrong with it.
+        Name of the file for error messages.
 
     Returns
     -------
     msgspec.Struct
-        Of type `kind`.
+        Instance of `kind`.
 
     Raises
     ------
     SpotsError
-        If it is not TOML, or a key in it is unknown, missing or out of range.
+        If the text is not TOML, or a key is unknown, missing or out of range.
     """
     try:
         return convert(loads(text), kind)
@@ -124,24 +123,25 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
 
 
 def convert(content: dict, kind: type[_Kind]) -> _Kind:
-    """Return a file's content as a `msgspec.Struct`.
+    """Return the content of a TOML file as a struct.
 
     Parameters
     ----------
     content : dict
-        As `loads` returns it.
+        Content of the file, as `loads` returns it.
     kind : type
-        The struct.
+        Subclass of `msgspec.Struct` that describes the file.
 
     Returns
     -------
     msgspec.Struct
-        Of type `kind`.
+        Instance of `kind`.
 
     Raises
     ------
     msgspec.ValidationError
-        If a key is unknown, missing or out of range; the text names the keys that exist.
+        If a key is unknown, missing or out of range. For an unknown key the text suggests keys
+        that exist.
     """
     try:
         return msgspec.convert(content, kind)
@@ -154,7 +154,7 @@ def convert(content: dict, kind: type[_Kind]) -> _Kind:
 
 
 def _known(kind: type, path: str) -> list[str]:
-    """Return the keys, or the values, that a type allows at one of msgspec's paths."""
+    """Return the keys or values that a type allows at a path of msgspec."""
     found = _alternatives(inspect.type_info(kind))
     for name in _STEP.findall(path):
         found = [one for outer in found for one in _inside(outer, name)]
@@ -181,7 +181,7 @@ def _alternatives(one: inspect.Type | None) -> list[inspect.Type]:
 
 
 def _check_keys(text: str) -> None:
-    plain = _TEXT_OR_COMMENT.sub("", text)
+    plain = _STRING_OR_COMMENT.sub("", text)
     if any(part.count(".") >= _KEY_PARTS_MAX for part in _BETWEEN_KEYS.split(plain)):
         raise ValueError(_TOO_DEEP)
 
@@ -200,4 +200,4 @@ def _check_strings(content: object) -> None:
         for one in content:
             _check_strings(one)
     elif isinstance(content, str) and not content.isprintable():
-        raise ValueError(f"{content!r} has characters that cannot be shown")
+        raise ValueError(f"{content!r} has control characters: remove them")

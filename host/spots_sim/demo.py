@@ -9,7 +9,6 @@ from spots.errors import SpotsError
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots.link.serial_link import Tap
 from spots.terminal.monitor import watch
 from spots.web.board_feed import BoardReader, finder
 from spots.web.state import PageState
@@ -19,6 +18,7 @@ from . import browser
 from .demo_applications import play_controller, show_gestures, type_on_board
 from .faults import Faults, FaultyLink, of_scenario
 from .files import ScenarioFile, SensorFile, load
+from .link_wrapper import Tap
 from .linkage_demo import demonstrate, endless
 from .lockstep import LockstepLink
 from .runtimes import headline

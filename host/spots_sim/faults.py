@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spots.link.serial_link import Link, LinkWrapper
+from spots.link.serial_link import Link
 
 from .bus import I2CBus
 from .files import FaultsFile, Moments, ScenarioFile, SerialFaults
+from .link_wrapper import LinkWrapper
 
 # Part of the seed; separates these generators from others with the same seed.
 _OWN = 0xFA017

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 
-from spots.link.serial_link import LinkWrapper
-
+from .link_wrapper import LinkWrapper
 from .lockstep import LockstepLink
 
 

@@ -91,10 +91,10 @@ def _overhead(folder: Path) -> dict:
         for what in ("touch", "touch spectrum"):
             link = _Link(rate_Hz, spectra=what != "touch")
             name = f"{what} at {rate_Hz} Hz"
-            with Recorder(link, folder / f"{name}.spots", _describe) as recorder:
+            with Recorder(link.now_s, folder / f"{name}.spots", _describe) as recorder:
                 header = recorder.bytes
                 for _ in range(_READINGS):
-                    recorder.read(0)
+                    recorder.take(link.read(0), link.now_s())
             found[name] = round((recorder.bytes - header - link.bytes) / link.frames, 2)
     return found
 
@@ -102,9 +102,13 @@ def _overhead(folder: Path) -> dict:
 def _times(folder: Path) -> dict:
     path = folder / "times.spots"
     link = _Link(360, spectra=True)
-    with Recorder(link, path, _describe) as recorder:
-        data = b"".join(recorder.read(0) for _ in range(_READINGS))
+    pieces = [link.read(0) for _ in range(_READINGS)]
     link.close()
+    with Recorder(link.now_s, path, _describe) as recorder:
+        for _ in pieces:
+            recorder.take(link.read(0), link.now_s())
+    link.close()
+    data = b"".join(pieces)
     jobs: dict[str, Callable[[], int]] = {
         "plain": lambda: _decode(data),
         "record": lambda: _record(link, folder / "again.spots"),
@@ -131,9 +135,11 @@ def _decode(data: bytes) -> int:
 
 def _record(link: _Link, path: Path) -> int:
     decoder, count = Decoder(), 0
-    with Recorder(link, path, _describe) as recorder:
+    with Recorder(link.now_s, path, _describe) as recorder:
         for _ in range(_READINGS):
-            count += len(decoder.feed(recorder.read(0)))
+            piece = link.read(0)
+            recorder.take(piece, link.now_s())
+            count += len(decoder.feed(piece))
     link.close()
     path.unlink()
     return count

@@ -5,8 +5,8 @@ import pytest
 from spots import SpotsError
 from spots.link.board import Board
 from spots.link.connect import upload
-from spots.link.serial_link import LinkWrapper
 from spots_device.settings import checksum
+from spots_sim.link_wrapper import LinkWrapper
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held
 

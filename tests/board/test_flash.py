@@ -18,7 +18,6 @@ from spots.deploy.doctor import examine_board
 from spots.deploy.prompt import Prompt
 from spots.deploy.staging import device_of
 from spots.link import serial_link as link
-from spots.link import udev
 
 
 @pytest.fixture
@@ -203,8 +202,8 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
 
     monkeypatch.setattr(link.serial, "Serial", denied)
     monkeypatch.setattr(sys, "platform", "linux")
-    usb = SimpleNamespace(device="/dev/null", vid=0x2E8A)
-    monkeypatch.setattr(udev, "usb_ports", lambda: [usb])
+    usb = SimpleNamespace(device="/dev/null", vid=0x2E8A, serial_number="1")
+    monkeypatch.setattr(link, "usb_ports", lambda: [usb])
     line = refused(capsys, "flash", "pico", "--port", "/dev/null")
     assert "may not be opened" in line
     assert 'idVendor}=="2e8a"' in line
@@ -271,7 +270,7 @@ def test_a_doctor_for_a_healthy_board(capsys):
 
 def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
     class Blinks(Patient):
-        def frames(self, seconds):
+        def spectra(self, seconds):
             assert seconds > 12 * 0.64
             dark_us, lit_us = range(0, 50_000, 10_000), range(400_000, 4_880_000, 640_000)
             at_us = [*((t_us, 1 << 7) for t_us in dark_us), *((t_us, 0) for t_us in lit_us)]
@@ -310,7 +309,7 @@ class Patient:
     def command(self, line, timeout_s=None):
         return self._state
 
-    def frames(self, seconds):
+    def spectra(self, seconds):
         return iter(self._spectra)
 
 

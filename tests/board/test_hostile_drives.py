@@ -366,7 +366,7 @@ def test_a_reparse_point_of_windows_is_refused(tmp_path, monkeypatch, changed):
     monkeypatch.setattr(nofollow, "_BY_HANDLE", False)
     put(tmp_path / "spots_device" / "app.py", b"")
     tree = nofollow.Tree(str(tmp_path))
-    assert tree.size("spots_device/app.py") == 0
+    assert tree.files(["spots_device/app.py"]) == {"spots_device/app.py": 0}
     lstat = os.lstat
 
     def junction(path, **options):
@@ -376,7 +376,7 @@ def test_a_reparse_point_of_windows_is_refused(tmp_path, monkeypatch, changed):
 
     monkeypatch.setattr(os, "lstat", junction)
     with pytest.raises(SpotsError, match=r"spots_device on .* is a link"):
-        tree.size("spots_device/app.py")
+        tree.files(["spots_device/app.py"])
 
 
 def test_what_is_mounted_on_the_drive_is_outside_it(tmp_path, monkeypatch):

@@ -71,7 +71,7 @@ def test_help_fits_the_terminal(capsys, monkeypatch, columns):
         (["keys", "chek", "mini"], "there is no 'chek': did you mean check?"),
         (["calibrate", "positon"], "did you mean position?"),
         (["export", "a.spots", "--to", "cvs"], "there is no 'cvs': there are mcap, csv, npz"),
-        (["flash", "pico", "now"], "nothing takes the argument 'now'"),
+        (["flash", "pico", "now"], "unexpected argument 'now'"),
         (["xyzzy"], "there are ports, boards, "),
     ],
 )

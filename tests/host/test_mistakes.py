@@ -84,7 +84,7 @@ def test_a_board_of_another_protocol(capsys, port):
 
     threading.Thread(target=answer, daemon=True).start()
     line = refused(capsys, "command", "--port", path, "hello")
-    assert "speaks protocol 7, this program 2" in line
+    assert "has protocol 7, and this program 2" in line
 
 
 def test_no_board_at_all(capsys, monkeypatch):
@@ -154,7 +154,7 @@ def test_a_reader_that_goes_away_is_no_traceback():
 
 
 def test_lines_that_are_no_calibration():
-    with pytest.raises(SpotsError, match=r"no board takes this calibration: .*missing"):
+    with pytest.raises(SpotsError, match=r"the calibration is invalid: .*missing"):
         connect.upload(None, ["touch 300 200"])
 
 

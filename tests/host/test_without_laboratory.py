@@ -61,7 +61,7 @@ def test_no_help_names_what_is_simulated(spots, name):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("monitor",), "or name recording:FILE or zenoh:ID as port"),
+        (("monitor",), "or give recording:FILE or zenoh:ID as the port"),
         (("monitor", "--port", "virtual"), "port 'virtual' needs the simulator"),
         (("twin",), "port 'virtual' needs the simulator"),
     ],

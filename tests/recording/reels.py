@@ -50,6 +50,26 @@ class ScriptedLink:
         self.closed = True
 
 
+class Recorded:
+    """A link and the recorder of all that is read from it."""
+
+    def __init__(self, link, path, describe, **options):
+        self._link = link
+        self._recorder = Recorder(link.now_s, path, describe, **options)
+        self.now_s, self.stop = link.now_s, self._recorder.stop
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.stop()
+
+    def read(self, timeout_s):
+        data = self._link.read(timeout_s)
+        self._recorder.take(data, self.now_s())
+        return data
+
+
 def clock():
     known = ClockMap()
     known.round_trip(999.0, 500_000, 999.01)
@@ -63,7 +83,7 @@ def recorder(path, pieces, step_s=0.01, known=None, **options):
     def describe():
         return {"info": INFO, "clock": known.state(), "calibration": ["a line"]}
 
-    return Recorder(ScriptedLink(pieces, step_s), path, describe, utc_s=lambda: 1.7e9, **options)
+    return Recorded(ScriptedLink(pieces, step_s), path, describe, utc_s=lambda: 1.7e9, **options)
 
 
 def record(path, pieces, step_s=0.01, **options):

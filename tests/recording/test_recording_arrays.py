@@ -42,7 +42,7 @@ def key(sequence, t_us):
 
 @pytest.mark.parametrize("size", _SIZES)
 def test_arrays_of_real_firmware(seen, size):
-    assert check(seen.path, size, few=1) >= len(seen.frames)  # replies are there, too
+    assert check(seen.path, size) >= len(seen.frames)  # replies are there, too
     assert check(seen.path, size) >= len(seen.frames)
     got = spots.read_arrays(seen.path)
     assert min(len(got.touches), len(got.spectra), len(got.keys)) > 0
@@ -62,8 +62,7 @@ def test_columns_are_those_that_are_documented(seen):
             assert re.search(rf"\b{name} (six )?{kind}\b", described), name
 
 
-@pytest.mark.parametrize("few", [1, arrays._FEW])
-def test_every_kind_of_damage(path, few):
+def test_every_kind_of_damage(path):
     rng = np.random.default_rng(0)
     pieces = made(60)
     data = b""
@@ -73,7 +72,7 @@ def test_every_kind_of_damage(path, few):
         variants += [piece[:at] + bytes((i,)) + piece[at:] for at in range(len(piece))]
         variants += [piece[:at] + b"\0" for at in range(len(piece))]
         data += note(1000 * i) + b"".join(variants) + damaged(piece, 500, rng) + piece
-    count = check(recording_of(path, data), few=few)
+    count = check(recording_of(path, data))
     assert count >= 60
     assert spots.read_arrays(path).stats.bad_crc > 30_000
 
@@ -92,8 +91,7 @@ def test_pieces_of_every_size(path, size):
     kinds = [bytes((kind,)) + rest for kind in (1, 2, 3, 4, 9, 15) for rest in some]
     data = b"".join(map(encoded, kinds)) + b"".join(stream(3))
     noise = b"\xff" * size + b"\0" + b"\x01" * size + b"\0"
-    for few in (1, arrays._FEW):
-        check(recording_of(path, data + noise + data), few=few)
+    check(recording_of(path, data + noise + data))
 
 
 @pytest.mark.parametrize("size", _SIZES)
@@ -220,13 +218,13 @@ def streams(draw):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(streams(), min_size=1, max_size=3), st.integers(50, 5000), st.sampled_from((1, 64)))
-def test_any_stream_in_any_number_of_files(tmp_path_factory, parts, size, few):
+@given(st.lists(streams(), min_size=1, max_size=3), st.integers(50, 5000))
+def test_any_stream_in_any_number_of_files(tmp_path_factory, parts, size):
     path = tmp_path_factory.mktemp("any") / "run.spots"
     for part, data in enumerate(parts):
         name = path if part == 0 else path.with_name(f"run-{part:03d}.spots")
         recording_of(name, data, part, restarts=part)
-    check(path, size, few)
+    check(path, size)
 
 
 def test_blocks_take_no_more_memory_for_a_longer_recording(path):

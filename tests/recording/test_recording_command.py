@@ -109,7 +109,9 @@ def test_a_board_that_goes_away_leaves_its_recording(fast, tmp_path, capsys):
 
 def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path, full_disk):
     tap = recorder(tmp_path / "run.spots", stream(200))
-    ended = pytest.raises(spots.SpotsError, match=r"run.spots: the recording ended, nothing more")
+    ended = pytest.raises(
+        spots.SpotsError, match=r"run.spots: the recording ended, because nothing more"
+    )
     with full_disk(2000), ended:
         all(tap.read(1) for _ in range(200))
     frames, recording = replayed(tmp_path / "run.spots")
@@ -139,8 +141,8 @@ def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_
     capsys.readouterr()
     fast.command("cal clear")
     error = refused(capsys, "record", tmp_path / "b.spots", *arguments)
-    assert "mine.toml is calibration" in error
-    assert "the board uses None" in error
+    assert "mine.toml has calibration" in error
+    assert "the board uses none" in error
 
 
 def bad(tmp_path, content):
@@ -153,10 +155,10 @@ def bad(tmp_path, content):
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (b"", "is no recording"),
-        (b"time,force\n1,2\n" * 500, "is no recording"),
-        (bytes(5000), "is no recording"),
-        (b"".join(stream(100)), "is no recording"),
+        (b"", "is not a recording"),
+        (b"time,force\n1,2\n" * 500, "is not a recording"),
+        (bytes(5000), "is not a recording"),
+        (b"".join(stream(100)), "is not a recording"),
     ],
 )
 def test_a_file_that_is_no_recording(tmp_path, capsys, command, content, sentence):
@@ -182,31 +184,34 @@ def test_a_header_cut_short_and_one_of_a_later_version(tmp_path, capsys):
     record(path, stream(3))
     data = path.read_bytes()
     cut = bad(tmp_path, data[:400])
-    assert "its header is cut short or damaged" in refused(capsys, "info", cut)
+    assert "both copies of its header are damaged" in refused(capsys, "info", cut)
     header = headed(recording=2)
     later = bad(tmp_path, encoded(header))
-    assert "of version 2, this program reads 1: update" in refused(capsys, "info", later)
+    assert "has version 2 of the format, and this program reads 1: update" in refused(
+        capsys, "info", later
+    )
 
 
 def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
     info = {"protocol": 7}
     header = headed(program="spots 9", info=info)
     path = bad(tmp_path, encoded(header) + stream(1)[0])
-    assert "speaks protocol 7, this program 2: use the program that wrote it, spots 9" in refused(
-        capsys, "replay", path
+    assert (
+        "with protocol 7, and this program reads 2: use the program that wrote it, spots 9"
+        in refused(capsys, "replay", path)
     )
 
 
 def test_a_header_that_is_none_of_ours(tmp_path, capsys):
     header = headed(host_s="x")
-    assert "the header is invalid" in refused(capsys, "info", bad(tmp_path, encoded(header)))
+    assert "has an invalid header" in refused(capsys, "info", bad(tmp_path, encoded(header)))
     for content in ({"header": 5, "i": 0, "of": 1}, {"header": "[]", "i": 0, "of": 1}):
         path = bad(tmp_path, note(0, content))
-        assert "the header is invalid" in refused(capsys, "info", path)
+        assert "has an invalid header" in refused(capsys, "info", path)
     deep = [note(0, {"header": "[" * 500, "i": i, "of": 200}) for i in range(200)]
-    assert "the header is invalid" in refused(capsys, "info", bad(tmp_path, b"".join(deep)))
+    assert "has an invalid header" in refused(capsys, "info", bad(tmp_path, b"".join(deep)))
     path = bad(tmp_path, note(0, {"header": "", "i": []}))
-    assert "is no recording" in refused(capsys, "info", path)
+    assert "is not a recording" in refused(capsys, "info", path)
 
 
 def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):
@@ -224,9 +229,9 @@ def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):
 def test_a_speed_that_is_none(capsys, speed, tmp_path):
     with pytest.raises(SystemExit):
         cli.main(["replay", "a", "--speed", speed])
-    assert "a speed is a number from" in capsys.readouterr().err
+    assert "a speed must be a number from" in capsys.readouterr().err
     record(tmp_path / "a.spots", stream(1))
-    with pytest.raises(spots.SpotsError, match="a speed is more than 0"):
+    with pytest.raises(spots.SpotsError, match="must be more than 0"):
         spots.open_recording(tmp_path / "a.spots", -1.0)
 
 

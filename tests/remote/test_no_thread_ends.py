@@ -279,7 +279,7 @@ time.sleep(10)
             },
         ),
         (r"declare_queryable\(", {"spots/remote/answers.py"}),
-        (r"create_task\(|call_soon", {"spots/link/readers.py", "spots/web/app.py"}),
+        (r"create_task\(|call_soon", {"spots/web/app.py"}),
         (r"\.on_change = ", {"spots/web/app.py", "spots/web/state.py"}),
         (r"add_signal_handler\(", {"spots/web/serve.py"}),
         # In the main thread, where an exception ends the program as any other does.

@@ -19,10 +19,10 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
-from spots.link.serial_link import Tap
 from spots.outputs.usages import KEYBOARD
 from spots_sim.faults import WAYS, Faults, FaultyLink
 from spots_sim.files import ScenarioFile, SensorFile, load
+from spots_sim.link_wrapper import Tap
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 from spots_sim.stage import calibrate

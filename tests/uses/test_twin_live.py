@@ -300,7 +300,7 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         (HEAD + JOINTS.replace("strip", "none"), "joint 1: there is no file .*none.toml"),
         (
             HEAD + JOINTS.replace("strip", "bare"),
-            "joint 1: .*bare.toml has no calibration of a joint: run",
+            "joint 1: .*bare.toml has no .* of a joint: run",
         ),
     ],
 )

@@ -16,34 +16,34 @@ from .parser import CommandList, Parser
 
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, applications, recordings, remote
-# Such modules of other packages, see `CommandList.add`.
+# Entry points of other packages with such modules, see `CommandList.add`.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; a mistake of the user's is one sentence and exit code 2."""
+    """Run a command and return its exit code; a user error prints one line and returns 2."""
     code = 0
     never_fail(sys.stdout)
     try:
         try:
             code = _run(arguments)
         finally:
-            # Here, for the interpreter's own flush cannot be caught.
+            # Flush here: an exception of the interpreter's own flush cannot be caught.
             print(end="", flush=True)
         return code
     except BrokenPipeError:
-        pass  # Whoever read our output has seen enough.
+        pass  # the reader of the output has closed it
     except SystemExit as end:
-        # How rich ends on a broken pipe.
+        # Rich raises it after a broken pipe.
         if not isinstance(end.__context__, BrokenPipeError):
             raise
     except OSError as error:
         if error.errno not in _NO_ROOM:
             raise
-        reason = f"cannot write: {error.strerror}; make room, or send the output elsewhere"
-        print(f"spots: {reason}", file=sys.stderr)
+        text = f"spots: cannot write the output: {error.strerror}; make room, or write elsewhere"
+        print(text, file=sys.stderr)
         code = 2
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return code
@@ -53,7 +53,7 @@ def _run(arguments: list[str] | None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args(given or ["--help"])
     if getattr(options, "zenoh_config", None):
-        os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name for it
+        os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name
     try:
         options.run(options)
     except SpotsError as error:

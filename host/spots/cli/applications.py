@@ -46,7 +46,9 @@ def wearable(parser: Parser):
     example:
       spots wearable --dry-run
     """
-    parser.add_argument("--gestures", metavar="FILE.toml", help="the default if not given")
+    parser.add_argument(
+        "--gestures", metavar="FILE.toml", help="gestures; the default ones if not given"
+    )
     _add_output(parser, "print the keys, press none")
     return calls("spots.wearable.wearable:wearable_command")
 
@@ -58,8 +60,10 @@ def controller(parser: Parser):
       spots controller --calibrate
       spots controller --dry-run
     """
-    parser.add_argument("--settings", metavar="FILE.toml", help="the default if not given")
-    parser.add_argument("--calibrate", action="store_true", help="measure rest position and ends")
+    parser.add_argument("--settings", metavar="FILE.toml", help="the default ones if not given")
+    parser.add_argument(
+        "--calibrate", action="store_true", help="measure the rest position and the ends"
+    )
     _add_output(parser, "print the states, move nothing")
     return calls("spots.controller.controller:controller_command")
 
@@ -70,18 +74,27 @@ def twin(parser: Parser):
     examples:
       spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
     """
-    parser.add_argument("--linkage", default="default", metavar="FILE", help="file or name")
+    parser.add_argument(
+        "--linkage", default="default", metavar="FILE", help="a .toml file, or a name"
+    )
     arguments.add_seconds(parser)
-    parser.add_argument("--json", action="store_true", help="one object a line")
+    parser.add_argument("--json", action="store_true", help="print a JSON object a line")
     arguments.add_ports(parser)
     parser.add_argument(
-        "--record", action="append", default=[], metavar="FILE.spots", help="once for each board"
+        "--record",
+        action="append",
+        default=[],
+        metavar="FILE.spots",
+        help="record a board; once for each board",
     )
     group = parser.add_argument_group("calibrate a linkage")
-    group.add_argument("--measure", metavar="POINTS.csv", help="ask where the terminal is")
-    group.add_argument("--calibrate", metavar="POINTS.csv", help="find lengths and mounting")
+    group.add_argument("--measure", metavar="POINTS.csv", help="ask for points of the terminal")
+    group.add_argument("--calibrate", metavar="POINTS.csv", help="compute lengths and mounting")
     group.add_argument(
-        "--place-sigma-mm", type=arguments.sigma_mm, default=0.1, help="of the points (0.1)"
+        "--place-sigma-mm",
+        type=arguments.sigma_mm,
+        default=0.1,
+        help="standard error of the points (0.1)",
     )
     group.add_argument("--out", metavar="FILE.toml", help="the linkage file to write")
     arguments.add_simulation(parser, "linkage")

@@ -1,4 +1,4 @@
-"""Options that several commands have, and the types of their values."""
+"""Options that several commands share, and the types of option values."""
 
 from __future__ import annotations
 
@@ -9,52 +9,40 @@ from importlib.metadata import entry_points
 from ..link.ports import known
 
 PORTS = f"serial port, {known()}"
-# Functions of other packages, which take a parser.
+# Entry points of other packages: functions that add options to a parser.
 _OPTIONS = "spots.options"
-_SIMULATED = {
-    "board": {"sensor": "default", "scenario": "demo", "seed": 0},
-    "linkage": {
-        "path": None,
-        "sensor": "default",
-        "seed": 0,
-        "exposure_us": None,
-        "picture": None,
-    },
-}
+_BOARD = {"sensor": "default", "scenario": "demo", "seed": 0}
+_LINKAGE = {"sensor": "default", "seed": 0, "path": None, "exposure_us": None, "picture": None}
+_SIMULATED = {"board": _BOARD, "linkage": _LINKAGE}
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a board, for `open_board`."""
-    parser.add_argument("--port", help=f"{PORTS}; found if not given")
+    parser.add_argument("--port", help=f"{PORTS}; the only board on USB if not given")
     add_zenoh_config(parser)
     add_simulation(parser)
 
 
 def add_ports(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name boards, where a linkage may have two."""
-    parser.add_argument(
-        "--port",
-        action="append",
-        default=[],
-        help=f"{PORTS}; once for each joint of a linkage",
-    )
+    """Add the options that name one board, or the two boards of a linkage."""
+    text = f"{PORTS}; give it once for each joint of a linkage"
+    parser.add_argument("--port", action="append", default=[], help=text)
     add_zenoh_config(parser)
 
 
 def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
-    """Add the option for Zenoh's own configuration file."""
-    parser.add_argument(
-        "--zenoh-config", metavar="FILE", help="configuration of Zenoh; else $ZENOH_CONFIG"
-    )
+    """Add the option for Zenoh's configuration file."""
+    text = "configuration file of Zenoh; if not given, the variable ZENOH_CONFIG names it"
+    parser.add_argument("--zenoh-config", metavar="FILE", help=text)
 
 
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Add the options of packages that simulate a ``board`` or a ``linkage``, and the defaults.
+    """Add the options of other packages that simulate a board or a linkage, and their defaults.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
-        The options are added to it.
+        Parser of the command.
     what : str
         ``board`` or ``linkage``.
     """
@@ -64,14 +52,14 @@ def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None
 
 
 def add_seconds(parser: argparse.ArgumentParser, text: str = "stop after this time") -> None:
-    """Add the option that limits how long a command runs.
+    """Add the option for the duration of a command.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
-        The option is added to it.
+        Parser of the command.
     text : str
-        Its help.
+        Help text of the option.
     """
     parser.add_argument("--seconds", type=seconds, metavar="S", help=text)
 
@@ -84,21 +72,21 @@ def open_board(options: argparse.Namespace):
 
 
 def number(what: str, low: float, high: float, kind: type = float):
-    """Return a converter for argparse that takes numbers in a range.
+    """Return a type for argparse that accepts numbers in a range.
 
     Parameters
     ----------
     what : str
-        What the number is, with its unit.
+        Name of the value in error messages, with its unit.
     low, high : float
-        The range, both included.
+        Smallest and largest accepted value.
     kind : type
         `float`, or `int` for whole numbers.
 
     Returns
     -------
     callable
-        ``convert(text)``; raises ArgumentTypeError for a text that is no such number.
+        ``convert(text)`` returns the number, or raises ArgumentTypeError.
     """
 
     def convert(text: str) -> float:
@@ -108,7 +96,7 @@ def number(what: str, low: float, high: float, kind: type = float):
             value = math.nan
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(
-                f"{what} is a {'whole ' if kind is int else ''}number from {low:g} to "
+                f"{what} must be a {'whole ' if kind is int else ''}number from {low:g} to "
                 f"{high:,{'d' if kind is int else '.12g'}}, not '{text}'"
             )
         return value

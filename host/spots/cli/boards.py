@@ -51,7 +51,9 @@ def flash(parser: Parser):
       spots flash pico --dry-run
     """
     _add_board(parser)
-    parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the changes only, and make none"
+    )
     return calls("spots.deploy.flash:flash", "board", "port", "dry_run")
 
 
@@ -62,7 +64,7 @@ def doctor(parser: Parser):
       spots doctor
       spots doctor --port /dev/ttyACM0
     """
-    parser.add_argument("--port", help=f"{arguments.PORTS}; found if not given")
+    parser.add_argument("--port", help=f"{arguments.PORTS}; the only board on USB if not given")
     return calls("spots.deploy.doctor:doctor", "port")
 
 
@@ -85,17 +87,23 @@ def calibrate(parser: Parser):
         "--session",
         default="calibration.jsonl",
         metavar="FILE.jsonl",
-        help="where each press is stored; the same file continues a session",
+        help="file of the presses; a file with presses continues its session",
     )
     parser.add_argument(
-        "--out", metavar="FILE.toml", help="the calibration; beside the session if not given"
+        "--out",
+        metavar="FILE.toml",
+        help="the new calibration; named like the session if not given",
     )
-    parser.add_argument("--places", type=arguments.places, help="how many places, forces or angles")
     parser.add_argument(
-        "--length-mm", type=arguments.length_mm, help="of the strip at rest; 85 if not given"
+        "--places", type=arguments.places, help="number of places, forces or angles"
     )
-    parser.add_argument("--strain-percent", type=arguments.strain_percent, help="for 'strain'")
-    parser.add_argument("--plan", metavar="F3,F4,...", help="six channels; else the best are found")
+    parser.add_argument(
+        "--length-mm", type=arguments.length_mm, help="length of the strip at rest; 85 if not given"
+    )
+    parser.add_argument(
+        "--strain-percent", type=arguments.strain_percent, help="the strain, for 'strain'"
+    )
+    parser.add_argument("--plan", metavar="F3,F4,...", help="six channels; the best if not given")
     parser.add_argument("--keep-settings", action="store_true", help="keep gain and LED current")
     return calls("spots.calibrate.calibrate:calibrate_command")
 
@@ -118,9 +126,7 @@ def rezero(parser: Parser):
     parser.add_argument(
         "--quick", action="store_true", help="press the middle mark only; not for a bleached dye"
     )
-    parser.add_argument(
-        "--presses", type=arguments.presses, default=1, help="how often to press each mark"
-    )
+    parser.add_argument("--presses", type=arguments.presses, default=1, help="presses at each mark")
     parser.add_argument(
         "--force-N",
         type=arguments.force_N,
@@ -137,7 +143,7 @@ def erase(parser: Parser):
       spots erase pico
     """
     _add_board(parser)
-    parser.add_argument("--yes", action="store_true", help="do not ask")
+    parser.add_argument("--yes", action="store_true", help="do not ask for a confirmation")
     return calls("spots.deploy.erase:erase", "board", "port", "yes")
 
 
@@ -146,19 +152,18 @@ COMMANDS = ports, boards, build, flash, doctor, calibrate, rezero, erase
 
 def _add_board(parser: Parser) -> None:
     parser.add_argument("board", metavar="BOARD", help="a name that 'spots boards' lists")
-    parser.add_argument("--port", help="serial port or CIRCUITPY drive; found if not given")
+    parser.add_argument(
+        "--port", help="serial port or CIRCUITPY drive; the only board if not given"
+    )
 
 
 def _ports(options: argparse.Namespace) -> None:
     from ..link.connect import survey
 
     rows = survey()
-    if options.json:
-        print(json.dumps(rows))
-    elif not rows:
-        print(f"no USB serial port: plug a board in, or name {known()} with --port")
-    for row in [] if options.json else rows:
-        print("  ".join(map(printable, row.values())))
+    lines = ["  ".join(map(printable, row.values())) for row in rows]
+    none = f"no USB serial port: plug a board in, or give {known()} with --port"
+    print(json.dumps(rows) if options.json else "\n".join(lines or [none]))
 
 
 def _boards(options: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""Pictures where the locale has no Unicode: each glyph has a plain character of its width."""
+"""ASCII characters for the glyphs of pictures, for terminals without Unicode."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ PLAIN = {glyph: plain for plain, glyphs in _STAND_INS.items() for glyph in glyph
 
 
 def plain(error: UnicodeError) -> tuple[str, int]:
-    """Return the characters for what cannot be encoded, as `codecs.register_error` wants it."""
+    """Replace characters that cannot be encoded; an error handler of `codecs.register_error`."""
     text = error.object[error.start : error.end]
     return "".join(PLAIN.get(character, "?") for character in text), error.end
 
 
 def never_fail(output: TextIO) -> None:
-    """Let a stream write plain characters for those that its encoding does not have."""
+    """Let a stream replace characters that its encoding does not have, instead of failing."""
     codecs.register_error(_HANDLER, plain)
-    if isinstance(output, TextIOWrapper):  # else it encodes nothing
+    if isinstance(output, TextIOWrapper):  # other streams encode nothing
         output.reconfigure(errors=_HANDLER)

@@ -35,14 +35,18 @@ def serve(parser: Parser):
       spots serve --http-port 8080
     """
     arguments.add_ports(parser)
-    parser.add_argument("--linkage", metavar="FILE.toml", help="the linkage whose joints these are")
+    parser.add_argument("--linkage", metavar="FILE.toml", help="the linkage of these joints")
     arguments.add_simulation(parser)
-    parser.add_argument("--layout", default="digits", metavar="LAYOUT", help="keys to show")
+    parser.add_argument("--layout", default="digits", metavar="LAYOUT", help="the keys to show")
     parser.add_argument(
-        "--address", default="127.0.0.1", help="where to listen; other machines need the token"
+        "--address", default="127.0.0.1", help="address to listen on; other machines need the token"
     )
-    parser.add_argument("--http-port", type=arguments.http_port, default=8765, help="0 for any")
-    parser.add_argument("--record-to", metavar="FOLDER", help="browsers with the token may record")
+    parser.add_argument(
+        "--http-port", type=arguments.http_port, default=8765, help="port of the server; 0 for any"
+    )
+    parser.add_argument(
+        "--record-to", metavar="FOLDER", help="let browsers with the token record here"
+    )
     return calls("spots.web.serve:serve_command")
 
 
@@ -56,7 +60,7 @@ def command(parser: Parser):
     _, *texts = (inspect.getdoc(Commands) or "").split("\n\n")
     parser.description += "\n\n".join(["", *texts[:1]])
     arguments.add_port(parser)
-    parser.add_argument("line", nargs="+", metavar="LINE", help="one of these commands")
+    parser.add_argument("line", nargs="+", metavar="LINE", help="one of the commands above")
     return _command
 
 

@@ -1,4 +1,4 @@
-"""Parsers of the command line: help by purpose, with examples, and errors that suggest a name."""
+"""Parsers of the command line. Help lists commands by purpose; errors suggest similar names."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from ..errors import did_you_mean, printable
 
 
 def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
-    """Return what runs a command: a function that is imported only to be called.
+    """Return a function that imports another function at its first call, and calls it.
 
     Parameters
     ----------
     target : str
-        As "module:function".
+        The other function, as "module:function".
     *names : str
-        The options that it takes, in its order. Without names it takes all of them as one.
+        Names of the options to pass, in order. If not given, all options are passed as one
+        namespace.
 
     Returns
     -------
     callable
-        Takes the parsed options.
+        Function of the parsed options.
     """
 
     def run(options: argparse.Namespace) -> None:
@@ -48,21 +49,21 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {printable(message)}{hint}\n")
 
     def parse_known_args(self, args=None, namespace=None):
-        """Refuse what is left over here: the parser of a command knows its options.
+        """Parse the command line; exit with an error that suggests an option if one is unknown.
 
         Parameters
         ----------
         args : sequence of str, optional
-            The command line; that of the process, if not given.
+            Arguments of the command line; those of the process if not given.
         namespace : argparse.Namespace, optional
-            Filled and returned; a new one, if not given.
+            Namespace for the options; a new one if not given.
 
         Returns
         -------
         namespace : argparse.Namespace
             The options.
         unknown : list of str
-            Always empty; the process exits with code 2 otherwise.
+            Always empty.
         """
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
@@ -71,7 +72,7 @@ class Parser(argparse.ArgumentParser):
             self.error(
                 f"there is no option {unknown[0]}: {hint}"
                 if unknown[0].startswith("-")
-                else f"nothing takes the argument '{unknown[0]}'"
+                else f"unexpected argument '{unknown[0]}'"
             )
         return namespace, unknown
 
@@ -92,11 +93,12 @@ class Parser(argparse.ArgumentParser):
 
 
 class CommandList:
-    """The commands of a parser, listed in its help by purpose.
+    """The commands of a parser. Its help lists them by purpose.
 
     Parameters
     ----------
     parser : Parser
+        The main parser.
     """
 
     def __init__(self, parser: Parser):
@@ -113,9 +115,10 @@ class CommandList:
         Parameters
         ----------
         group : module
-            With ``PURPOSE``, the title of its list, and ``COMMANDS``: functions that take the
-            parser of the command that has their name, add its options, and return what runs it
-            with the parsed options. Their docstrings are its help.
+            Module with ``PURPOSE``, the title of its commands in the help, and ``COMMANDS``. Each
+            of these functions has the name of a command. It takes the parser of the command, adds
+            its options, and returns a function of the parsed options that runs the command. Its
+            docstring is the help of the command.
         """
         self._parser.epilog += f"\n\n{group.PURPOSE}:"
         for command in group.COMMANDS:

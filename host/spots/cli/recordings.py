@@ -25,7 +25,9 @@ def record(parser: Parser):
     parser.add_argument(
         "--rotate-mb", type=arguments.megabytes, help="continue in FILE-001.spots after this size"
     )
-    parser.add_argument("--calibration", metavar="FILE.toml", help="the board's, to store with it")
+    parser.add_argument(
+        "--calibration", metavar="FILE.toml", help="the board's calibration, to store it"
+    )
     return _record
 
 
@@ -37,7 +39,7 @@ def replay(parser: Parser):
     """
     parser.add_argument("file", metavar="FILE.spots", help="a recording")
     parser.add_argument(
-        "--speed", type=arguments.speed, default=1.0, help="2 is twice as fast, inf no pace"
+        "--speed", type=arguments.speed, default=1.0, help="2 is twice as fast, inf has no pauses"
     )
     return _replay
 
@@ -62,7 +64,7 @@ def export(parser: Parser):
     parser.add_argument("file", metavar="FILE.spots", help="a recording")
     parser.add_argument("--to", required=True, choices=["mcap", "csv", "npz"], help="the format")
     parser.add_argument(
-        "--out", metavar="NAME", help="the new file; beside the recording if not given"
+        "--out", metavar="NAME", help="the new file; named like the recording if not given"
     )
     return _export
 

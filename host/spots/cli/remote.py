@@ -20,7 +20,7 @@ def publish(parser: Parser):
 
 
 def subscribe(parser: Parser):
-    """Print what published boards feel.
+    """Print the readings of published boards.
 
     examples:
       spots subscribe
@@ -33,7 +33,9 @@ def subscribe(parser: Parser):
         metavar="EXPR",
         help="key expression, such as spots/**; the touches of all boards if not given",
     )
-    parser.add_argument("--json", action="store_true", help="every sample, a JSON object a line")
+    parser.add_argument(
+        "--json", action="store_true", help="print each sample as a JSON object a line"
+    )
     arguments.add_seconds(parser)
     arguments.add_zenoh_config(parser)
     return calls("spots.remote.subscribe:subscribe_command")

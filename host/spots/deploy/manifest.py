@@ -1,6 +1,6 @@
-"""The manifest: path and SHA-256 of every file that a flash wrote, as ``sha256sum -c`` reads it.
+"""The manifest on a board: path and SHA-256 of every file that a flash wrote.
 
-It is stored on the board, so that another version removes these files and no others.
+Another version removes exactly these files. ``sha256sum -c`` reads the format.
 """
 
 from __future__ import annotations
@@ -9,21 +9,21 @@ import hashlib
 import re
 
 MANIFEST = "spots.sha256"
-LARGEST_BYTES = 1 << 16  # of one that is read
+LARGEST_BYTES = 1 << 16  # more is not read of a manifest on a board
 _LINE = re.compile(rb"([0-9a-f]{64})  (\w[\w.-]*(?:/\w[\w.-]*)*)")
 
 
 def entries_of(files: dict[str, bytes]) -> set[tuple[str, str]]:
-    """Return (path, hash) of files."""
+    """Return a pair (path, SHA-256 in hexadecimal) for each file."""
     return {(path, hashlib.sha256(data).hexdigest()) for path, data in files.items()}
 
 
 def write(entries: set[tuple[str, str]]) -> bytes:
-    """Return a manifest; while files are replaced, a path is in it with two hashes."""
+    """Return the text of a manifest. While a file is replaced, its path has two hashes there."""
     return "".join(f"{digest}  {path}\n" for path, digest in sorted(entries)).encode()
 
 
 def read(data: bytes) -> set[tuple[str, str]]:
-    """Return the entries of a manifest; invalid lines and paths are left out."""
+    """Return the entries of a manifest. Invalid lines and paths are ignored."""
     found = map(_LINE.fullmatch, data.splitlines())
     return {(line[2].decode(), line[1].decode()) for line in found if line}

@@ -1,98 +1,117 @@
-"""Files beneath a folder, reached without following a link in any part of their path."""
+"""Files below a folder. No symbolic link is followed in any part of a path."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
 from ..errors import SpotsError
 
-# Windows opens no file relative to a folder: there each part is examined right before it is used.
+# Windows cannot open a file relative to a folder: there each part is checked right before its use.
 _BY_HANDLE = os.open in os.supports_dir_fd
-_FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW", 0)
-# Without O_NONBLOCK, opening a FIFO that was swapped in blocks for ever.
-_READ = (
-    os.O_RDONLY
-    | getattr(os, "O_NOFOLLOW", 0)
-    | getattr(os, "O_NONBLOCK", 0)
-    | getattr(os, "O_BINARY", 0)
-)
-_CREATE = (
-    os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-)
+_PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+_FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | _PLAIN
+# Without O_NONBLOCK, opening a FIFO that somebody put there blocks for ever.
+_READ = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _PLAIN
+_CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _PLAIN
 _NOT_PLAIN = (errno.ELOOP, errno.EMLINK, errno.ENOTDIR, errno.ENXIO)  # links, FIFOs, sockets
+_READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
+_CHUNK = 1 << 16
 
 
 class Tree:
-    """A folder and the files beneath it, on one file system and through no link.
+    """A folder and the files below it: on one file system, and reached through no link.
 
-    Paths have `/` between their parts and no part that is empty, ``.`` or ``..``.
+    Paths have ``/`` between their parts. No part may be empty, ``.`` or ``..``.
 
     Parameters
     ----------
     folder : str
-        Its own path may pass through links.
+        Path of the folder. This path itself may contain links.
+
+    Attributes
+    ----------
+    port : str
+        The same path: the name of the drive in messages.
 
     Raises
     ------
     OSError
-        Here and from every method, if the file system fails.
+        If the folder cannot be opened.
     SpotsError
-        From every method that meets a link, a device, or a folder where a file should be.
+        From every method: if the file system fails, or the path meets a link, a device, or a
+        folder where a file should be.
     """
 
     def __init__(self, folder: str):
-        self.folder = folder
+        self.port = folder
         self._root = self._device = None
         if _BY_HANDLE:
             self._root = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
             self._device = os.fstat(self._root).st_dev
 
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
     def close(self) -> None:
+        """Close the folder, so that its drive can be ejected."""
         if self._root is not None:
             os.close(self._root)
             self._root = None
 
-    def size(self, path: str) -> int | None:
-        """Return the size of a file, or None if it does not exist."""
-        try:
-            with self._parent(path) as (parent, name):
-                return self._status(path, parent, name).st_size
-        except FileNotFoundError:
-            return None
+    def files(self, paths: Iterable[str]) -> dict[str, int]:
+        """Return the size in bytes of each of these files that exists, by its path."""
+        sizes = {}
+        with self._explained():
+            for path in paths:
+                with contextlib.suppress(FileNotFoundError), self._parent(path) as (parent, name):
+                    sizes[path] = self._status(path, parent, name).st_size
+        return sizes
 
-    @contextlib.contextmanager
-    def open(self, path: str) -> Iterator[BinaryIO]:
-        """Open a file for reading."""
-        with self._parent(path) as (parent, name):
-            self._status(path, parent, name)
-            handle = self._open(path, name, _READ, parent)
-        with os.fdopen(handle, "rb") as file:
-            self._check(path, stat.S_ISREG, os.fstat(handle))
-            yield file
-
-    def write(self, path: str, data: bytes) -> None:
-        """Write a file under a temporary name, and rename it once it is on the disk.
+    def read(self, path: str, size: int) -> bytes:
+        """Return the first bytes of a file.
 
         Parameters
         ----------
         path : str
-            Below the folder; folders on the way are created.
-        data : bytes
-            The whole content.
+            Path of the file on the drive.
+        size : int
+            Largest number of bytes to return.
 
-        Raises
-        ------
-        OSError
-            If the file system fails.
-        SpotsError
-            If the path meets a link, a device, or a folder where the file should be.
+        Returns
+        -------
+        bytes
         """
-        with self._parent(path, make=True) as (parent, name):
+        with self._open(path) as file:
+            return file.read(size)
+
+    def sha256(self, path: str) -> str:
+        """Return the SHA-256 of a file, in hexadecimal."""
+        digest = hashlib.sha256()
+        with self._open(path) as file:
+            while chunk := file.read(_CHUNK):
+                digest.update(chunk)
+        return digest.hexdigest()
+
+    def write(self, path: str, data: bytes) -> None:
+        """Write a file under a temporary name, and rename it when it is on the medium.
+
+        Parameters
+        ----------
+        path : str
+            Path of the file on the drive. Missing folders are created.
+        data : bytes
+            Content of the file.
+        """
+        with self._explained(), self._parent(path, make=True) as (parent, name):
             part = name + ".part"
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(part, dir_fd=parent)
@@ -111,19 +130,29 @@ class Tree:
 
     def remove(self, path: str) -> None:
         """Remove a file."""
-        with self._parent(path) as (parent, name):
+        with self._explained(), self._parent(path) as (parent, name):
             self._status(path, parent, name)
             os.unlink(name, dir_fd=parent)
             settle(parent)
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder; OSError if anything is in it."""
-        with self._parent(path) as (parent, name):
+        """Remove a folder if it is empty."""
+        with contextlib.suppress(OSError), self._parent(path) as (parent, name):
             os.rmdir(name, dir_fd=parent)
 
     @contextlib.contextmanager
+    def _open(self, path: str) -> Iterator[BinaryIO]:
+        """Open a file for reading."""
+        with self._explained(), self._parent(path) as (parent, name):
+            self._status(path, parent, name)
+            handle = self._handle(path, name, _READ, parent)
+            with os.fdopen(handle, "rb") as file:
+                self._check(path, stat.S_ISREG, os.fstat(handle))
+                yield file
+
+    @contextlib.contextmanager
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Yield what `dir_fd` takes for the folder of a path, and the name to use with it."""
+        """Yield the `dir_fd` of a path's folder, and the name of the file relative to it."""
         *folders, name = path.split("/")
         walk = self._by_handle if _BY_HANDLE else self._by_path
         with walk(folders, make) as (parent, prefix):
@@ -138,7 +167,7 @@ class Tree:
                     with contextlib.suppress(FileExistsError):
                         os.mkdir(folder, dir_fd=handle)
                 path = "/".join(folders[: i + 1])
-                inner = self._open(path, folder, _FOLDER, handle)
+                inner = self._handle(path, folder, _FOLDER, handle)
                 os.close(handle)
                 handle = inner
                 self._check(path, stat.S_ISDIR, os.fstat(handle))
@@ -148,7 +177,7 @@ class Tree:
 
     @contextlib.contextmanager
     def _by_path(self, folders: list[str], make: bool) -> Iterator[tuple[None, str]]:
-        place = self.folder
+        place = self.port
         for i, folder in enumerate(folders):
             place = os.path.join(place, folder)
             if make:
@@ -157,7 +186,7 @@ class Tree:
             self._check("/".join(folders[: i + 1]), stat.S_ISDIR, os.lstat(place))
         yield None, os.path.join(place, "")
 
-    def _open(self, path: str, name: str, flags: int, parent: int | None) -> int:
+    def _handle(self, path: str, name: str, flags: int, parent: int | None) -> int:
         try:
             return os.open(name, flags, dir_fd=parent)
         except OSError as error:
@@ -171,21 +200,37 @@ class Tree:
         return status
 
     def _check(self, path: str, is_kind, status: os.stat_result) -> None:
-        # Of Windows: junctions and all else that leads to another place.
+        # On Windows a junction leads to another place, too; elsewhere a mount does.
         leads_away = getattr(status, "st_file_attributes", 0) & stat.FILE_ATTRIBUTE_REPARSE_POINT
-        if self._device not in (None, status.st_dev):
-            leads_away = True  # something else is mounted there
-        if leads_away or not is_kind(status.st_mode):
+        mounted = self._device not in (None, status.st_dev)
+        if leads_away or mounted or not is_kind(status.st_mode):
             self._refuse(path)
 
     def _refuse(self, path: str) -> None:
         raise SpotsError(
-            f"{path} on {self.folder} is a link, or not a plain file or folder of this drive: "
-            "remove it there, or give another drive"
+            f"{path} on {self.port} is a link, or not a plain file or folder of this drive: "
+            "remove it there, or name another drive"
         )
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if error.errno == errno.ENOSPC:
+                what = "is full: remove some of your files from it and flash again"
+            elif error.errno in _READ_ONLY:
+                what = (
+                    "is read-only, because the board itself may write to it: reset the board, "
+                    "hold its button for two seconds right after that, and flash again when the "
+                    "drive is back"
+                )
+            else:
+                what = f"fails ({error.strerror}): replug the board and flash again"
+            raise SpotsError(f"the drive {self.port} {what}") from None
 
 
 def settle(folder: int | None) -> None:
-    """Flush a folder, so that renames reach the disk in order and before a reset."""
-    if folder is not None:  # on Windows a removable drive keeps nothing back
+    """Flush a folder, so that renames reach the medium in order and before a reset."""
+    if folder is not None:  # Windows writes to a removable drive at once
         os.fsync(folder)

@@ -1,4 +1,4 @@
-"""Where a board's files go, and the port on which it answers after its restart."""
+"""Finds a board: its file system, and the port on which it answers after a restart."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Place:
     Attributes
     ----------
     name : str
-        A serial port, or where a drive is mounted.
+        Name of the serial port, or the folder where the drive is mounted.
     open : callable
-        Opens its file system: a `deploy.prompt.Prompt` or a `deploy.drive.Drive`.
+        ``open()`` opens the file system of the board.
     ports : callable
-        Returns the serial ports on which the board may answer.
+        ``ports()`` returns the names of the serial ports on which the board may answer.
     """
 
     name: str
@@ -35,14 +35,14 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find the one board; a port scheme may start one for the duration of the block.
+    """Find the only board, or start a virtual board that lives as long as the block.
 
     Parameters
     ----------
     device : staging.Device
-        What is to go there.
+        Board file of the board that is wanted.
     port : str, optional
-        A serial port, or the folder of a CircuitPython drive; found if not given.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, it is searched.
 
     Yields
     ------
@@ -52,7 +52,7 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     Raises
     ------
     SpotsError
-        If none or more than one is found.
+        If no board or more than one board is found.
     """
     started = offered(port or device.port, "flash_place")
     if started is not None:
@@ -65,12 +65,12 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
 
 
 def the_board() -> list[str]:
-    """Return the ports of the only USB board.
+    """Return the names of the serial ports of the only USB board.
 
     Raises
     ------
     SpotsError
-        If none or more than one is found.
+        If no board or more than one board is found.
     """
     boards = {ports[0]: ports for ports in usb_boards()}
     return boards[_the_one(list(boards), "board")]
@@ -79,31 +79,28 @@ def the_board() -> list[str]:
 def _on_port(port: str) -> Place:
     serial_number = next((usb.serial_number for usb in usb_ports() if usb.device == port), None)
 
-    def heard() -> list[str]:
-        """After a reset the same device may have another name."""
+    def ports_now() -> list[str]:
+        # After a reset the same device may have another name.
         same = [usb.device for usb in usb_ports() if usb.serial_number == serial_number]
         return same if serial_number and len(same) == 1 else [port]
 
-    return Place(port, lambda: Prompt(port), heard)
+    return Place(port, lambda: Prompt(port), ports_now)
 
 
 def _on_drive(folder: str) -> Place:
     with Drive(folder) as drive:
         uid = (drive.facts["uid"] or "").lower()
 
-    def consoles_first() -> list[str]:
+    def ports_now() -> list[str]:  # the console first
         ports = usb_ports() if uid else []
         return [usb.device for usb in ports if (usb.serial_number or "").lower() == uid]
 
-    def opened() -> Drive:
-        return Drive(folder, next(iter(consoles_first()), None))
-
-    return Place(folder, opened, lambda: consoles_first()[::-1])
+    return Place(folder, lambda: Drive(folder, *ports_now()[:1]), lambda: ports_now()[::-1])
 
 
 def _the_one(names: list[str], what: str) -> str:
     if not names:
         raise SpotsError(f"no {what} found: plug one in with a cable that carries data")
     if len(names) > 1:
-        raise SpotsError(f"more than one {what} found, name one with --port: {', '.join(names)}")
+        raise SpotsError(f"more than one {what} found: name one with --port: {', '.join(names)}")
     return names[0]

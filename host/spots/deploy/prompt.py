@@ -1,69 +1,47 @@
-"""A board at its raw prompt: programs run there, files listed, hashed, written and removed."""
+"""A board at its raw prompt: runs programs there, and lists, hashes, writes and removes files."""
 
 from __future__ import annotations
 
 import ast
 import contextlib
+import errno
 import hashlib
 import io
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from pathlib import PurePosixPath
 
 import serial
 
 from ..errors import SpotsError, missing
 from ..link.serial_link import SerialLink
-from ..link.udev import with_rule
 
 _TIMEOUT_S = 10.0
 # Timeouts of the attempts to enter the prompt: a board that is starting misses the first.
 _ENTER_S = (2.0, 4.0, 8.0)
 _GARBLED = (SyntaxError, ValueError, TypeError)  # from parsing a reply that is not the facts
-_CHUNK = 512
-_PATHS = 50  # in one program; a longer list takes memory that a board may not have
+_CHUNK = 512  # bytes of a file in one transfer: a file may be larger than the board's memory
+_PATHS = 50  # in one program: a longer list may not fit into the board's memory
 _DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
 
-# Runs on the board, in chunks: a file may be larger than its free memory.
-_TOOLS = """
-import os, sys, hashlib, binascii
-def _hash(path):
-    digest, chunk = hashlib.sha256(), bytearray(512)
-    with open(path, "rb") as file:
-        while True:
-            size = file.readinto(chunk)
-            if not size:
-                break
-            digest.update(memoryview(chunk)[:size])
-    return binascii.hexlify(digest.digest()).decode()
-def _sizes(paths):
-    found = {}
-    for path in paths:
-        try:
-            status = os.stat(path)
-        except OSError:
-            continue
-        if not status[0] & 0x4000:
-            found[path] = status[6]
-    return found
-def _read(path, size):
-    with open(path, "rb") as file:
-        while size > 0:
-            chunk = file.read(min(size, 256))
-            if not chunk:
-                break
-            size -= len(chunk)
-            print(binascii.hexlify(chunk).decode())
-def _make(folder):
+_SIZES = """
+import os
+for path in {!r}:
     try:
-        os.mkdir(folder)
+        status = os.stat(path)
     except OSError:
-        os.stat(folder)
-def _replace(path):
-    try:
-        os.remove(path)
-    except OSError:
-        pass
-    os.rename(path + ".part", path)
+        continue
+    if not status[0] & 0x4000:
+        print(repr(path), ":", status[6], ",")
+"""
+
+_RENAME_PART = """
+import os
+try:
+    os.remove({0!r})
+except OSError:
+    pass
+os.rename({0!r} + ".part", {0!r})
 """
 
 _FACTS = """
@@ -87,12 +65,12 @@ machine.reset()
 
 
 class Prompt:
-    """The raw prompt of a board; a running program is interrupted.
+    """The raw prompt of a board. A running program is interrupted.
 
     Parameters
     ----------
     port : str
-        A serial port.
+        Name of the serial port.
 
     Attributes
     ----------
@@ -103,7 +81,8 @@ class Prompt:
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers.
+        If mpremote is missing, the port cannot be opened, or no prompt answers. From every
+        method: if the board refuses, its file system is full, or it is disconnected.
     """
 
     def __init__(self, port: str):
@@ -114,12 +93,9 @@ class Prompt:
             raise missing("flashing needs", "mpremote", "flash") from None
         self.port = port
         self._refused = TransportExecError
-        # What mpremote raises when the cable is pulled depends on where it was.
+        # What mpremote raises when the cable is pulled depends on what it was doing.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
-        try:
-            SerialLink(port).close()  # says in a sentence why a port cannot be opened
-        except SpotsError as error:
-            raise SpotsError(with_rule(str(error), port)) from None
+        SerialLink(port).close()  # its error explains why a port cannot be opened
         self._transport = None
         try:
             self._transport = SerialTransport(port)
@@ -132,7 +108,6 @@ class Prompt:
         except BaseException:
             self.close()
             raise
-        self._has_tools = False
 
     def __enter__(self) -> Prompt:
         return self
@@ -142,126 +117,126 @@ class Prompt:
             self.reset()  # entering interrupted the application
 
     def run(self, program: str) -> str:
-        """Run a program and return what it printed.
-
-        Raises
-        ------
-        SpotsError
-            If it raises, if the file system is full, or if the board was disconnected.
-        """
-        try:
+        """Run a program on the board and return its output."""
+        with self._explained():
             return self._transport.exec(program).decode()
-        except self._refused as error:
-            text = error.error_output
-            lines = (text if isinstance(text, str) else text.decode()).strip().splitlines()
-            last = lines[-1] if lines else "it does not say why"
-            if any(sign in last for sign in _DISK_FULL):
-                raise SpotsError(
-                    f"the file system of the board on {self.port} is full: remove files of yours "
-                    "from it and flash again"
-                ) from None
-            raise SpotsError(f"the board on {self.port} refuses: {last}") from None
-        except self._failures:
-            raise SpotsError(
-                f"the board on {self.port} was disconnected: replug it and flash again"
-            ) from None
 
     def has(self, module: str) -> bool:
-        """Whether a module can be imported on the board."""
-        return self._tool(
-            f"try:\n import {module}\n print(True)\nexcept ImportError:\n print(False)"
-        )
+        """Return whether the board can import a module."""
+        program = f"try:\n import {module}\n print(True)\nexcept ImportError:\n print(False)"
+        return ast.literal_eval(self.run(program))
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return the sizes of the files that exist among these, by path."""
+        """Return the size in bytes of each of these files that exists, by its path."""
         asked, found = list(paths), {}
         for i in range(0, len(asked), _PATHS):
-            found |= self._tool(f"print(_sizes({asked[i : i + _PATHS]!r}))")
+            printed = self.run(_SIZES.format(asked[i : i + _PATHS]))
+            found |= ast.literal_eval("{" + printed + "}")
         return found
 
     def read(self, path: str, size: int) -> bytes:
-        """Return the first bytes of a file, at most `size` of them.
+        """Return the first bytes of a file.
 
         Parameters
         ----------
         path : str
-            On the board.
+            Path of the file on the board.
         size : int
-            Largest number of bytes.
+            Largest number of bytes to return.
 
         Returns
         -------
         bytes
-
-        Raises
-        ------
-        SpotsError
-            If the board refuses, or is disconnected.
         """
-        self._load_tools()
-        return bytes.fromhex(self.run(f"_read({path!r}, {size})"))
+        data = b""
+        self.run(f"_file = open({path!r}, 'rb')")
+        while wanted := min(_CHUNK, size - len(data)):
+            chunk = ast.literal_eval(self.run(f"print(_file.read({wanted}))"))
+            if not chunk:
+                break
+            data += chunk
+        return data
 
     def sha256(self, path: str) -> str:
-        """Return the hash of a file on the board, in hexadecimal."""
-        return self._tool(f"print(repr(_hash({path!r})))")
+        """Return the SHA-256 of a file on the board, in hexadecimal."""
+        with self._explained():
+            return self._transport.fs_hashfile(path, "sha256", _CHUNK).hex()
 
     def remove(self, path: str) -> None:
         """Remove a file."""
-        self.run(f"import os\nos.remove({path!r})")
+        with self._explained():
+            self._transport.fs_rmfile(path)
 
     def remove_folder(self, path: str) -> None:
         """Remove a folder if it is empty."""
         self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under a temporary name, and rename it once its hash is verified.
+        """Write a file under a temporary name, check its SHA-256, and rename it.
 
         Parameters
         ----------
         path : str
-            On the board; folders on the way are created.
+            Path of the file on the board. Missing folders are created.
         data : bytes
-            The whole content.
+            Content of the file.
 
         Raises
         ------
         SpotsError
-            If the content arrives damaged, the file system is full, or the board is disconnected.
+            If the content arrives damaged; see also the class.
         """
-        folder = path.rpartition("/")[0]
-        parts = folder.split("/") if folder else []
-        for i in range(len(parts)):
-            self._tool(f"_make({'/'.join(parts[: i + 1])!r})\nprint(None)")
-        self.run(f"_file = open({path + '.part'!r}, 'wb')")
-        for start in range(0, len(data), _CHUNK):
-            self.run(f"_file.write({data[start : start + _CHUNK]!r})")
-        self.run("_file.close()")
+        with self._explained():
+            for folder in [*PurePosixPath(path).parents][-2::-1]:
+                with contextlib.suppress(FileExistsError):
+                    self._transport.fs_mkdir(str(folder))
+            self._transport.fs_writefile(path + ".part", data, _CHUNK)
         if self.sha256(path + ".part") != hashlib.sha256(data).hexdigest():
             raise SpotsError(f"{path} arrived damaged on {self.port}: try another cable")
-        self._tool(f"_replace({path!r})\nprint(None)")
+        self.run(_RENAME_PART.format(path))
 
     def reset(self) -> None:
         """Restart the board, as its reset button does, and close the port."""
-        try:
+        with contextlib.suppress(*self._failures):  # some ports vanish before the last byte is sent
             self._transport.exec_raw_no_follow(_RESET)
-        except self._failures:
-            pass  # some ports disappear before the last byte is written
         self.close()
 
     def close(self) -> None:
         """Close the port."""
         if self._transport is not None:
-            try:
+            with contextlib.suppress(*self._failures):  # already disconnected
                 self._transport.close()
-            except self._failures:
-                pass  # it was disconnected
             self._transport = None
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except self._refused as error:
+            text = error.error_output
+            lines = (text if isinstance(text, str) else text.decode()).strip().splitlines()
+            reason = lines[-1] if lines else "no reason given"
+            self._fail(reason, any(sign in reason for sign in _DISK_FULL))
+        except self._failures as error:
+            self._fail(None, getattr(error, "errno", None) == errno.ENOSPC)
+
+    def _fail(self, reason: str | None, is_full: bool) -> None:
+        if is_full:
+            text = (
+                f"the file system of the board on {self.port} is full: remove some of your files "
+                "from it and flash again"
+            )
+        elif reason is not None:
+            text = f"the board on {self.port} refuses: {reason}"
+        else:
+            text = f"the board on {self.port} was disconnected: replug it and flash again"
+        raise SpotsError(text) from None
 
     def _enter(self) -> dict:
         """Enter the raw prompt and return the facts that the board prints there."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
-        with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its complaints
+        with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors
             for within_s in _ENTER_S:
                 try:
                     serial_port.timeout = 1.0
@@ -272,15 +247,6 @@ class Prompt:
                 except (*self._failures, *_GARBLED):
                     if within_s == _ENTER_S[-1]:
                         raise
-
-    def _tool(self, program: str):
-        self._load_tools()
-        return ast.literal_eval(self.run(program))
-
-    def _load_tools(self) -> None:
-        if not self._has_tools:
-            self.run(_TOOLS)
-            self._has_tools = True
 
 
 def _facts(printed: bytes) -> dict:

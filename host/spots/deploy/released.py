@@ -1,6 +1,6 @@
-"""File names of version 0.1.0, the only one that wrote no manifest.
+"""File names of version 0.1.0, the only version that wrote no manifest.
 
-Data, and never changed: the files of this version are those of `staging.names`.
+This data never changes. `staging.names` returns the file names of the present version.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The files of a board, laid out in a folder as they go onto its file system."""
+"""Copies the files of a board into a folder, as they go onto the board's file system."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from .. import toml
 from ..bounded import read_text
 from ..errors import SpotsError, did_you_mean, missing
 
-# An installed package carries both folders inside itself; a checkout has them at its top.
+# An installed package contains the folders boards and firmware; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
 _CHECKOUT = Path(spots_device.__file__).resolve().parents[2]
 _ROOT = _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
 BOARDS = _ROOT / "boards"
 
-# The files that a runtime starts with; the last one runs the application.
+# The files that a runtime runs at its start, in this order; the last one runs the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
 CONFIG = "board_config.py"
-# Apart: on this Python's path, a code.py would hide the standard library's.
+# In a folder of its own: on this Python's path, code.py would hide a standard module.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
 # Libraries that a runtime needs in `lib`, copied from this Python's packages.
 LIBRARIES = {
@@ -33,31 +33,31 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The two forms of the firmware's kernel; a board has one of them, under the first name.
+# The firmware's kernel in its two forms; a board gets one of them, under the first name.
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 
 
 class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A board file, board.toml.
+    """Content of a board file, board.toml.
 
     Attributes
     ----------
     title : str
-        As people call it.
+        Name of the board for people.
     runtime : str
         ``micropython`` or ``circuitpython``.
     port : str or None
-        Where it is, if not on USB.
+        Port of a board that is not on USB, such as ``virtual``.
     march : str or None
-        Architecture of its native code, as ``mpy-cross -march`` names it; None for sources only.
+        Architecture for ``mpy-cross -march``; None if the board runs sources only.
     viper : bool
-        Whether its sample path is machine code, by MicroPython's viper, which needs `march`.
+        Whether the kernel is compiled to machine code by MicroPython's viper; needs `march`.
     board_id : str or None
-        As CircuitPython names the board.
+        Board ID by which CircuitPython names the board.
     device : dict
-        What becomes board_config.py, with the board's ``NAME``.
+        Names and values of board_config.py, among them the board's ``NAME``.
     wiring : dict
-        Pins by the names that are printed on the board, for people.
+        Pin of each wire, as it is printed on the board; for people.
     """
 
     title: str
@@ -71,7 +71,7 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def name(self) -> str:
-        """As the command line calls it."""
+        """Name of the board in commands."""
         return self.device["NAME"]
 
 
@@ -81,13 +81,12 @@ def board_names() -> list[str]:
 
 
 def device_of(board: str) -> Device:
-    """Return the board file of a board.
+    """Return the content of a board's board file.
 
     Raises
     ------
     SpotsError
-        If the board is unknown, its file is damaged, or it asks for viper where that cannot be
-        compiled.
+        If the board is unknown, or its file is damaged or wants viper without `march`.
     """
     known = board_names()
     if board not in known:
@@ -96,7 +95,7 @@ def device_of(board: str) -> Device:
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
-        raise SpotsError(f"{path} cannot be read: install the package again") from None
+        raise SpotsError(f"cannot read {path}: install spots again") from None
     found = toml.checked(text, Device, str(path))
     if found.viper and (found.runtime != "micropython" or found.march is None):
         raise SpotsError(f"boards/{board}/board.toml: viper needs MicroPython and a march")
@@ -104,9 +103,9 @@ def device_of(board: str) -> Device:
 
 
 def names(runtime: str) -> set[str]:
-    """Return the paths of this version's own files on a board, in sources and compiled.
+    """Return the paths that this version's files have on a board, as sources and compiled.
 
-    Boards that got them from ``mip`` or a copy of sources have no manifest that lists them.
+    They serve for boards without a manifest: installed by ``mip``, or copied as sources.
     """
     firmware = Path(spots_device.__file__).parent
     modules = [path.relative_to(firmware.parent) for path in firmware.rglob("*.py")]
@@ -115,14 +114,14 @@ def names(runtime: str) -> set[str]:
 
 
 def stage(board: str, folder: Path) -> None:
-    """Lay out a board's files in a folder: firmware, libraries, board_config.py, in sources.
+    """Copy a board's files into a folder: firmware, libraries and board_config.py, as sources.
 
     Parameters
     ----------
     board : str
         A name that ``spots boards`` lists.
     folder : Path
-        Exists, and is empty.
+        An empty folder.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Bytes, frames, a connected board: decoder, serial port, clock, reconnect."""
+"""The link to a board: decoder, serial port, clock, reconnect."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import aclosing
+from contextlib import ExitStack, suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, overload
@@ -17,17 +17,17 @@ from spots_device.command import LINE_MAX, NAME_MAX
 
 from ..errors import ClosedError, PortLostError, RefusedError, SpotsError
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
-from .frames import Decoder, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
+from .frames import Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
 from .readers import FrameIterator, FrameLog, Handle, Subscription
 from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
-from .serial_link import Link, Tap
+from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
 from .turn import Turn
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-# Commands whose reply comes when the work is done; the others answer at once.
+# Timeouts of replies. These commands reply when their work is done, others at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
 _USUAL_REPLY_S = 2.0
 _HELLO_TIMEOUT_S = 1.0
@@ -38,7 +38,7 @@ _SYNC_TRIES = 4
 _STREAM_TRIES = 3
 _LATEST_S = 2.0
 _RATE_READINGS = 64
-# What a board streams on demand; its keys come where `keys on` was sent.
+# Streams by kind of frame. Keys have none: they come after the command `keys on`.
 _STREAMS: dict[type, str] = {Touch: "touch", Spectrum: "spectrum"}
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
@@ -46,38 +46,38 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 class Board:
     """A connected board. Close it, or use it in a ``with`` block.
 
-    A board that restarts (a brown-out, a crash) forgets that it streams, and its port may vanish
-    for a while and return under another name. Whatever waits for frames opens the port again and
-    resumes the streams; see `state` and `stats.restarts`. Another board in its place is refused.
+    A board that restarts (a brown-out, a crash) stops its streams, and its port may disappear for
+    a while and appear again under another name. While frames are waited for, the port is opened
+    again and the streams are resumed; see `state` and `stats.restarts`. Another board on the port
+    is refused.
 
-    Several threads may use a board at once: each iterator gets all frames of its kinds, and a
-    command of one thread does not keep frames from the others.
+    Several threads may use a board at once. Each iterator gets all frames of its kinds, and a
+    command in one thread does not hold back frames from the others.
 
     Parameters
     ----------
     link : serial_link.Link
-        Closed with the board.
+        Link to the board. It is closed with the board.
 
     Attributes
     ----------
     info : replies.Hello
-        The board's reply to ``hello``, with what was set since.
+        The board's reply to ``hello``, updated by each change of a setting.
     log : collections.deque of dict
-        Its last log lines.
+        The latest log lines of the board.
     patience_s : float
-        How long its port may be unplugged while it streams, before PortLostError is raised.
+        How long the port of a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
-        The lines of its calibration, where this object uploaded them: a board sends only
-        their checksum.
+        Lines of the calibration, if this object uploaded it: a board reports only its checksum.
     read_only : bool
-        Whether `command` can change nothing: of recordings, and of boards on other machines.
+        Whether commands cannot change the board: it is a recording, or on another machine.
     ended : bool
-        Whether no frame will follow: of recordings.
+        Whether no more frames will come, because a recording has ended.
 
     Raises
     ------
     SpotsError
-        If nothing answers, or the answer is not that of a board of this protocol version.
+        If nothing answers, or it is not a board of this protocol version.
 
     Examples
     --------
@@ -101,12 +101,13 @@ class Board:
         self._frames = FrameLog()
         self._turn = Turn()
         self._replies: deque[Text] = deque(maxlen=64)
-        self._streams: list[str] = []  # what the board streams
-        self._chosen = False  # by `command`, not by an iterator
+        self._streams: list[str] = []  # streams that should be on
+        self._chosen = False  # whether `command` chose the streams
         self._loss = LinkLoss(link.now_s())
         self._resuming = False
         self._closed = False
         self._times_us: deque[int] = deque(maxlen=_RATE_READINGS)
+        self._on_data: list[Callable[..., None]] = []
         self._on_close: list[Callable[..., None]] = []
         self._on_state: list[Callable[..., None]] = []
         self._reported_state = CONNECTED
@@ -132,22 +133,22 @@ class Board:
 
     @property
     def stats(self) -> LinkStats:
-        """Health of the link since the board was opened."""
+        """Statistics of the link since the board was opened."""
         return self._decoder.stats
 
     @property
     def state(self) -> str:
-        """``connected``, or why no readings come.
+        """``connected``, or the reason why no readings come.
 
-        ``stalled``: the port is there and the board, or its sensor, is silent; ``lost``: the port
-        is unplugged and searched for; ``refused``: another board is in its place; ``closed``: by
-        `close`.
+        ``stalled``: the board or its sensor is silent, though the port exists. ``lost``: the port
+        is unplugged, and searched for. ``refused``: another board is on the port. ``closed``: the
+        program has closed the board.
         """
         return "closed" if self._closed else self._loss.state(self.now_s())
 
     @property
     def rate_hz(self) -> float:
-        """Readings a second by the board's clock, over the last 64; NaN before the second one."""
+        """Readings a second by the board's clock, mean of the last 64; NaN before the second."""
         times_us = self._times_us
         if len(times_us) < 2:
             return float("nan")
@@ -155,7 +156,7 @@ class Board:
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster its clock runs than the host's, known after a minute of readings."""
+        """Drift of the board's clock in ppm, known after a minute of readings; positive is fast."""
         return self._clocks.clock.drift_ppm
 
     @property
@@ -164,17 +165,18 @@ class Board:
         return self._link.name
 
     def silent(self, least_s: float) -> bool:
-        """Return whether readings are streamed and none has come for so long.
+        """Return whether no reading has come for some time though they are streamed.
 
         Parameters
         ----------
         least_s : float
-            By the clock of the link; on a slow board the time of three readings, if that is more.
+            Smallest time without a reading, in seconds of the link's clock. On a slow board it is
+            the time of three readings if that is longer.
         """
         return self._loss.silent(self.now_s(), least_s)
 
     def now_s(self) -> float:
-        """Return the host's time by the clock of `Touch.time_s`."""
+        """Return the host's time in seconds, on the same clock as `Touch.time_s`."""
         return self._link.now_s()
 
     @overload
@@ -190,24 +192,26 @@ class Board:
     @overload
     def command(self, line: str, timeout_s: float | None = None) -> Mapping[str, Any]: ...
     def command(self, line: str, timeout_s: float | None = None) -> Any:
-        """Send a command and return the reply.
+        """Send a command to the board and return its reply.
 
         Parameters
         ----------
         line : str
-            See docs/protocol.md, for example ``set exposure_us=10000``.
+            Command as in docs/protocol.md, for example ``set exposure_us=10000``.
         timeout_s : float, optional
-            How long to wait; as long as the command may take, if not given.
+            Longest time to wait for the reply, in seconds. If not given, the longest time that the
+            command may take.
 
         Returns
         -------
         dict
-            Typed as in `replies` for ``hello``, ``get``, ``auto``, ``dark`` and ``sync``.
+            The reply. For ``hello``, ``get``, ``auto``, ``dark`` and ``sync`` see the types in
+            `replies`.
 
         Raises
         ------
         SpotsError
-            If the line is invalid, the board refuses, or no reply comes in time.
+            If the line is invalid, the board refuses the command, or no reply comes in time.
         """
         content = self._command(line, timeout_s)
         self._chosen |= content["re"] == "stream"
@@ -219,17 +223,18 @@ class Board:
         Parameters
         ----------
         **settings : int or sequence of str
-            Names and values as in docs/protocol.md; ``plan`` takes names of channels.
+            Names and values of settings, as in docs/protocol.md. The value of ``plan`` is a
+            sequence of channel names.
 
         Returns
         -------
         replies.Changed
-            All settings, and the rate to expect.
+            All settings after the change, and the expected rate.
 
         Raises
         ------
         SpotsError
-            If the board refuses; then nothing is changed.
+            If the board refuses a setting. Then it changes none of them.
 
         Examples
         --------
@@ -245,21 +250,25 @@ class Board:
 
     def _command(self, line: str, timeout_s: float | None = None) -> dict[str, Any]:
         if not line.strip() or len(line) > LINE_MAX or not (line.isascii() and line.isprintable()):
-            raise SpotsError(f"a command is 1 to {LINE_MAX} printable ASCII characters")
+            raise SpotsError(
+                f"cannot send {line!r}: a command must have 1 to {LINE_MAX} printable ASCII "
+                "characters"
+            )
         if timeout_s is None:
             timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         with self._turn:
             reply = self._exchange(line, timeout_s)
             if reply is None:
                 raise SpotsError(
-                    f"no reply to '{line}' within {timeout_s:g} s; is the board alive?"
+                    f"no reply to '{line}' within {timeout_s:g} s from the board on {self.port}: "
+                    "replug the board"
                 )
             if "error" in reply.content:
                 raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
             content = self._validated(reply)
             if content["re"] == "stream":
                 self._streams = [kind for kind in content["stream"] if kind != "off"]
-                self._loss.expect(*[self.now_s()] * bool(self._streams))
+                self._loss.expect(self.now_s() if self._streams else None)
             if "exposure_us" in content:
                 self._take_settings(content)
             if content["re"] in ("set", "auto"):
@@ -268,14 +277,14 @@ class Board:
         return content
 
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
-        """Yield readings of the strip as they come, those that waited first.
+        """Iterate over the readings of the strip as they arrive; unread older readings come first.
 
-        Starts the stream of readings. It goes on until the board is closed, as other streams do.
+        This starts the stream of readings, which goes on until the board is closed.
 
         Parameters
         ----------
         seconds : float, optional
-            End after this much time of the link's clock; never, if not given.
+            Duration of the iteration, in seconds of the link's clock; no end if not given.
 
         Returns
         -------
@@ -284,7 +293,7 @@ class Board:
         Raises
         ------
         SpotsError
-            While iterating, too: if the board is lost or closed.
+            If the board is lost or closed, also during the iteration.
 
         Examples
         --------
@@ -297,40 +306,44 @@ class Board:
         return self._start(seconds, Touch)
 
     def spectra(self, seconds: float | None = None) -> FrameIterator[Spectrum]:
-        """Yield the six counts behind each reading; see `touches`."""
+        """Iterate over the spectra, the six raw counts of each reading; see `touches`."""
         return self._start(seconds, Spectrum)
 
     def keys(self, seconds: float | None = None) -> FrameIterator[Key]:
-        """Yield the keys that the board's own layout makes of touches; see `touches`.
+        """Iterate over the keys that the board types with its own layout; see `touches`.
 
         Raises
         ------
         SpotsError
-            If its keys are off; ``command("keys on")`` makes it type on its computer, too.
+            If the board's keys are off. ``command("keys on")`` turns them on; the board then also
+            types on its computer.
         """
         if not self.read_only and not self.command("hello")["keys"]:
-            raise SpotsError(f"the keys of the board on {self.port} are off: send it 'keys on'")
-        self._want(Touch)  # of a board that streams nothing a restart would not be noticed
+            raise SpotsError(
+                f"the keys of the board on {self.port} are off: send the command 'keys on'"
+            )
+        self._want(Touch)  # without a stream, a restart of the board would not be noticed
         return self._start(seconds, Key)
 
     def frames(self, seconds: float | None = None) -> FrameIterator[Reading]:
-        """Yield frames of all kinds; see `touches`.
+        """Iterate over frames of all kinds; see `touches`.
 
-        Starts the streams of readings and spectra, unless ``command("stream ...")`` chose some.
+        This starts the streams of readings and spectra, unless ``command("stream ...")`` has chosen
+        the streams.
         """
         kinds = () if self._chosen else (Touch, Spectrum)
         self._want(*kinds)
         return self._start(seconds, Touch, Spectrum, Key, wanted=False)
 
     async def atouches(self, seconds: float | None = None) -> AsyncGenerator[Touch, None]:
-        """Yield readings in asyncio, without blocking its loop; see `touches`.
+        """Iterate over readings in asyncio, without blocking the event loop; see `touches`.
 
-        A thread waits for them. It ends when the iteration does, is cancelled or broken off.
+        A thread waits for the readings. It ends with the iteration, on every exit path.
 
         Parameters
         ----------
         seconds : float, optional
-            End after this much time of the link's clock; never, if not given.
+            Duration of the iteration, in seconds of the link's clock; no end if not given.
 
         Examples
         --------
@@ -342,9 +355,13 @@ class Board:
         True
         """
         touches = await asyncio.to_thread(self.touches, seconds)
-        async with aclosing(touches.arriving()) as arriving:
-            async for touch in arriving:
-                yield touch
+        try:
+            while await asyncio.to_thread(touches.wait):
+                while touches.unread:
+                    yield next(touches)
+                    await asyncio.sleep(0)  # many unread readings must not block the loop
+        finally:
+            touches.close()
 
     @overload
     def subscribe(self, callback: Callable[[Touch], object]) -> Subscription[Touch]: ...
@@ -353,19 +370,21 @@ class Board:
         self, callback: Callable[[_ReadingT], object], *kinds: type[_ReadingT]
     ) -> Subscription[_ReadingT]: ...
     def subscribe(self, callback: Callable[[Any], object], *kinds: Any) -> Subscription[Any]:
-        """Call a function with each frame from now on, in a thread of its own.
+        """Call a function with each frame from now on, in a new thread.
+
+        A board can have any number of subscribers.
 
         Parameters
         ----------
         callback : callable
-            ``callback(frame)``. There can be any number of subscribers.
+            ``callback(frame)`` is called with each frame.
         *kinds : type
-            `Touch`, `Spectrum`, `Key`; readings of the strip, if not given.
+            Kinds of frames: `Touch`, `Spectrum`, `Key`. Only `Touch` if not given.
 
         Returns
         -------
         readers.Subscription
-            Its ``cancel()`` ends it. The board's end does, too.
+            Ends with its method ``cancel()``, or when the board is closed.
 
         Examples
         --------
@@ -380,43 +399,46 @@ class Board:
         return Subscription(self._start(None, *(kinds or (Touch,))), callback)
 
     def read_latest(self, timeout_s: float | None = None) -> Touch:
-        """Return the newest reading, for a view that must not lag; older ones are dropped.
+        """Return the newest reading and drop older ones, for a view that must not lag.
 
-        Starts the stream of readings.
+        This starts the stream of readings.
 
         Parameters
         ----------
         timeout_s : float, optional
-            How long to wait for one; 2 s, or three readings of a slow board, if not given.
+            Longest time to wait for a reading, in seconds. If not given, 2 s, or the time of three
+            readings of a slow board.
 
         Raises
         ------
         SpotsError
-            If none comes in time.
+            If no reading comes in time.
         """
         if timeout_s is None:
             timeout_s = silent_s(_LATEST_S, self._loss.every_s)
         touches = self.touches(timeout_s)
         with self._turn:
             self._advance(0.0)
-        for latest in touches:  # waits for the first one only
+        for latest in touches:  # waits for the first reading only
             if not touches.unread:
                 return latest
-        raise SpotsError(f"no reading within {timeout_s:g} s; is its sensor connected?")
+        raise SpotsError(
+            f"no reading within {timeout_s:g} s from the board on {self.port}: check the wires of "
+            "its sensor"
+        )
 
     def close(self) -> None:
-        """Stop the streams and close the port. Twice is once; iterators raise ClosedError."""
+        """Stop the streams and close the port. Idempotent; iterators raise ClosedError."""
         if self._closed:
             return
-        self._closed = True  # ends what other threads do with the link
-        with self._turn:
-            try:
-                self._link.write(b"stream off\n")
-            except SpotsError:
-                pass  # unplugged already
-            self._link.close()
-        for action in list(self._on_close):
-            action()
+        self._closed = True  # other threads stop using the link
+        with ExitStack() as actions:
+            for action in reversed(self._on_close):
+                actions.callback(action)
+            with self._turn:
+                with suppress(SpotsError):  # already unplugged
+                    self._link.write(b"stream off\n")
+                self._link.close()
 
     def _want(self, *kinds: type) -> None:
         with self._turn:
@@ -429,7 +451,7 @@ class Board:
             except PortLostError:
                 if not before:
                     raise
-                self._streams = sorted(streams)  # started when the board is back
+                self._streams = sorted(streams)  # they start when the board is back
 
     def _start(
         self, seconds: float | None, *kinds: type[_ReadingT], wanted: bool = True
@@ -443,7 +465,7 @@ class Board:
             left_s = end_s - self.now_s()
             if self.ended or left_s <= 0:
                 return False
-            # While another thread has the link, it gets the frames of this one, too.
+            # While another thread reads the link, it stores the frames of this one, too.
             if self._turn.take(_POLL_S, lambda: reader.unread):
                 try:
                     if not reader.unread:
@@ -465,26 +487,28 @@ class Board:
     def record(
         self, path: str | Path, *, rotate_bytes: int | None = None
     ) -> AbstractContextManager[Any]:
-        """Record all bytes from now on in a file, before anyone sees them.
+        """Record all bytes that arrive from now on in a file, before the program sees them.
 
-        Frames that wait to be read are not in it.
+        Frames that have arrived and are still unread are not recorded.
 
         Parameters
         ----------
         path : str or Path
-            A new file.
+            Name of the new file.
         rotate_bytes : int, optional
-            Begin another file where one would become longer.
+            Largest size of a file, in bytes; then the recording continues in another file. No limit
+            if not given.
 
         Returns
         -------
         recording.recorder.Recorder
-            Its ``stop()``, the end of its ``with`` block or of the board ends the recording.
+            The recording ends with its method ``stop()``, with its ``with`` block, or with the
+            board.
 
         Raises
         ------
         SpotsError
-            If there is such a file, or it cannot be written.
+            If the file exists or cannot be written.
         """
         info = self.command("hello")
 
@@ -500,54 +524,53 @@ class Board:
         with self._turn:
             begun = self._decoder.pending
             recorder: Any = entry.load()(
-                self._link, path, describe, begun=begun, rotate_bytes=rotate_bytes
+                self.now_s, path, describe, begun=begun, rotate_bytes=rotate_bytes
             )
-            self._link = recorder
+            recorder.handles = [self.tap(recorder.take), self.when_closed(recorder.stop)]
         return recorder
 
-    def tap(self, look: Callable[[bytes, float], None]) -> None:
-        """Call ``look(data, now_s)`` with all that is read from now on."""
-        with self._turn:
-            self._link = Tap(self._link, look)
+    def tap(self, look: Callable[[bytes, float], None]) -> Handle:
+        """Call ``look(data, now_s)`` with all bytes that arrive from now on, before decoding."""
+        return Handle(self._on_data, look)
 
     def when_closed(self, action: Callable[[], None]) -> Handle:
-        """Call a function after the port was closed."""
+        """Call ``action()`` after the port is closed."""
         return Handle(self._on_close, action)
 
     def when_state_changes(self, action: Callable[[str], None]) -> Handle:
-        """Call ``action(state)`` from now on, while frames are waited for; see `state`."""
+        """Call ``action(state)`` at each change of `state`, in the thread that waits for frames."""
         return Handle(self._on_state, action)
 
     def _connect(self) -> None:
         self.info = self._hello()
         self._take_settings(self.info)
         self._map_clocks()
-        # Of a stream that an earlier program did not end: their times were not known yet.
+        # Frames of a stream that an earlier program left on have no host time yet.
         self._frames.clear()
 
     def _hello(self) -> Hello:
-        self._link.write(b"\n")  # ends whatever half a line an earlier program left
+        self._link.write(b"\n")  # an earlier program may have sent a part of a line
         reply = None
         for _ in range(_HELLO_TRIES):
             reply = self._exchange("hello", _HELLO_TIMEOUT_S)
             if reply is not None:
                 break
         info = self._checked(reply)
-        # What came before the reply may have begun in the middle of a frame.
+        # The bytes before the reply may start in the middle of a frame.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         return info
 
     def _checked(self, reply: Text | None) -> Hello:
         if reply is None:
             raise SpotsError(
-                f"what is on {self.port} does not answer 'hello': it is not a SPOTS board, or its "
-                "firmware is not running"
+                f"the device on {self.port} does not answer 'hello': it is not a SPOTS board, or "
+                "its firmware does not run; name another port, or flash the board"
             )
         version = reply.content.get("protocol")
         if version != PROTOCOL:
             raise SpotsError(
-                f"the board on {self.port} speaks protocol {version}, this program {PROTOCOL}: "
-                "update whichever is older"
+                f"the board on {self.port} has protocol {version}, and this program {PROTOCOL}: "
+                "update the older one"
             )
         return cast("Hello", self._validated(reply))
 
@@ -557,7 +580,7 @@ class Board:
             return validated(name, reply.content)
         except msgspec.ValidationError as error:
             raise SpotsError(
-                f"the board on {self.port} is not a SPOTS board: its reply to '{name}' is "
+                f"the device on {self.port} is not a SPOTS board: its reply to '{name}' is "
                 f"invalid: {error}"
             ) from None
 
@@ -578,7 +601,7 @@ class Board:
             except SpotsError:
                 if not tries_left:
                     raise
-                # It answers in order: a reply that is only late is not taken for the next one.
+                # The board answers in order, so a late reply is not taken for the next one.
                 self._hello()
             else:
                 self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
@@ -613,7 +636,7 @@ class Board:
             self._link.write(question)
 
     def _reconnect(self, timeout_s: float) -> None:
-        # A try, no more: who holds keys down has to be back in time to release them.
+        # One attempt only: an application must return in time to release its keys.
         loss = self._loss
         wait_s = loss.reopen_s - self.now_s()
         if wait_s > 0:
@@ -623,7 +646,7 @@ class Board:
             if not loss.is_open:
                 self._link.reopen()
                 loss.reopened()
-                self._decoder.feed(b"\0")  # the frame that was cut off ends here
+                self._decoded(b"\0")  # ends the frame that was cut off
             reply = self._exchange("hello", WHO_S)
             loss.tries += 1
             if reply is None and loss.tries < WHO_TRIES:
@@ -633,7 +656,7 @@ class Board:
         except SpotsError as error:
             if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
                 raise
-            if loss.look_later(self.now_s(), isinstance(error, RefusedError)):  # once, not a flood
+            if loss.look_later(self.now_s(), isinstance(error, RefusedError)):
                 self.log.append({"log": "error", "text": str(error)})
             return
         loss.plug(self.now_s())
@@ -643,12 +666,12 @@ class Board:
             self._link.close_port()
             raise RefusedError(
                 f"the board on {self.port} is {info.get('id')} instead of "
-                f"{self.info.get('id')}: plug that one in again"
+                f"{self.info.get('id')}: plug in board {self.info.get('id')} again"
             )
         return info
 
     def _resume(self) -> None:
-        # Ask a silent board what it streams. A board that streams nothing has restarted.
+        # Ask a silent board for its streams. A board without streams has restarted.
         loss = self._loss
         if self.now_s() < loss.ask_s:
             return
@@ -656,10 +679,10 @@ class Board:
         reply = self._exchange("sync", ANSWER_S)
         if reply is None:
             loss.unanswered(self.now_s())
-            return  # no reply, or a damaged one
+            return
         known = self._validated(reply)
         if known["stream"] != []:
-            return  # it still streams, or its firmware does not report what
+            return  # it still streams, or its firmware does not report its streams
         if not self._resuming:
             # The reply may answer any of the questions asked since the first one.
             self._restarted(loss.first_asked_s, known["t_us"])
@@ -668,7 +691,7 @@ class Board:
                 self._command("stream " + " ".join(self._streams), ANSWER_S)
                 return
             except SpotsError:
-                loss.ask_s = self.now_s()  # damaged, either way
+                loss.ask_s = self.now_s()  # the command or its reply was damaged
 
     def _restarted(self, sent_s: float, t_us: int) -> None:
         self._resuming = bool(self._streams)
@@ -702,7 +725,7 @@ class Board:
 
     def _pump(self, timeout_s: float) -> None:
         self._check_open()
-        frames = self._decoder.feed(self._link.read(timeout_s))
+        frames = self._decoded(self._link.read(timeout_s))
         arrived_s = self.now_s()
         if frames:
             self._loss.heard(arrived_s)
@@ -712,6 +735,12 @@ class Board:
         self._clocks.learn()
         if frames:
             self._turn.wake()
+
+    def _decoded(self, data: bytes) -> list[Frame]:
+        if data:
+            for look in list(self._on_data):
+                look(data, self.now_s())
+        return self._decoder.feed(data)
 
     def _take(self, frame: Reading | Text) -> None:
         if not isinstance(frame, Text):
@@ -725,7 +754,7 @@ class Board:
 
     def _take_reading(self, frame: Reading) -> None:
         if self._loss.unplugged:
-            return  # nobody knows yet whose it is
+            return  # it may be of another board
         self._resuming = False
         self._loss.expect(self.now_s())
         if isinstance(frame, Touch):

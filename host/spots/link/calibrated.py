@@ -1,4 +1,4 @@
-"""Readings of a calibrated board for applications: length, rate, baseline, timeouts."""
+"""What applications need of a calibrated board: strip length, rate, baseline and readings."""
 
 from __future__ import annotations
 
@@ -17,39 +17,40 @@ _FOLLOW = "set baseline=1"
 
 
 def hello_calibrated(board: Board) -> Hello:
-    """Return a board's ``hello``.
+    """Return the reply to ``hello`` of a board that must be calibrated.
 
     Raises
     ------
     SpotsError
-        If it has no calibration that holds at its present settings.
+        If the board has no calibration for its present settings.
     """
     info = board.command("hello")
     if not info.get("length_um"):
         raise SpotsError(
-            "the board has no calibration that holds, so no touch has a place: run "
-            "'spots calibrate position', then 'spots calibrate force'"
+            f"the board on {board.port} has no calibration for its settings: run 'spots calibrate "
+            "position', then 'spots calibrate force'"
         )
     return info
 
 
 def next_step(info: Hello) -> str | None:
-    """Return what to do with a board that is not calibrated, from its ``hello``; None if it is."""
+    """Return the advice for a board without calibration, from its ``hello``; else None."""
     return None if info.get("length_um") else "next: spots calibrate position"
 
 
 def hello_often(
     board: Board, within_s: float, remedy: str = "set a shorter exposure_us or a smaller average"
 ) -> Hello:
-    """Return a board's ``hello``, as `hello_calibrated` does, if it reads often enough.
+    """Return the reply to ``hello`` of a board that must be calibrated and fast enough.
 
     Parameters
     ----------
     board : Board
+        The board.
     within_s : float
-        The longest time from one reading to the next that the application can follow.
+        Longest time from one reading to the next that the application allows, in seconds.
     remedy : str, optional
-        What to do about a board that is slower.
+        Advice in the error message of a slower board.
 
     Returns
     -------
@@ -58,7 +59,7 @@ def hello_often(
     Raises
     ------
     SpotsError
-        If it is slower, or has no calibration.
+        If the board is slower, or has no calibration for its present settings.
     """
     info = hello_calibrated(board)
     every_s = info["exposure_us"] * info["average"] * 1e-6
@@ -71,75 +72,58 @@ def hello_often(
 
 
 def length_of(board: Board) -> int:
-    """Return the length of a board's strip in um; raises as `hello_calibrated` does."""
+    """Return the length of a calibrated board's strip, in um; see `hello_calibrated`."""
     return hello_calibrated(board)["length_um"] or 0
 
 
-def tell_board(board: Board, line: str) -> None:
-    """Send a command, unless the board is read-only.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-    line : str
-        The command, as for `Board.command`.
-
-    Raises
-    ------
-    SpotsError
-        If the board refuses the command, or is lost.
-    """
-    if not board.read_only:
-        board.command(line)
-
-
 def tell_rest(board: Board) -> None:
-    """Let a board take what lies on the strip as its baseline; no error if it does not answer."""
-    with contextlib.suppress(SpotsError):
-        tell_board(board, "rest")
+    """Take the present light of a strip as its baseline; no error if the board does not answer."""
+    if not board.read_only:
+        with contextlib.suppress(SpotsError):
+            board.command("rest")
 
 
 def ticks(
     board: Board, seconds: float | None, tick_s: float, forget: Callable[[], None]
 ) -> Iterator[Iterator[Touch]]:
-    """Let a board follow its baseline, and yield its readings tick by tick.
+    """Turn on baseline tracking, and yield an iterator over the readings of each tick.
 
-    After a restart the board gets the setting again. After a stop of the process (Ctrl-Z)
-    readings that were taken before it or meanwhile are dropped.
+    The setting is sent again after a restart of the board. After the process was stopped (Ctrl-Z),
+    older readings are dropped.
 
     Parameters
     ----------
     board : Board
+        The board to read.
     seconds : float or None
-        Never end, if None; a recording ends by itself.
+        Duration, in seconds of the link's clock; no end if None. A recording ends by itself.
     tick_s : float
-        How long a tick is.
+        Length of a tick, in seconds.
     forget : callable
-        Called after a stop of the process, to forget the touch and all that is pending.
+        ``forget()`` is called after the process was stopped; it should drop the present touch.
 
     Yields
     ------
     iterator of frames.Touch
-        The touches of the first sensor as they come; it ends with the tick.
+        Readings of the first sensor as they arrive, until the end of the tick.
     """
     restarts = board.stats.restarts
-    tell_board(board, _FOLLOW)
+    if not board.read_only:
+        board.command(_FOLLOW)
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     since_s = -math.inf
     while not board.ended and (end_s is None or board.now_s() < end_s):
         if board.stats.restarts != restarts and not board.read_only:
             before = board.stats.restarts
-            with contextlib.suppress(SpotsError):  # damaged, either way: at the next tick
+            with contextlib.suppress(SpotsError):  # no answer: try again at the next tick
                 board.command(_FOLLOW, ANSWER_S)
                 restarts = before
         if resumed():
             forget()
             since_s = board.now_s()
-        frames = board.frames(tick_s)
         yield (
-            frame
-            for frame in frames
-            if isinstance(frame, Touch) and frame.sensor == 0 and (frame.time_s or 0.0) >= since_s
+            touch
+            for touch in board.touches(tick_s)
+            if touch.sensor == 0 and (touch.time_s or 0.0) >= since_s
         )

@@ -1,4 +1,4 @@
-"""Schedule of clock questions to a board, and their answers."""
+"""Schedules questions for a board's time, and feeds the answers to the clock map."""
 
 from __future__ import annotations
 
@@ -7,51 +7,52 @@ from collections.abc import Iterator
 
 from .clockmap import ClockMap
 
-# Round trips that begin at different moments of the board's loop: steps of the golden ratio
+# Round trips should begin at different moments of the board's loop: steps of the golden ratio are
 # spread evenly over any period.
 TRIPS = 12
 SPREAD_S = 0.01
 GOLDEN = 0.618034
 _SOON_S = 0.03
-# Later for the drift alone; a question may cost the board a sample, since it collects its garbage.
+# Later questions measure the drift only. Each may cost the board a sample: it collects garbage.
 _FIRST_S = 5.0
 _EVERY_S = 60.0
 _NEVER = float("inf")
 
 
 class ClockSync:
-    """A map of clocks that is kept right by a question now and then.
+    """Keeps a clock map up to date by regular questions to the board.
 
     Attributes
     ----------
     clock : clockmap.ClockMap
+        The map of the board's time to the host's time.
     due_s : float
-        When the next question is due, by the host's clock.
+        Host time of the next question, in seconds.
     """
 
     def __init__(self):
         self.clock = ClockMap()
         self.due_s = _NEVER
         self._waits: Iterator[float] = iter(())
-        self._sent_s: float | None = None  # the first question without an answer
+        self._sent_s: float | None = None  # first unanswered question
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Ask now and then from now on, of a clock that is known."""
+        """Start the schedule for a clock that is already known."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
     def restart(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Forget all round trips but this one and schedule more of them soon.
+        """Start a new map from a single round trip, and schedule more questions soon.
 
         Parameters
         ----------
         sent_s : float
             Host time at which the question was sent, in seconds.
         t_us : int
-            Board time at which it was answered, modulo 2**32, in us.
+            Board time at which the board answered, modulo 2**32, in us.
         received_s : float
-            Host time at which the answer was there, in seconds.
+            Host time at which the answer arrived, in seconds.
         """
         self.clock = ClockMap()
         self.clock.round_trip(sent_s, t_us, received_s)
@@ -60,7 +61,7 @@ class ClockSync:
         self.due_s = received_s
 
     def ask(self, now_s: float) -> bytes:
-        """Return what to send to the board now, if it is time."""
+        """Return the question to send to the board now; empty before it is due."""
         if now_s < self.due_s:
             return b""
         self.due_s = now_s + next(self._waits)
@@ -69,20 +70,20 @@ class ClockSync:
         return b"sync\n"
 
     def answered(self, t_us: int, now_s: float) -> None:
-        """Record the board time of an answer; ignored unless a question is open.
+        """Record an answer; ignored if no question is open.
 
         Parameters
         ----------
         t_us : int
-            Board time, modulo 2**32, in us.
+            Board time of the answer, modulo 2**32, in us.
         now_s : float
-            Host time at which the answer was there, in seconds.
+            Host time at which the answer arrived, in seconds.
         """
         if self._sent_s is not None:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 
     def learn(self) -> None:
-        """Use what was answered; between two reads, so that a recording can say from where on."""
+        """Apply the recorded answer. Call it between two reads, so that a recording can note it."""
         if self._answer is not None:
             self.clock.round_trip(*self._answer)
             self._answer = None

@@ -1,4 +1,4 @@
-"""Finding a board and opening it."""
+"""Finds and opens a board, and uploads a calibration to it."""
 
 from __future__ import annotations
 
@@ -28,24 +28,25 @@ def open(
     Parameters
     ----------
     port : str or Path, optional
-        A serial port, or one of a scheme, see `ports`: ``"virtual"`` starts a simulated board in
-        real time, ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` is a board that `spots
-        publish` publishes on another machine, ``"zenoh:"`` the only one. If not given, every USB
-        serial port is asked ``hello``, and exactly one has to answer.
+        Name of a serial port, or one of these: ``"virtual"`` starts a simulated board in real time,
+        ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` reads a board that ``spots publish``
+        publishes on another machine, and ``"zenoh:"`` the only such board. If not given, the only
+        board on USB is opened: every USB serial port is asked ``hello``.
     sensor, scenario : str
-        Files of the virtual board, by path or name.
+        Sensor file and scenario file of the virtual board: a path, or the name of a file that comes
+        with the package.
     seed : int
-        Of the virtual board's noise, from 0.
+        Seed of the virtual board's noise, 0 or more.
 
     Returns
     -------
     Board
-        Connected; it closes its port when it is closed, or at the end of a ``with``.
+        The connected board. Close it, or use it in a ``with`` block.
 
     Raises
     ------
     SpotsError
-        If no board, or more than one, is there, or an argument is wrong; the text says what to do.
+        If no board or more than one board is found, or an argument is wrong.
     """
     port = fspath(port) if port is not None else None
     module, rest = scheme(port)
@@ -56,29 +57,29 @@ def open(
     found, reasons = find()
     if not found:
         tried = "".join(f"; {reason}" for reason in reasons)
-        raise SpotsError(f"no board found: plug one in, or name {known()} as port{tried}")
+        raise SpotsError(f"no board found: plug a board in, or give {known()} as the port{tried}")
     if len(found) > 1:
         names = ", ".join(board.port for board in found)
         for board in found:
             board.close()
-        raise SpotsError(f"more than one board found, name one of: {names}")
+        raise SpotsError(f"more than one board found: give one of these as the port: {names}")
     return found[0]
 
 
 def open_named(options: Namespace) -> Board:
-    """Open the board that a command's options name by port, sensor, scenario and seed."""
+    """Open the board that the options of a command name: port, sensor, scenario and seed."""
     return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
 
 
 def find() -> tuple[list[Board], list[str]]:
-    """Ask every USB device with a serial port who it is.
+    """Open all SPOTS boards on USB.
 
     Returns
     -------
     boards : list of Board
-        Those that answered, open.
+        The open boards.
     reasons : list of str
-        Why the others are not SPOTS boards.
+        Error message of each port without a SPOTS board.
     """
     boards: list[Board] = []
     reasons: list[str] = []
@@ -93,7 +94,7 @@ def find() -> tuple[list[Board], list[str]]:
 
 
 def survey() -> list[dict[str, str]]:
-    """Ask every USB serial port who it is; return port, USB device and answer of each."""
+    """Ask every USB serial port for its board; return port, USB device and answer of each."""
     rows: list[dict[str, str]] = []
     for port in usb_ports():
         try:
@@ -106,18 +107,19 @@ def survey() -> list[dict[str, str]]:
 
 
 def prepare(board: Board, calibration: Sequence[str]) -> None:
-    """Set a board as a calibration was made, and give it the calibration.
+    """Upload a calibration to a board, after changing the settings to those of the calibration.
 
     Parameters
     ----------
     board : Board
+        The board to change.
     calibration : sequence of str
-        Lines, see `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.calibration`.
 
     Raises
     ------
     SpotsError
-        As `upload` does, or if the board refuses the settings.
+        If the board refuses the settings, or `upload` refuses the calibration.
     """
     made = _checked(calibration).conditions
     board.set(
@@ -127,19 +129,20 @@ def prepare(board: Board, calibration: Sequence[str]) -> None:
 
 
 def upload(board: Board, calibration: Sequence[str]) -> None:
-    """Give a board a calibration, which it uses at once and forgets without ``save``.
+    """Upload a calibration to a board. The command ``save`` stores it there permanently.
 
     Parameters
     ----------
     board : Board
+        The board to calibrate.
     calibration : sequence of str
-        Lines, see `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.calibration`.
 
     Raises
     ------
     SpotsError
-        If it is invalid, was made on another board or at other settings; the board keeps its
-        own.
+        If the calibration is invalid, or was made on another board or at other settings. The board
+        then keeps its old calibration.
     """
     made = _checked(calibration)
     i = board.command("hello")
@@ -160,4 +163,6 @@ def _checked(calibration: Sequence[str]) -> Any:
     try:
         return Calibration(calibration)
     except CalibrationError as error:
-        raise SpotsError(f"no board takes this calibration: {error}") from None
+        raise SpotsError(
+            f"the calibration is invalid: {error}; calibrate the strip again"
+        ) from None

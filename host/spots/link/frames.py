@@ -1,6 +1,6 @@
-"""Bytes from a board to frames. No I/O, no threads; see docs/protocol.md.
+"""Decodes the bytes of a board into frames; see docs/protocol.md.
 
-One decoder serves live links, recordings and the simulator.
+The decoder has no I/O and no threads. Live links, recordings and the simulator use the same one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _TOUCH = struct.Struct("<" + frame.TOUCH_BODY)
 _SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
 _KEY = struct.Struct("<" + frame.KEY_BODY)
 _CRC = struct.Struct("<I")
-# COBS adds one byte, and one more for each 254.
+# COBS adds one byte, and another for every 254 bytes.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
 _SEQUENCES = 1 << 16
 _READINGS = frame.TOUCH, frame.SPECTRUM
@@ -31,7 +31,7 @@ NOTE = 15
 
 
 def whole(data: bytes) -> int:
-    """Return how many bytes are whole frames, or noise that is longer than any frame."""
+    """Return the number of bytes up to the last delimiter; all bytes if it is too long a piece."""
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
 
@@ -41,7 +41,7 @@ DOUBTFUL = (
 )
 
 
-# Of these a board sends 0 as position and force.
+# With these flags, a board sends 0 as position and force.
 _BLIND = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
@@ -56,23 +56,23 @@ class Touch(NamedTuple):
     Attributes
     ----------
     sensor : int
-        Which sensor of the board.
+        Number of the sensor on the board, from 0.
     sequence : int
         Number of the frame on its link, modulo 2**16.
     t_us : int
-        Board time of the middle of the integration, modulo 2**32.
+        Board time of the middle of the integration, in us, modulo 2**32.
     flags : int
         Bits of `spots_device.decode`.
     contrast_q20, brightness_q20 : int
-        log2 units times 2**20; see the properties.
+        Position contrast and brightness in log2 units, times 2**20; see the properties.
     position_um : float
-        Distance of the press from the sensor's end of the strip; NaN without a touch, and where
-        the LED was off.
+        Distance of the press from the sensor's end of the strip, in um; NaN without a touch, and
+        while the LED is off.
     force_mN : float
-        Force of the press; NaN without a calibration, and where the LED was off.
+        Force of the press, in mN; NaN without a calibration, and while the LED is off.
     time_s : float or None
-        The same moment on the host's monotonic clock, where the link knows it. The clocks are
-        compared when the board is opened, and now and then while it streams.
+        Host time of the same moment, in seconds of the monotonic clock; None if the clocks were
+        never compared. They are compared when the board is opened, and regularly while it streams.
 
     Examples
     --------
@@ -103,24 +103,26 @@ class Touch(NamedTuple):
 
     @property
     def contrast(self) -> float:
-        """Position contrast, in units of log2; NaN where the light does not give one."""
+        """Position contrast, in log2 units; NaN if it is unknown."""
         return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Brightness, in units of log2 counts; NaN where the light does not give one."""
+        """Brightness, in log2 of counts; NaN if it is unknown."""
         return _log2(self.brightness_q20, self.flags)
 
 
 class Spectrum(NamedTuple):
-    """The six counts behind a reading, dark not subtracted.
+    """The six raw counts of a reading, without subtraction of the dark frame.
 
     Attributes
     ----------
+    sensor, sequence, t_us, flags, time_s
+        See `Touch`.
     gain : int
-        Register code 0 to 10 for 0.5x to 512x.
+        Code of the gain register, 0 to 10 for 0.5x to 512x.
     counts : tuple of int
-        ADC 0 to 5, in the order of the board's channel plan.
+        Counts of ADC 0 to 5, in the order of the board's channel plan.
 
     Examples
     --------
@@ -138,16 +140,18 @@ class Spectrum(NamedTuple):
 
 
 class Key(NamedTuple):
-    """A key of the strip goes down or up.
+    """A key of the board's layout that is pressed or released.
 
     Attributes
     ----------
+    sensor, sequence, t_us, time_s
+        See `Touch`.
     page : int
-        USB HID usage page: 7 keyboard, 12 consumer.
+        USB HID usage page: 7 for the keyboard, 12 for consumer keys.
     usage, modifiers : int
-        As in a USB HID report of that page.
+        Usage and modifiers of the key in a USB HID report of that page.
     pressed : bool
-        Whether it goes down.
+        Whether the key is pressed; False if it is released.
 
     Examples
     --------
@@ -166,7 +170,7 @@ class Key(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A reply to a command, or a log line.
+    """A reply to a command, or a log line, of the board.
 
     Examples
     --------
@@ -181,14 +185,14 @@ class Text(NamedTuple):
 
 
 class Note(NamedTuple):
-    """An entry of a recorder between a board's frames, see docs/recording.md. No board sends it.
+    """A recorder's own entry between the frames of a board; see docs/recording.md.
 
     Attributes
     ----------
     since_us : int
-        Host time since the recording began; 48 bits.
+        Host time since the recording began, in us; 48 bits.
     content : dict
-        What the recorder notes; empty where it only notes the time.
+        Content of the entry; empty if it only has the time.
 
     Examples
     --------
@@ -200,28 +204,28 @@ class Note(NamedTuple):
     content: dict[str, Any]
 
 
-Reading = Union[Touch, Spectrum, Key]  # what a board streams
+Reading = Union[Touch, Spectrum, Key]  # frames of a stream
 Frame = Union[Reading, Text, Note]
 
 
 @dataclass
 class LinkStats:
-    """Health of a link.
+    """Statistics of a link.
 
     Attributes
     ----------
     frames : int
-        Good frames, those of unknown kinds included; notes do not count.
+        Number of valid frames, without notes. Frames of unknown kinds count, too.
     lost : int
-        Frames that are missing, by their sequence numbers.
+        Number of missing frames, by their sequence numbers.
     bad_crc : int
-        Pieces between two delimiters that were damaged.
+        Number of damaged pieces between two delimiters.
     bytes : int
-        All bytes received.
+        Number of bytes received.
     restarts : int
-        How often `Board` found that the board had restarted.
+        Number of restarts of the board that `Board` has detected.
     overrun : int
-        Frames that `Board` dropped, since the program did not take them in time.
+        Number of frames that `Board` dropped, because the program did not read them in time.
 
     Examples
     --------
@@ -239,16 +243,17 @@ class LinkStats:
 
 
 class Decoder:
-    """Decodes a byte stream into frames, however damaged it is.
+    """Decodes a byte stream, which may be damaged, into frames.
 
-    A piece that fails its CRC is counted and dropped; the next delimiter resynchronises. Memory is
-    bounded by the longest frame.
+    A piece with a wrong CRC is counted and dropped; the next delimiter resynchronises. The memory
+    is limited by the longest frame.
 
     Attributes
     ----------
     stats : LinkStats
+        Statistics of the stream.
     restarts : int
-        How often the board has restarted, as reported by `restarted` or by notes.
+        Number of restarts of the board, from `restarted` or from notes.
 
     Examples
     --------
@@ -269,15 +274,15 @@ class Decoder:
 
     @property
     def pending(self) -> bytes:
-        """The beginning of a frame whose end has not come."""
+        """The first bytes of a frame that is not complete yet."""
         return self._rest
 
     def forget(self) -> None:
-        """Begin in the middle of a stream: any sequence number may be next."""
+        """Start again in the middle of a stream: accept any sequence number next."""
         self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take bytes in pieces of any size and return the frames that they complete."""
+        """Take any number of bytes, and return the frames that are complete now."""
         self.stats.bytes += len(data)
         *pieces, rest = (self._rest + data).split(b"\0")
         frames: list[Frame] = []
@@ -294,17 +299,18 @@ class Decoder:
         return frames
 
     def restarted(self, restarts: int) -> None:
-        """Record how often the board has restarted by now.
+        """Set the number of restarts of the board.
 
-        If that is more often than before, it counts its frames from 0 again. Then nothing was lost
-        since its last reading: it sends no readings until its streams are started again.
+        If it is larger than before, the sequence numbers start from 0 again, and frames that seem
+        lost since the last reading do not count: a board sends no readings before its streams are
+        resumed.
         """
         if restarts > self.restarts:
             self.restarts = restarts
             self.stats.lost = min(self.stats.lost, self._lost_at_reading)
 
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
-        # However it was cut into pieces, what is longer than any frame is invalid.
+        # A piece that is longer than any frame is invalid.
         payload = checked(piece) if len(piece) <= ENCODED_MAX else None
         if payload is None:
             self.stats.bad_crc += 1
@@ -334,14 +340,14 @@ class Decoder:
     def _count(self, sequence: int) -> None:
         if self._expected is not None:
             gap = (sequence - self._expected) % _SEQUENCES
-            if gap < _SEQUENCES // 2:  # else an old frame came again, or the board restarted
+            if gap < _SEQUENCES // 2:  # else a frame was repeated, or the board restarted
                 self.stats.lost += gap
         self._expected = (sequence + 1) % _SEQUENCES
         self.stats.frames += 1
 
 
 def checked(piece: bytes) -> bytes | None:
-    """Return what a piece between two delimiters carries, None if it is damaged."""
+    """Return the payload of a piece between two delimiters; None if it is damaged."""
     try:
         payload = cobs.decode(piece)  # pyright: ignore[reportUnknownMemberType]
     except cobs.DecodeError:
@@ -383,7 +389,7 @@ def _object(body: bytes) -> dict[str, Any]:
     return msgspec.json.decode(body, type=dict[str, Any])
 
 
-# By kind: sensor, sequence, time and body to a frame; struct.error or ValueError if invalid.
+# Parsers by kind of frame. They raise struct.error or ValueError if the body is invalid.
 PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TOUCH: _touch,
     frame.SPECTRUM: _spectrum,

@@ -1,25 +1,25 @@
-"""Port schemes: what `open` and ``--port`` take besides the names of serial ports.
+"""Port schemes: names for `open` and ``--port`` that are not names of serial ports.
 
-A scheme is a module. It enters itself as an entry point of the group ``spots.ports``, whose name is
-the word before the colon, ``zenoh`` in ``zenoh:ID``. It has
+A scheme is a module, registered as an entry point of the group ``spots.ports``. The name of the
+entry point is the word before the colon: ``zenoh`` in ``zenoh:ID``. The module must have
 
 ``open_port(rest, *, sensor, scenario, seed)``
-    Returns a `Board`; `rest` is what follows the colon, and the others describe a simulated
-    board. Raises SpotsError.
+    Returns a `Board`, or raises SpotsError. `rest` is the text after the colon; the other arguments
+    describe a simulated board.
 
 and may have
 
 ``check(rest, *, sensor, scenario, seed)``
-    Raises SpotsError for what waiting for the board does not mend.
+    Raises SpotsError for a mistake that waiting for the board cannot correct.
 ``calibration_setup(options, made, out, guide)``
-    Of a port that presses its strip by itself: a `calibrate.steps.Setup`. ``made`` is a session,
-    or the calibration of a strip that may have drifted.
+    Returns a `calibrate.steps.Setup` that presses the strip by itself. ``made`` is a session, or
+    the calibration of a strip that may have drifted.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Of a port that is a whole linkage: a `linkage.twin_source.DrivenLinkage`. Three have defaults.
+    Returns a `linkage.twin_source.DrivenLinkage`, a whole linkage. The last three have defaults.
 ``run_linkage(options)``
-    Follows a linkage whose truth is known, for ``spots twin`` without boards.
+     Follows a linkage with a known truth, for ``spots twin`` without boards.
 ``flash_place(device)``
-    Of a port that can be flashed: a context manager with a `deploy.place.Place`.
+    Returns a context manager with a `deploy.place.Place`, a board to flash.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from ..errors import missing
 
 GROUP = "spots.ports"
 _SIMULATED = "virtual"
-_FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # of our own
+_FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes are a bare name
 
 
 def known() -> str:
-    """Return how the ports of all installed schemes are written, for help and errors."""
+    """Return the forms of the ports of all installed schemes, for help and error messages."""
     names = sorted(entry.name for entry in entry_points(group=GROUP))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
 
 
 def no_port(port: str) -> str:
-    """Return the error of a port that does not exist; it suggests a similar scheme."""
+    """Return the error message of a port that does not exist; it suggests a similar scheme."""
     names = [entry.name for entry in entry_points(group=GROUP)]
     similar = difflib.get_close_matches(port.partition(":")[0].lower(), names, n=1, cutoff=0.7)
     if similar:
@@ -53,28 +53,30 @@ def no_port(port: str) -> str:
 
 
 def scheme_name(port: str | None) -> str:
-    """Return the name of a port's scheme; empty for a serial port, and for None."""
+    """Return the name of a port's scheme; empty for a serial port and for None."""
     name = (port or "").partition(":")[0]
     return name if entry_points(group=GROUP, name=name) else ""
 
 
 def scheme(port: str | None) -> tuple[ModuleType | None, str]:
-    """Return the module of a port's scheme and what follows the colon.
+    """Return the module of a port's scheme, and the text after the colon.
 
     Parameters
     ----------
     port : str or None
+        Port as for `spots.open`.
 
     Returns
     -------
     module : module or None
-        None for a serial port, and for None.
+        None if `port` is a serial port or None.
     rest : str
+        Text after the colon; the whole port if it has no scheme.
 
     Raises
     ------
     SpotsError
-        If what the scheme needs is not installed.
+        If a package that the scheme needs is not installed.
     """
     name, _, rest = (port or "").partition(":")
     try:
@@ -89,18 +91,18 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
 
 
 def offered(port: str | None, what: str) -> Any:
-    """Return a function that a port's scheme may have, or None.
+    """Return an optional function of a port's scheme.
 
     Parameters
     ----------
     port : str or None
-        A port as `spots.open` takes it.
+        Port as for `spots.open`.
     what : str
-        Name of the function in the module of the port's scheme.
+        Name of the function in the module of the scheme.
 
     Returns
     -------
     callable or None
-        None if the scheme does not have it.
+        None if the scheme has no such function.
     """
     return getattr(scheme(port)[0], what, None)

@@ -1,11 +1,10 @@
-"""Frames for any number of readers, each at its own place: iterators, callbacks, asyncio."""
+"""Distributes frames to any number of readers: iterators and callbacks."""
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections import deque
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Generic, TypeVar
 from weakref import WeakSet
@@ -16,22 +15,22 @@ from ..errors import ClosedError
 from ..guarded import Guarded
 from .frames import Key, LinkStats, Reading
 
-# A reader that falls behind by more than this many frames loses the oldest.
+# A reader that is more frames behind loses the oldest.
 FRAMES_MAX = 1 << 16
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
 class FrameLog:
-    """The latest frames; those that every reader has taken are dropped.
+    """Stores the frames that some reader has not taken yet.
 
-    A new reader begins where the foremost one is, or was: with what nobody has taken.
+    A new reader begins with the first frame that no reader has taken.
     """
 
     def __init__(self):
         self._lock = threading.Lock()
         self._frames: deque[Reading] = deque()
-        self._begin = 0  # number of the first frame that is here
-        self._taken = 0  # of the first one that nobody has taken
+        self._begin = 0  # number of the first stored frame
+        self._taken = 0  # number of the first frame that no reader has taken
         self._readers: WeakSet[FrameIterator[Reading]] = WeakSet()
 
     def __len__(self) -> int:
@@ -44,14 +43,14 @@ class FrameLog:
             self._frames.clear()
 
     def append(self, frame: Reading, stats: LinkStats) -> None:
-        """Add a frame, and count frames that are dropped because no reader took them in time.
+        """Add a frame, and drop the oldest frame if the log is full.
 
         Parameters
         ----------
         frame : Touch, Spectrum or Key
             The latest frame.
         stats : LinkStats
-            Its `overrun` is increased.
+            Statistics of the link; `overrun` counts the frames that no reader took in time.
         """
         with self._lock:
             self._frames.append(frame)
@@ -62,18 +61,18 @@ class FrameLog:
                 self._begin += 1
 
     def join(self, reader: FrameIterator[_ReadingT]) -> int:
-        """Return the place of a new reader."""
+        """Add a reader, and return the number of its first frame."""
         with self._lock:
             self._readers.add(reader)
             return self._taken
 
     def unread(self, reader: FrameIterator[_ReadingT]) -> bool:
-        """Return whether there is a frame for a reader."""
+        """Return whether the log has a frame for a reader."""
         with self._lock:
             return self._find(reader)[0] is not None
 
     def take(self, reader: FrameIterator[_ReadingT]) -> _ReadingT | None:
-        """Return the next frame for a reader, flagged if those before it were dropped."""
+        """Return the next frame for a reader; it is flagged `DROPPED` if the reader lost frames."""
         with self._lock:
             frame, place = self._find(reader)
             reader.missed |= reader.place < self._begin
@@ -94,23 +93,25 @@ class FrameLog:
 
 
 class FrameIterator(Generic[_ReadingT]):
-    """Frames of some kinds, those that nobody has taken first; made by `board.Board`.
+    """Iterates over frames of some kinds; made by `board.Board`.
 
-    Two iterators are independent: each gives all frames of its kinds from its making on.
+    Iterators are independent: each yields every frame of its kinds that arrives after its start.
 
     Parameters
     ----------
     log : FrameLog
+        Log with the frames.
     kinds : tuple of type
+        Kinds of the frames to yield.
     advance : callable
-        ``advance(reader)`` waits a moment for frames; it returns False if no more will come.
+        ``advance(reader)`` waits up to 0.1 s for frames. It returns False if no more will come.
 
     Attributes
     ----------
     place : int
-        In the log.
+        Number of the next frame in the log.
     missed : bool
-        Whether frames before that place were dropped.
+        Whether frames were dropped since the last yielded one.
     """
 
     def __init__(
@@ -138,53 +139,20 @@ class FrameIterator(Generic[_ReadingT]):
 
     @property
     def unread(self) -> bool:
-        """Whether a frame is here, so that `next` does not wait."""
+        """Whether a frame has arrived, so that `next` returns at once."""
         return self._log.unread(self)
 
+    def wait(self) -> bool:
+        """Wait up to 0.1 s for a frame; return False if the iteration has ended."""
+        return not self._closed and (self.unread or self._advance(self))
+
     def close(self) -> None:
-        """End the iteration, from any thread."""
+        """End the iteration; safe in any thread."""
         self._closed = True
-
-    async def arriving(self) -> AsyncGenerator[_ReadingT, None]:
-        """Yield the frames in asyncio; a thread waits for them."""
-        loop, news = asyncio.get_running_loop(), asyncio.Event()
-        ended: list[Exception | None] = []
-        threading.Thread(target=self._drive, args=(loop, news, ended), daemon=True).start()
-        try:
-            while True:
-                over = bool(ended)
-                while (frame := self._log.take(self)) is not None:
-                    yield frame
-                    await asyncio.sleep(0)  # a backlog must not block the loop
-                if over:
-                    break
-                await news.wait()
-                news.clear()
-            if ended[0] is not None:
-                raise ended[0]
-        finally:
-            self.close()
-
-    def _drive(
-        self,
-        loop: asyncio.AbstractEventLoop,
-        news: asyncio.Event,
-        ended: list[Exception | None],
-    ) -> None:
-        error = None
-        try:
-            while not self._closed and self._advance(self):
-                if self.unread:
-                    loop.call_soon_threadsafe(news.set)
-        except Exception as failure:  # raised where the frames are awaited
-            error = failure
-        ended.append(error)
-        with suppress(RuntimeError):  # the loop is closed
-            loop.call_soon_threadsafe(news.set)
 
 
 class Handle:
-    """A callback that was registered; `cancel` removes it."""
+    """Registration of a callback; `cancel` removes the callback."""
 
     def __init__(self, callbacks: list[Callable[..., None]], callback: Callable[..., None]):
         self._callbacks, self._callback = callbacks, callback
@@ -197,15 +165,15 @@ class Handle:
 
 
 class Subscription(Generic[_ReadingT]):
-    """Calls a function with each frame, in a thread of its own, until `cancel`.
+    """Calls a function with each frame, in a new thread, until `cancel` or the end of the board.
 
-    It ends with the board, too. An exception of the function is reported on stderr, and the next
-    frame follows.
+    An exception of the function is reported on stderr; then the next frame follows.
 
     Attributes
     ----------
     error : Exception or None
-        Why it ended before it was cancelled: the board was lost. It is reported on stderr, too.
+        Error that ended the subscription, such as the loss of the board. It is also reported on
+        stderr.
     """
 
     def __init__(self, frames: FrameIterator[_ReadingT], callback: Callable[[_ReadingT], object]):
@@ -216,7 +184,7 @@ class Subscription(Generic[_ReadingT]):
         self._thread.start()
 
     def cancel(self) -> None:
-        """Start no further calls. Returns at once: a call that has started may still run."""
+        """Start no further calls. This returns at once: a call that has started may still run."""
         self._frames.close()
 
     def _run(self) -> None:

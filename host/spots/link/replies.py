@@ -1,4 +1,4 @@
-"""Replies of a board: their types, validated before anyone shows or uses them."""
+"""Types of a board's replies, and their validation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from spots_device.smux import CHANNELS
 
 from ..errors import printable
 
-# A reply has at most `frame.TEXT_MAX` bytes on the wire, a published sample less than twice that.
+# A reply has up to `frame.TEXT_MAX` bytes on the wire, a published sample less than twice that.
 JSON_BYTES_MAX = 4096
 _NESTING_MAX = 64
 
@@ -21,7 +21,7 @@ _Dark = Annotated[list[_Number], msgspec.Meta(min_length=CHANNELS, max_length=CH
 
 
 class Settings(TypedDict):
-    """How a board measures, see docs/protocol.md."""
+    """Settings of a board, see docs/protocol.md."""
 
     plan: list[str]
     exposure_us: _Count
@@ -34,10 +34,10 @@ class Settings(TypedDict):
 
 
 class Changed(Settings, total=False):
-    """The reply to ``set`` and ``auto``: all settings as they are now.
+    """The reply to ``set`` and ``auto``: all settings after the change.
 
-    ``note`` warns of a calibration or a layout that does not hold any more; ``rate_mHz`` is the
-    rate to expect, in readings per 1000 s.
+    ``note`` warns that the calibration or the layout does not fit these settings. ``rate_mHz`` is
+    the expected rate, in readings per 1000 s.
     """
 
     rate_mHz: _Number
@@ -45,7 +45,11 @@ class Changed(Settings, total=False):
 
 
 class Hello(Settings):
-    """The reply to ``hello``: which board it is. None is what it does not have."""
+    """The reply to ``hello``: the board's identity and settings.
+
+    A value is None if the board has no id, no calibration (``length_um``, ``calibration``) or no
+    layout.
+    """
 
     board: str
     runtime: str
@@ -72,7 +76,7 @@ class DarkFrame(TypedDict):
 
 
 class Sync(TypedDict):
-    """The reply to ``sync``: the board's time modulo 2**32, and what it streams."""
+    """The reply to ``sync``: the board's time in us, modulo 2**32, and the names of its streams."""
 
     t_us: _Time
     stream: list[str] | None
@@ -92,10 +96,10 @@ _HELLO: dict[str, object] = {
     **dict.fromkeys(("board", "runtime", "firmware"), "?"),
     **dict.fromkeys(("id", "length_um", "calibration", "layout")),
 }
-# The full scale is not known before the sensor is there.
+# The full scale is unknown until the sensor answers.
 _GET: dict[str, object] = {"full_scale": 0, "dark": [0] * CHANNELS, "missed": 0, "fault": None}
-# By the name of the command: the type of its reply, and what a board may leave out. Replies to
-# other commands have nothing that a program relies on.
+# By command: the type of its reply, and the defaults of missing keys. No program depends on the
+# replies to other commands.
 _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
     "hello": (Hello, _SETTINGS | _HELLO),
     "get": (Get, _SETTINGS | _GET),
@@ -108,19 +112,19 @@ _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
 
 
 def decoded(data: Any) -> dict[str, Any]:
-    """Return a JSON object that anyone may have sent, if it is as small and flat as a board's.
+    """Decode a JSON object from an untrusted sender.
 
-    A parser recurses once a bracket, so they are counted before. Those in strings count, too.
+    The brackets are counted first, because the parser recurses at each of them.
 
     Parameters
     ----------
     data : bytes or zenoh.ZBytes
-        Copied only if it is short enough.
+        Text of the object. It is copied only if it is short enough.
 
     Raises
     ------
     ValueError
-        If it is no JSON object, too long or too deep; msgspec.DecodeError is one.
+        If the data is not a JSON object, is too long, or is nested too deep.
     """
     if len(data) > JSON_BYTES_MAX:
         raise ValueError(f"a message has at most {JSON_BYTES_MAX} bytes")
@@ -131,19 +135,19 @@ def decoded(data: Any) -> dict[str, Any]:
 
 
 def validated(name: str, reply: dict[str, Any]) -> dict[str, Any]:
-    """Return a reply whose known keys are there, of the right type and printable.
+    """Validate a reply, and add the defaults of missing keys.
 
     Parameters
     ----------
     name : str
-        Of the command.
+        Name of the command.
     reply : dict
-        Unknown keys stay as they are.
+        Reply of the board. Unknown keys are allowed.
 
     Returns
     -------
     dict
-        The reply, its known values converted and printable.
+        The reply with all known keys. Control characters in their values are escaped.
 
     Raises
     ------

@@ -1,11 +1,10 @@
-"""A serial port as a link: read, write, close, and the time by which its bytes arrive."""
+"""A link to a board: reads and writes bytes, and has a clock; here, a serial port."""
 
 from __future__ import annotations
 
 import errno
 import sys
 import time
-from collections.abc import Callable
 from typing import Any, Protocol
 
 import serial
@@ -25,12 +24,12 @@ _CHUNK = 4096  # bytes of a socket at once
 
 
 def takes_nothing(port: str) -> str:
-    """Return what there is to say of a port that took no bytes for so long."""
-    return f"{port} takes no data: replug the board"
+    """Return the error message of a port that accepts no bytes within `WRITE_TIMEOUT_S`."""
+    return f"the board on {port} accepts no data: replug the board"
 
 
 class Link(Protocol):
-    """Bytes to and from a board. Owns no protocol logic."""
+    """Transports bytes to and from a board; knows nothing of the protocol."""
 
     @property
     def name(self) -> str:
@@ -42,106 +41,49 @@ class Link(Protocol):
         ...
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has arrived, waiting up to `timeout_s` for a first byte."""
+        """Return the bytes that have arrived; wait up to `timeout_s` for the first one."""
         ...
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
 
     def sleep(self, duration_s: float) -> None:
-        """Wait by the link's clock while its port is unplugged; only for links that `reopen`."""
+        """Wait by the link's clock. Only a link that raises PortLostError needs this method."""
 
     def reopen(self) -> None:
-        """Reopen the port after a PortLostError; only for links that raise it.
+        """Open the port again. Only a link that raises PortLostError needs this method.
 
         Raises
         ------
         RefusedError
-            If another device has its name, and no other port has the board.
+            If another device has the name of the port, and no other port has the board.
         SpotsError
-            If it is not there, or cannot be opened.
+            If the port does not exist or cannot be opened.
         """
 
     def close_port(self) -> None:
-        """Close the port until `reopen`; only for links that have it."""
+        """Close the port until `reopen`. Only a link that raises PortLostError needs this."""
 
     def close(self) -> None:
-        """Close the port."""
-
-
-class LinkWrapper:
-    """Delegates to another link; the base class of wrappers.
-
-    Parameters
-    ----------
-    link : Link
-    """
-
-    def __init__(self, link: Link):
-        self._link = link
-
-    @property
-    def name(self) -> str:
-        return self._link.name
-
-    def now_s(self) -> float:
-        return self._link.now_s()
-
-    def read(self, timeout_s: float) -> bytes:
-        return self._link.read(timeout_s)
-
-    def write(self, data: bytes) -> None:
-        self._link.write(data)
-
-    def sleep(self, duration_s: float) -> None:
-        self._link.sleep(duration_s)
-
-    def reopen(self) -> None:
-        self._link.reopen()
-
-    def close_port(self) -> None:
-        self._link.close_port()
-
-    def close(self) -> None:
-        self._link.close()
-
-
-class Tap(LinkWrapper):
-    """Shows what is read from another link.
-
-    Parameters
-    ----------
-    link : Link
-    look : callable
-        ``look(data, now_s)``: what a read returned, and when.
-    """
-
-    def __init__(self, link: Link, look: Callable[[bytes, float], None]):
-        super().__init__(link)
-        self._look = look
-
-    def read(self, timeout_s: float) -> bytes:
-        data = self._link.read(timeout_s)
-        self._look(data, self.now_s())
-        return data
+        """Close the port for good."""
 
 
 class SerialLink:
-    """A port opened by pyserial, for one program at a time.
+    """A serial port, opened by pyserial for this program alone.
 
     Parameters
     ----------
     port : str
-        Such as ``/dev/ttyACM0``, or a URL of pyserial's such as ``socket://HOST:PORT``.
+        Name such as ``/dev/ttyACM0``, or a URL of pyserial such as ``socket://HOST:PORT``.
 
     Raises
     ------
     SpotsError
-        If there is no such port, it is busy, or it may not be opened.
+        If the port does not exist, is busy, or may not be opened.
     """
 
-    # Of a read on Windows, where another one sets up the whole port again, which takes
-    # milliseconds and may lose what was just written.
+    # Timeout of a read on Windows: to change it sets up the port again, which takes milliseconds
+    # and may lose bytes that were just written.
     _STEP_S = 0.005
 
     def __init__(self, port: str):
@@ -149,16 +91,16 @@ class SerialLink:
         self._serial: Any = None
         self._is_url = "://" in port
         self._turn = 0
-        # A port of the same number is that of the same device, whatever the port is called.
+        # A device keeps its serial number when its port gets another name.
         self._is_usb = port in (numbers := _usb_numbers())
         self._number = numbers.get(port)
         self._open()
 
     def reopen(self) -> None:
-        """Open the port again, under whichever name its device has now."""
+        """Open the port again, under the present name of its device."""
         self.close_port()
         names = self._names()
-        self._turn += 1  # of several ports of the device, the next one
+        self._turn += 1  # a device may have several ports: try the next one
         self.name = names[self._turn % len(names)]
         self._open()
 
@@ -173,12 +115,12 @@ class SerialLink:
         if names:
             return names
         if self.name in numbers:
-            raise RefusedError(f"another device is on {self.name} now")
+            raise RefusedError(f"another device is on {self.name}: plug the board in again")
         raise SpotsError(no_port(self.name))
 
     def _open(self) -> None:
         try:
-            # The speed means nothing to USB; a number keeps UART bridges happy.
+            # USB ignores the speed; UART bridges need one.
             self._serial = serial.serial_for_url(
                 self.name,
                 115_200,
@@ -198,9 +140,9 @@ class SerialLink:
         time.sleep(duration_s)
 
     def read(self, timeout_s: float) -> bytes:
-        """Raises PortLostError if the port went away, SpotsError if it was closed."""
+        """Raises PortLostError if the port disappeared, SpotsError if it is closed."""
         if not self._serial.is_open:
-            raise SpotsError(f"the port {self.name} was closed")
+            raise SpotsError(f"the port {self.name} is closed: open the board again")
         end_s = self.now_s() + timeout_s
         try:
             if self._is_url:
@@ -215,14 +157,14 @@ class SerialLink:
             raise PortLostError(f"the board on {self.name} was disconnected") from None
 
     def _read_url(self, timeout_s: float) -> bytes:
-        # A socket never reports more than one byte waiting.
+        # For a socket, pyserial never reports more than one waiting byte.
         self._serial.timeout = timeout_s
         data = self._serial.read(1)
         self._serial.timeout = 0
         return data and data + self._serial.read(_CHUNK)
 
     def write(self, data: bytes) -> None:
-        """Raises PortLostError if the port went away, SpotsError if it takes nothing."""
+        """Raises PortLostError if the port disappeared, SpotsError if it accepts no data."""
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:
@@ -236,7 +178,7 @@ class SerialLink:
 
 
 def usb_ports() -> list[Any]:
-    """Return pyserial's `ListPortInfo` of the serial ports that are USB devices."""
+    """Return a `ListPortInfo` of pyserial for each serial port of a USB device."""
     ports: list[Any] = list(list_ports.comports())
     return sorted(port for port in ports if port.vid is not None)
 
@@ -246,7 +188,7 @@ def _usb_numbers() -> dict[str, str | None]:
 
 
 def usb_boards() -> list[list[str]]:
-    """Return the serial ports of each USB device; that with a prompt first, for frames last."""
+    """Return the serial ports of each USB device by name: the prompt first, the frames last."""
     boards: dict[str, list[str]] = {}
     for port in usb_ports():
         boards.setdefault(port.serial_number or port.device, []).append(port.device)
@@ -260,11 +202,16 @@ def _why_not(port: str, error: Exception) -> str:
         return no_port(port)
     if number == errno.EISDIR:
         return f"{port} is a directory, not a serial port: 'spots ports' lists the ports"
-    # Windows denies access to a port that another program has open.
+    # Windows denies access to a port that is open in another program.
     denied = number == errno.EACCES or "permission" in text or "access is denied" in text
     busy = number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text
     if busy or (denied and sys.platform == "win32"):
         return f"{port} is busy: close the other program that uses it"
-    if denied:
-        return f"{port} may not be opened: add yourself to its group (ls -l {port}), log in again"
-    return f"{port} cannot be opened as a serial port: {error}"
+    if not denied:
+        return f"{port} cannot be opened as a serial port: {error}"
+    group = f"{port} may not be opened: add yourself to its group (ls -l {port}), log in again"
+    vid = next((usb.vid for usb in usb_ports() if usb.device == port), None)
+    if vid is None or not sys.platform.startswith("linux"):
+        return group
+    rule = f'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vid:04x}", TAG+="uaccess"'
+    return f"{group}; or put this into /etc/udev/rules.d/60-spots.rules and replug: {rule}"

@@ -1,4 +1,4 @@
-"""Whose turn it is: several threads share one link."""
+"""A fair lock, with which several threads share one link."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from collections.abc import Callable
 class Turn:
     """A reentrant lock that threads get in the order in which they ask for it.
 
-    Whoever reads a link in a loop takes it again at once: an ordinary lock would starve the others.
+    A thread that reads a link in a loop takes the lock again at once after it releases it: with an
+    ordinary lock, other threads would starve.
     """
 
     def __init__(self):
@@ -27,18 +28,19 @@ class Turn:
     def take(
         self, timeout_s: float | None = None, unless: Callable[[], bool] = lambda: False
     ) -> bool:
-        """Return whether the lock was taken.
+        """Take the lock, unless time runs out or another condition becomes true.
 
         Parameters
         ----------
         timeout_s : float, optional
-            How long to wait for it; for ever, if not given.
+            Longest time to wait for the lock, in seconds; no limit if not given.
         unless : callable
-            Ends the wait when it returns True; called when the lock changes hands.
+            ``unless()`` returns True to end the wait. It is called when the lock is released.
 
         Returns
         -------
         bool
+            Whether the lock was taken.
         """
         me = threading.get_ident()
         if self._owner == me:
@@ -58,7 +60,7 @@ class Turn:
                 self._changed.notify_all()
 
     def give(self) -> None:
-        """Release the lock, as often as it was taken."""
+        """Release the lock; call it once for each time it was taken."""
         with self._changed:
             self._depth -= 1
             if not self._depth:
@@ -66,7 +68,7 @@ class Turn:
                 self._changed.notify_all()
 
     def wake(self) -> None:
-        """Let those who wait look whether their `unless` is true."""
+        """Let the waiting threads evaluate their `unless`."""
         with self._changed:
             self._changed.notify_all()
 

@@ -1,4 +1,4 @@
-"""Readings that are all untrusted: the cause and the next step, in one sentence."""
+"""Explains to the user why all readings of a strip are untrusted, and what to do."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from spots_device import decode
 
 from .frames import Touch
 
-# With the longest time between readings that an application takes, 0.3 s, within a second.
+# Applications accept up to 0.3 s between readings: the message comes within a second.
 _UNTRUSTED_S = 0.7
-# The first that holds is the cause.
+# By flag; the first flag that is set gives the cause.
 _CAUSES = {
     decode.NOT_CALIBRATED: (
         "the board has no calibration that holds at its settings; next: spots calibrate position"
@@ -29,14 +29,14 @@ _CAUSES = {
 
 
 class Untrusted:
-    """Notices that for most of a second every reading of a strip is untrusted.
+    """Detects that every reading of a strip has been untrusted for most of a second.
 
-    A trusted reading, or one of an untouched strip, ends it.
+    A reading without a flag against it, as of an untouched strip, resets the detection.
 
     Attributes
     ----------
     sentence : str
-        The cause and the next step; empty while readings are good.
+        Cause and remedy; empty while readings are good.
     """
 
     def __init__(self):
@@ -49,9 +49,9 @@ class Untrusted:
         Parameters
         ----------
         touch : Touch
-            The readings of one strip, in order.
+            The next reading of the strip.
         now_s : float
-            When it arrived, in seconds by the link's clock.
+            Time at which the reading arrived, in seconds of the link's clock.
         """
         cause = next((text for flag, text in _CAUSES.items() if touch.flags & flag), None)
         if cause is None:
@@ -62,14 +62,14 @@ class Untrusted:
             self.sentence = f"every reading is untrusted, because {cause}"
 
     def warn(self, touch: Touch, now_s: float) -> None:
-        """Take a reading; print `sentence` to stderr when it becomes non-empty.
+        """Take a reading, and print `sentence` on stderr when readings become untrusted.
 
         Parameters
         ----------
         touch : Touch
-            The readings of one strip, in order.
+            The next reading of the strip.
         now_s : float
-            When it arrived, in seconds by the link's clock.
+            Time at which the reading arrived, in seconds of the link's clock.
         """
         before = self.sentence
         self.take(touch, now_s)

@@ -1,11 +1,13 @@
-"""A file that only grows."""
+"""A file that only grows, and reaches the medium within a second."""
 
 from __future__ import annotations
 
 import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 
+from ..atomic import exists
 from ..errors import SpotsError
 from ..guarded import Guarded
 
@@ -13,20 +15,25 @@ _SYNC_EVERY_S = 1.0
 
 
 class Disk:
-    """A new file whose bytes are the operating system's at once and the medium's soon.
+    """A new file. Its bytes go to the operating system at once, and to the medium once a second.
 
-    A kill of the process loses nothing that was appended; a cut of power no more than what came in
-    the last second and while the medium was being written. Waiting for it is a thread's work.
+    A killed process loses no appended byte; a power cut loses about the last second. A thread waits
+    for the medium, so `append` does not.
 
     Parameters
     ----------
     path : Path
-        A file that is not there yet.
+        Name of the new file.
+
+    Attributes
+    ----------
+    bytes : int
+        Size of the file.
 
     Raises
     ------
     SpotsError
-        If it is, or cannot be made.
+        If the file exists, or cannot be created.
     """
 
     def __init__(self, path: Path):
@@ -35,7 +42,7 @@ class Disk:
         try:
             self._file = open(path, "xb", buffering=0)
         except FileExistsError:
-            raise SpotsError(f"{path} exists: choose another name or remove it") from None
+            raise exists(path) from None
         except FileNotFoundError:
             raise SpotsError(f"there is no folder {path.parent}: make it first") from None
         except OSError as error:
@@ -46,7 +53,7 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Append bytes. Raises SpotsError if the medium is full; what was appended stays."""
+        """Append bytes; SpotsError if the medium is full. Bytes that are appended stay."""
         view = memoryview(data)
         try:
             while view:
@@ -55,11 +62,12 @@ class Disk:
                 view = view[written:]
         except OSError as error:
             raise SpotsError(
-                f"{self.path}: the recording ended, nothing more can be written: {error.strerror}"
+                f"{self.path}: the recording ended, because nothing more can be written: "
+                f"{error.strerror}"
             ) from None
 
     def close(self) -> None:
-        """Return when all is on the medium."""
+        """Close the file when all of it is on the medium."""
         self._closing.set()
         self._syncer.join()
         self._file.close()
@@ -73,8 +81,6 @@ class Disk:
     def _flush(self) -> None:
         written = self.bytes
         if self._synced != written:
-            try:
+            with suppress(OSError):  # a pipe, or a removed medium: `append` reports it
                 os.fsync(self._file.fileno())
-            except OSError:
-                pass  # a pipe, or a removed medium: `append` reports it
             self._synced = written

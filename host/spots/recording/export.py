@@ -1,13 +1,14 @@
-"""``spots export``: a recording as a file for other programs."""
+"""``spots export``: converts a recording to files for other programs."""
 
 from __future__ import annotations
 
 import csv
 import json
+import pickle
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO
 
@@ -22,23 +23,23 @@ from .foxglove import LOG_SCHEMA, log_message, schema
 from .header import Header
 from .table import Table, rows
 
-# Rows of a table in memory: few, so that an export takes the same for any length.
+# Rows of a table in memory; the memory of an export does not grow with the recording.
 _BLOCK_ROWS = 1024
 Records = Iterable[tuple[Table, tuple]]
 
 
 def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[Path]:
-    """Write a recording, or a set of them, in another format.
+    """Convert a recording, or a set of recordings, to another format.
 
     Parameters
     ----------
     path : str or Path
-        The recording.
+        File of the recording; the first file of a set.
     kind : str
-        One of `EXPORTS`.
+        Name of the format, a key of `EXPORTS`.
     out : str or Path, optional
-        The new file, the recording's name with another suffix if not given. CSV is a file for
-        each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ...
+        Name of the new file. If not given, the recording's name with another suffix. CSV makes a
+        file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ...
 
     Returns
     -------
@@ -48,12 +49,13 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     Raises
     ------
     SpotsError
-        If the recording cannot be read, or a file is already there or cannot be written; then
-        nothing is.
+        If the recording cannot be read, or a new file exists already or cannot be written. Then no
+        file is written.
 
     Notes
     -----
-    It takes the same memory whatever the recording's length. NPZ takes room on the medium twice.
+    The memory does not grow with the length of the recording. NPZ needs twice the room on the
+    medium while it is written.
     """
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
@@ -65,7 +67,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
 
 
 class _Files:
-    """New files, which are there when all of them are whole, or never were."""
+    """New files that get their names when all of them are complete, or not at all."""
 
     def __init__(self, stack: ExitStack):
         self._stack = stack
@@ -79,7 +81,7 @@ class _Files:
         return file
 
     def sync(self) -> None:
-        """Flush all files to the medium before the first one is renamed."""
+        """Flush all files to the medium, before the first one is renamed."""
         for path, file in zip(self.paths, self._files):
             try:
                 sync(file)
@@ -89,7 +91,7 @@ class _Files:
 
 def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
     writers: dict[str, Callable] = {}
-    stem = out.stem if out.suffix == ".csv" else out.name  # what else has a dot is part of the name
+    stem = out.stem if out.suffix == ".csv" else out.name  # another suffix belongs to the name
     for table, row in records:
         write = writers.get(table.name)
         if write is None:
@@ -102,32 +104,29 @@ def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 def _flat_names(table: Table) -> list[str]:
     names = []
-    for name, dtype in table.columns.items():
-        count = dtype[1][0] if isinstance(dtype, tuple) else None
-        names += [name] if count is None else [f"{name}_adc{i}" for i in range(count)]
+    for name, kind in table.columns.items():
+        is_array = isinstance(kind, tuple)
+        names += [f"{name}_adc{i}" for i in range(*kind[1])] if is_array else [name]
     return names
 
 
 def _flat(row: tuple) -> list:
     cells = []
     for value in row:
-        if isinstance(value, tuple):
-            cells += value
-        else:
-            cells.append(int(value) if isinstance(value, bool) else value)
-    return cells
+        cells += value if isinstance(value, tuple) else [value]
+    return [int(cell) if isinstance(cell, bool) else cell for cell in cells]
 
 
 def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
     file = files.new(out)
     with ExitStack() as stack, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         spools: dict[str, _Spool] = {}
-        for name, block in _blocks(records):
-            if name not in spools:
-                # In the folder of the file: where temporary files are may be memory.
+        for table, row in records:
+            if table.name not in spools:
+                # In the folder of the file: the folder for temporary files may be in memory.
                 spool = stack.enter_context(tempfile.TemporaryFile(dir=out.parent))
-                spools[name] = _Spool(spool)
-            spools[name].add(block)
+                spools[table.name] = _Spool(table, spool)
+            spools[table.name].add(row)
         with archive.open("header.npy", "w") as member:
             npy.write_array(member, np.array(msgspec.json.encode(header).decode()))
         for name, spool in spools.items():
@@ -136,52 +135,45 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 
 class _Spool:
-    """Blocks of a table, on disk until length and type of the whole table are known."""
+    """Stores the rows of a table on disk until their number and the longest text are known."""
 
-    def __init__(self, file: IO):
-        self._file = file
-        self._blocks = self._rows = 0
-        self._dtype: np.dtype | None = None
+    def __init__(self, table: Table, file: IO):
+        self._table, self._file = table, file
+        self._rows: list[tuple] = []
+        self._count = self._longest = 0
 
-    def add(self, block: np.ndarray) -> None:
-        npy.write_array(self._file, block)
-        self._blocks += 1
-        self._rows += len(block)
-        known = self._dtype
-        self._dtype = block.dtype if known is None else np.promote_types(known, block.dtype)
+    def add(self, row: tuple) -> None:
+        self._rows.append(row)
+        if isinstance(row[-1], str):
+            self._longest = max(self._longest, len(row[-1]))
+        if len(self._rows) == _BLOCK_ROWS:
+            self._flush()
 
     def write(self, member: IO) -> None:
-        descr = npy.dtype_to_descr(self._dtype)
-        shape = {"descr": descr, "fortran_order": False, "shape": (self._rows,)}
+        """Write the table as an array in NumPy's format."""
+        self._flush()
+        text = f"U{self._longest}"
+        dtype = np.dtype(
+            [
+                (name, *kind) if isinstance(kind, tuple) else (name, kind.replace("U", text))
+                for name, kind in self._table.columns.items()
+            ]
+        )
+        shape = {
+            "descr": npy.dtype_to_descr(dtype),
+            "fortran_order": False,
+            "shape": (self._count,),
+        }
         npy.write_array_header_1_0(member, shape)
         self._file.seek(0)
-        for _ in range(self._blocks):
-            member.write(npy.read_array(self._file).astype(self._dtype).tobytes())
+        with suppress(EOFError):
+            while True:
+                member.write(np.array(pickle.load(self._file), dtype).tobytes())
 
-
-def _blocks(records: Records) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the rows of each table as arrays of at most `_BLOCK_ROWS` rows, by its name."""
-    waiting: dict[str, list[tuple]] = {}
-    tables: dict[str, Table] = {}
-    for table, row in records:
-        tables[table.name] = table
-        found = waiting.setdefault(table.name, [])
-        found.append(row)
-        if len(found) == _BLOCK_ROWS:
-            yield table.name, np.array(found, _dtype(table, found))
-            found.clear()
-    for name, found in waiting.items():
-        if found:
-            yield name, np.array(found, _dtype(tables[name], found))
-
-
-def _dtype(table: Table, found: list[tuple]) -> np.dtype:
-    fields = []
-    for i, (name, dtype) in enumerate(table.columns.items()):
-        if dtype == "U":
-            dtype = f"U{max(len(row[i]) for row in found)}"
-        fields.append((name, *dtype) if isinstance(dtype, tuple) else (name, dtype))
-    return np.dtype(fields)
+    def _flush(self) -> None:
+        pickle.dump(self._rows, self._file)
+        self._count += len(self._rows)
+        self._rows.clear()
 
 
 def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:

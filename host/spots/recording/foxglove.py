@@ -1,4 +1,4 @@
-"""JSON schemas that Foxglove and PlotJuggler show without set-up."""
+"""JSON schemas that Foxglove and PlotJuggler can show without any configuration."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 
 
 def schema(table: Table) -> dict:
-    """Return the JSON schema of a table's rows as objects."""
+    """Return the JSON schema of a row of a table."""
     properties = {}
     for name, dtype in table.columns.items():
         scalar = dtype[0] if isinstance(dtype, tuple) else dtype
@@ -38,21 +38,21 @@ def schema(table: Table) -> dict:
 
 
 def log_message(time_ns: int, content: str, name: str) -> dict:
-    """Return a board's text as a log message; the reply to a command is one for debugging.
+    """Return a text of a board as a log message; the reply to a command has level debug.
 
     Parameters
     ----------
     time_ns : int
-        When it was received, in ns since 1970.
+        Time of its arrival, in ns since 1970.
     content : str
-        JSON, as the board sent it.
+        Text of the board, a JSON object.
     name : str
-        Of the board.
+        Name of the board.
 
     Returns
     -------
     dict
-        A ``foxglove.Log``.
+        Message of the schema ``foxglove.Log``.
     """
     text = json.loads(content)
     is_log = isinstance(text.get("log"), str)

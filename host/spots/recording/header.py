@@ -1,4 +1,4 @@
-"""Header of a recording: its board, its clocks."""
+"""The header of a recording: its board and its clocks; see docs/recording.md."""
 
 from __future__ import annotations
 
@@ -17,20 +17,18 @@ from ..link.replies import validated
 from .note import note
 
 VERSION = 1
-# So much of a header's text goes into a note; escaped it is twice as long at most.
-_PIECE = 200
+_PIECE = 200  # characters of the header in a note; escapes may double its length
 _COPIES = 2
-# A board's longest calibration, twice, and half as much again.
+# Two headers with the longest calibration of a board, and some reserve.
 _SEARCHED_BYTES = 1 << 17
 
-
-# So long since a clock began, either way: a float still resolves 1e-6 s.
+# Seconds since the start of a clock: a float still resolves 1e-6 s.
 _Clock_s = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 _Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
 
 
 class Clock(msgspec.Struct, frozen=True):
-    """State of the `link.clockmap.ClockMap` when the recording began; see its `state`."""
+    """State of a `link.clockmap.ClockMap`: its arguments."""
 
     last_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)]
     low_s: _Clock_s
@@ -40,26 +38,26 @@ class Clock(msgspec.Struct, frozen=True):
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
-    """Header of a recording. Keys that a reader does not know mean nothing to it.
+    """Header of a recording. A reader ignores unknown keys.
 
     Attributes
     ----------
     recording : int
-        Version of the format.
+        Version of the file format.
     program : str
-        What wrote it.
+        Name and version of the program that wrote the recording.
     set, part : str, int
-        Files of one recording have the same `set` and count from 0.
+        Random name that the files of a set share, and the number of this file, from 0.
     host_s, utc_s : float
-        The host's monotonic clock, and seconds since 1970, at time 0 of the notes.
+        Time 0 of the notes: on the host's monotonic clock, and in seconds since 1970.
     info : dict
-        The board's answer to ``hello``.
+        The board's reply to ``hello``.
     clock : Clock
-        From the board's time to the host's monotonic clock.
+        Map from the board's time to the host's monotonic clock.
     calibration : list of str or None
-        The board's calibration, where the host knew it.
+        Lines of the board's calibration, if the host knew them.
     restarts : int
-        How often the board had restarted by then, since it was opened.
+        Number of restarts of the board from its opening to the start of the recording.
     """
 
     recording: int
@@ -75,9 +73,8 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def encoded(header: Header) -> bytes:
-    """Return a header as notes, twice, so that damage at one place spares one of each."""
-    text = msgspec.json.encode(header).decode()
-    text = json.dumps(json.loads(text))  # ASCII, so that no cut divides a character
+    """Return a header as notes; each note twice, so that one copy survives a damaged place."""
+    text = json.dumps(msgspec.to_builtins(header))  # ASCII, so no cut divides a character
     pieces = [text[i : i + _PIECE] for i in range(0, len(text), _PIECE)]
     of = len(pieces)
     notes = [note(0, {"header": piece, "i": i, "of": of}) for i, piece in enumerate(pieces)]
@@ -90,9 +87,9 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     Parameters
     ----------
     path : Path
-        The file, for error messages only.
+        Path of the file, for error messages only.
     blocks : iterable of bytes
-        The content of the file, from its start.
+        Content of the file, from its start.
 
     Returns
     -------
@@ -101,7 +98,7 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     Raises
     ------
     SpotsError
-        If there is no header, or it is invalid.
+        If the file has no header, or its header is invalid.
     """
     decoder, pieces, searched = Decoder(), {}, 0
     for block in blocks:
@@ -117,8 +114,10 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
         if searched > _SEARCHED_BYTES:
             break
     if not pieces:
-        raise SpotsError(f"{path} is no recording: 'spots record' makes them")
-    raise SpotsError(f"{path} cannot be read: its header is cut short or damaged in both copies")
+        raise SpotsError(f"{path} is not a recording: name a file that 'spots record' has made")
+    raise SpotsError(
+        f"{path} cannot be read, because both copies of its header are damaged: name another file"
+    )
 
 
 def _parsed(path: Path, pieces: dict) -> Header:
@@ -128,15 +127,18 @@ def _parsed(path: Path, pieces: dict) -> Header:
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
         info = validated("hello", header.info) if header else {}
     except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
-        raise SpotsError(f"{path}: the header is invalid: {error}") from None
+        raise SpotsError(
+            f"{path} has an invalid header: {error}; record it again with this program"
+        ) from None
     if header is None:
         raise SpotsError(
-            f"{path} is a recording of version {version}, this program reads {VERSION}: update it"
+            f"{path} has version {version} of the format, and this program reads {VERSION}: update "
+            "this program"
         )
     protocol = header.info.get("protocol")
     if protocol != PROTOCOL:
         raise SpotsError(
-            f"{path} is of a board that speaks protocol {protocol}, this program {PROTOCOL}: use "
-            f"the program that wrote it, {header.program}"
+            f"{path} is of a board with protocol {protocol}, and this program reads {PROTOCOL}: "
+            f"use the program that wrote it, {header.program}"
         )
     return msgspec.structs.replace(header, info=info)

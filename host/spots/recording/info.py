@@ -1,8 +1,7 @@
-"""``spots info``: what is in a recording."""
+"""``spots info``: a summary of a recording."""
 
 from __future__ import annotations
 
-from collections import Counter
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -14,25 +13,26 @@ from .table import TABLES, shown
 
 
 def summary(path: str | Path) -> dict:
-    """Read a recording to its end and return what is in it.
+    """Read a recording to its end and return its summary, as ``spots info --json`` prints it.
 
     Raises
     ------
     SpotsError
-        If it cannot be read.
+        If the recording cannot be read.
     """
     recording = RecordingBlocks(path)
-    counts: Counter[str] = Counter()
+    names = [table.name for table in TABLES]
+    counts = dict.fromkeys(names, 0)
     for block in shown(recording):
-        for table, found in zip(TABLES, (block.touches, block.spectra, block.keys, block.texts)):
-            counts[table.name] += len(found)
+        for name, found in zip(names, (block.touches, block.spectra, block.keys, block.texts)):
+            counts[name] += len(found)
     stats, header = recording.stats, recording.header
     return {
         "files": [str(path) for path in recording.paths],
         "bytes": recording.size,
         "begun": datetime.fromtimestamp(header.utc_s, timezone.utc).isoformat(),
         "duration_s": round(recording.end_s - header.host_s, 6),
-        "frames": {table.name: counts[table.name] for table in TABLES},
+        "frames": counts,
         "lost": stats.lost,
         "bad": stats.bad_crc,
         "restarts": recording.restarts,
@@ -44,7 +44,7 @@ def summary(path: str | Path) -> dict:
 
 
 def report(found: dict) -> str:
-    """Return a summary as lines of text."""
+    """Return a `summary` as lines of text."""
     info = found["header"]["info"]
     calibration = found["header"]["calibration"]
     frames = ", ".join(f"{count} {name}" for name, count in found["frames"].items() if count)

@@ -1,4 +1,4 @@
-"""Notes: the entries of a recorder, framed as a board's frames are."""
+"""Notes: a recorder's own entries, framed like the frames of a board."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _CRC = struct.Struct("<I")
 
 
 def note(since_us: int, content: dict | None = None) -> bytes:
-    """Return the bytes of a note.
+    """Encode a note.
 
     Parameters
     ----------
     since_us : int
-        Host time since the recording began, 0 to 2**48 - 1.
+        Host time since the recording began, in us, 0 to 2**48 - 1.
     content : dict, optional
-        At most `spots_device.frame.TEXT_MAX` bytes as JSON.
+        Content of the note, up to `spots_device.frame.TEXT_MAX` bytes as JSON.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""``spots record``."""
+"""``spots record``: records a board, and shows the progress."""
 
 from __future__ import annotations
 
@@ -6,26 +6,28 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
 from spots_device.settings import checksum
 
 from ..calibrate import calibration_file
 from ..errors import SpotsError, printable
 from ..link.board import Board
-from ..terminal.view import Pace
-from .recorder import Recorder
 
 _LINES_PER_S = 4
 
 
 class Given(NamedTuple):
-    """The calibration that a board was given, and the file that has it."""
+    """A calibration of a board: the path of its file, and its lines."""
 
     path: str
     lines: list[str]
 
 
 def read_calibration(path: str) -> Given:
-    """Read a calibration file; SpotsError says what is wrong with it."""
+    """Read a calibration file; SpotsError if it is invalid."""
     return Given(path, list(calibration_file.load(Path(path)).lines))
 
 
@@ -36,69 +38,57 @@ def record(
     rotate_bytes: int | None,
     calibration: Given | None,
 ) -> None:
-    """Record a board until the time is over or Ctrl-C.
+    """Record a board until the time is over or Ctrl-C, and show the progress on stderr.
 
     Parameters
     ----------
     board : Board
+        The board to record.
     path : str
-        The file to make.
+        Name of the new file.
     seconds : float or None
-        For how long; None for no end.
+        Duration, in seconds of the link's clock; no limit if None.
     rotate_bytes : int or None
-        See `Board.record`.
+        Largest size of a file, in bytes; see `Board.record`.
     calibration : Given or None
-        To have it in the recording.
+        The board's calibration, to store it in the recording.
 
     Raises
     ------
     SpotsError
-        If the board uses another calibration, or the file cannot be made.
+        If the board uses another calibration, or the file cannot be written.
     """
     if calibration is not None:
-        _check_used(board, calibration)
+        used, name = board.command("hello")["calibration"], checksum(calibration.lines)
+        if name != used:
+            raise SpotsError(
+                f"{calibration.path} has calibration {name}, and the board uses {used or 'none'}: "
+                "give --calibration the file of the board's calibration"
+            )
         board.calibration = calibration.lines
+    begun_s, frames = board.now_s(), 0
     with board.record(path, rotate_bytes=rotate_bytes) as recorder:
-        progress = _Progress(board, recorder)
+
+        def line() -> str:
+            paths, stats = recorder.paths, board.stats
+            name = f"{paths[0]}" + (f" … {paths[-1].name}" if len(paths) > 1 else "")
+            return printable(
+                f"{name}: {board.now_s() - begun_s:.1f} s, {frames} frames, "
+                f"{recorder.bytes / 1e6:.3f} MB, lost {stats.lost}, bad {stats.bad_crc}"
+            )
+
         try:
-            board.command("stream touch spectrum")
-            for _ in board.frames(seconds):
-                progress.frame()
+            with Live(
+                console=Console(stderr=True),
+                get_renderable=lambda: Text(line()),
+                refresh_per_second=_LINES_PER_S,
+                transient=True,
+            ):
+                board.command("stream touch spectrum")
+                for _ in board.frames(seconds):
+                    frames += 1
         except KeyboardInterrupt:
             pass
         finally:
             recorder.stop()
-            progress.end()
-
-
-class _Progress:
-    def __init__(self, board: Board, recorder: Recorder):
-        self._board, self._recorder = board, recorder
-        self._begun_s = board.now_s()
-        self._pace = Pace(_LINES_PER_S)
-        self._drawing = sys.stderr.isatty()
-        self._frames = 0
-
-    def frame(self) -> None:
-        self._frames += 1
-        if self._drawing and self._pace.due(self._board.now_s()):
-            print("\r" + self._line(), end="", file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        start = "\r" if self._drawing else ""
-        print(start + self._line(), file=sys.stderr)
-
-    def _line(self) -> str:
-        paths, stats = self._recorder.paths, self._board.stats
-        name = printable(f"{paths[0]}" + (f" … {paths[-1].name}" if len(paths) > 1 else ""))
-        seconds = self._board.now_s() - self._begun_s
-        return (
-            f"{name}: {seconds:.1f} s, {self._frames} frames, {self._recorder.bytes / 1e6:.3f} MB, "
-            f"lost {stats.lost}, bad {stats.bad_crc}"
-        )
-
-
-def _check_used(board: Board, given: Given) -> None:
-    used, name = board.command("hello")["calibration"], checksum(given.lines)
-    if name != used:
-        raise SpotsError(f"{given.path} is calibration {name}, the board uses {used}")
+            print(line(), file=sys.stderr)

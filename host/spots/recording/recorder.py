@@ -1,4 +1,4 @@
-"""Records a link while someone else reads from it."""
+"""Records the bytes of a link in files while a program reads from the link."""
 
 from __future__ import annotations
 
@@ -12,55 +12,56 @@ import msgspec
 
 from spots_device import __version__
 
-from ..errors import SpotsError
+from ..atomic import exists
 from ..link.frames import whole
-from ..link.serial_link import Link, LinkWrapper
+from ..link.readers import Handle
 from .disk import Disk
 from .header import VERSION, Header, encoded
 from .note import note
 
-# What comes within this time shares a note of when. Shorter is more precise and takes more bytes.
+# Data that arrives within this time shares a note of its time. A shorter step is more precise and
+# takes more bytes.
 ARRIVAL_STEP_S = 0.005
 
 
-class Recorder(LinkWrapper):
-    """A link that writes down what is read through it, before it hands it on.
-
-    It knows of frames only where they end: it writes whole ones, and its own notes between them.
+class Recorder:
+    """Writes whole frames to a file, with its own notes between them; see docs/recording.md.
 
     Parameters
     ----------
-    link : serial_link.Link
-        The link that is recorded.
+    now_s : callable
+        ``now_s()`` returns the time of the link's clock, in seconds.
     path : str or Path
-        A file that is not there yet.
+        Name of the new file.
     describe : callable
-        Returns the keys ``info``, ``clock``, ``calibration`` and ``restarts`` of a
-        `header.Header` as they are now.
+        ``describe()`` returns the present values of ``info``, ``clock``, ``calibration`` and
+        ``restarts`` of a `header.Header`.
     begun : bytes
-        The beginning of a frame that has already been read.
+        First bytes of a frame of which the rest will follow.
     rotate_bytes : int, optional
-        Begin another file where one would become longer: FILE-001.spots after FILE.spots. None
-        with such a name may be there yet.
+        Largest size of a file, in bytes. Then the recording continues in FILE-001.spots after
+        FILE.spots; such files must not exist yet. No limit if not given.
     utc_s : callable
-        The time since 1970.
+        ``utc_s()`` returns the seconds since 1970.
 
     Attributes
     ----------
     paths : list of Path
-        The files.
+        Paths of the files.
     bytes : int
-        Written to all of them.
+        Size of all files together.
+    handles : list of readers.Handle
+        Registrations at a board, cancelled by `stop`.
 
     Raises
     ------
     SpotsError
-        If there is such a file, or it cannot be written.
+        If a file exists already or cannot be written.
     """
 
     def __init__(
         self,
-        link: Link,
+        now_s: Callable[[], float],
         path: str | Path,
         describe: Callable[[], dict],
         *,
@@ -68,9 +69,7 @@ class Recorder(LinkWrapper):
         rotate_bytes: int | None = None,
         utc_s: Callable[[], float] = time.time,
     ):
-        while isinstance(link, Recorder) and link._disk is None:
-            link = link._link  # one that has ended is not in the way for ever
-        super().__init__(link)
+        self._now_s = now_s
         self._path = Path(path)
         self._describe = describe
         self._rotate_bytes = rotate_bytes
@@ -81,10 +80,10 @@ class Recorder(LinkWrapper):
         self._disk: Disk | None = None
         self.paths: list[Path] = []
         self.bytes = 0
-        if rotate_bytes is not None and (there := parts_beside(self._path)):
-            # Now, while somebody looks, and not hours later where the first file is full.
-            taken = part_path(self._path, there[0])
-            raise SpotsError(f"{taken} exists: choose another name or remove it")
+        self.handles: list[Handle] = []
+        if rotate_bytes is not None and (parts := parts_beside(self._path)):
+            # Report it at the start, and not hours later when the first file is full.
+            raise exists(part_path(self._path, parts[0]))
         self._begin()
 
     def __enter__(self) -> Recorder:
@@ -93,68 +92,66 @@ class Recorder(LinkWrapper):
     def __exit__(self, *exception) -> None:
         self.stop()
 
-    def read(self, timeout_s: float) -> bytes:
-        """Raises SpotsError also if nothing more can be written."""
-        data = self._link.read(timeout_s)
+    def take(self, data: bytes, now_s: float) -> None:
+        """Record bytes of the link; ignored after the end.
+
+        Parameters
+        ----------
+        data : bytes
+            Bytes that have arrived.
+        now_s : float
+            Time at which they arrived, in seconds of the link's clock.
+
+        Raises
+        ------
+        SpotsError
+            If nothing more can be written; the recording has then ended.
+        """
         if data and self._disk is not None:
             try:
-                self._keep(data)
-            except Exception:  # Ctrl-C, too, comes here; after it the file is fit for an end
+                self._keep(data, now_s)
+            except Exception:  # but not at a Ctrl-C: the file can still get its end
                 self._release()
                 raise
-        return data
-
-    def reopen(self) -> None:
-        """Raises SpotsError if the port is still away."""
-        self._link.reopen()
-        if self._disk is not None:
-            self._keep(b"\0")  # the frame that was cut off ends here
 
     def stop(self) -> None:
-        """End the recording; the link goes on. Twice is once."""
+        """End the recording. Idempotent."""
         if self._disk is None:
             return
         try:
-            # A note in the middle of noise would be lost in it.
+            # Within a partial frame, the note would be lost.
             self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
         finally:
             self._release()
 
-    def close(self) -> None:
-        """End the recording and let the port go."""
-        try:
-            self.stop()
-        finally:
-            self._link.close()
-
-    def _keep(self, data: bytes) -> None:
+    def _keep(self, data: bytes, now_s: float) -> None:
         self._tail += data
         size = whole(self._tail)
         if not size:
             return
         piece, self._tail = self._tail[:size], self._tail[size:]
-        if self._rotate_bytes is not None and self._between_frames:
-            full = self._disk.bytes + len(piece) > self._rotate_bytes
+        if self._between_frames:
+            size += self._disk.bytes
+            full = self._rotate_bytes is not None and size > self._rotate_bytes
             if full and self._disk.bytes > self._header_bytes:
                 before = self._disk
                 self._begin()
                 before.close()
-        now_s = self.now_s()
-        if self._between_frames and now_s >= self._next_note_s:
-            self._next_note_s = now_s + ARRIVAL_STEP_S
-            piece = self._note() + piece
-        now = self._describe()
-        if self._between_frames and _bounds(now["clock"]) != self._bounds:
-            # The clocks were compared again: from here on the board's times are mapped so.
-            self._bounds = _bounds(now["clock"])
-            piece = self._note({"clock": now["clock"], "restarts": now["restarts"]}) + piece
-        self._between_frames = False  # until it is known: Ctrl-C may come before the next line
+            if now_s >= self._next_note_s:
+                self._next_note_s = now_s + ARRIVAL_STEP_S
+                piece = self._note() + piece
+            now = self._describe()
+            if _bounds(now["clock"]) != self._bounds:
+                # From here on, board time is mapped with another clock.
+                self._bounds = _bounds(now["clock"])
+                piece = self._note({"clock": now["clock"], "restarts": now["restarts"]}) + piece
+        self._between_frames = False  # until the write is complete: Ctrl-C may come in between
         self._append(piece)
         self._between_frames = piece.endswith(b"\0")
 
     def _begin(self) -> None:
         part = len(self.paths)
-        begun_s = self.now_s()
+        begun_s = self._now_s()
         header = {
             "recording": VERSION,
             "program": "spots " + __version__,
@@ -164,7 +161,7 @@ class Recorder(LinkWrapper):
             "utc_s": self._utc_s(),
             **self._describe(),
         }
-        data = encoded(msgspec.convert(header, Header))  # one that is refused makes no file
+        data = encoded(msgspec.convert(header, Header))  # an invalid header makes no file
         disk = Disk(part_path(self._path, part))
         self.paths.append(disk.path)
         try:
@@ -179,13 +176,15 @@ class Recorder(LinkWrapper):
         self._disk = disk
 
     def _note(self, content: dict | None = None) -> bytes:
-        return note(int(1e6 * (self.now_s() - self._begun_s)), content)
+        return note(int(1e6 * (self._now_s() - self._begun_s)), content)
 
     def _append(self, data: bytes) -> None:
         self.bytes += len(data)
         self._disk.append(data)
 
     def _release(self) -> None:
+        for handle in self.handles:
+            handle.cancel()
         disk, self._disk = self._disk, None
         if disk is not None:
             disk.close()
@@ -196,12 +195,12 @@ def _bounds(clock: dict) -> tuple:
 
 
 def part_path(path: Path, part: int) -> Path:
-    """Return the name of a file of a set: FILE.spots, FILE-001.spots, ...
+    """Return the path of a file of a set: FILE.spots, FILE-001.spots, ...
 
     Parameters
     ----------
     path : Path
-        Of the first file.
+        Path of the first file.
     part : int
         Number of the file, from 0.
 
@@ -213,7 +212,7 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def parts_beside(path: Path) -> list[int]:
-    """Return the numbers of the later files of a set that are there, by their names."""
+    """Return the numbers of the later files of a set that exist, by their names."""
     name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
     beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
     return sorted(int(match[1]) for match in beside if match)

@@ -1,4 +1,4 @@
-"""From a recording, or the files of a set, to frames and when they arrived."""
+"""Reads the frames of a recording, or of a set of files, and their times of arrival."""
 
 from __future__ import annotations
 
@@ -15,50 +15,51 @@ from ..link.frames import Decoder, Frame, LinkStats, Note
 from .header import Clock, Header, read
 from .recorder import part_path, parts_beside
 
-# Statistics are ahead of the frames by at most so much: small, and yet little work a frame.
+# Statistics may be ahead of the frames by a block; a smaller block means more work per frame.
 _BLOCK_BYTES = 512
 
 
 class Recording:
-    """A recording; iterate over it to read it, as often as one likes.
+    """A recording. Iterate over it to read it, any number of times.
 
-    Iteration gives pairs of when a frame arrived on the host's monotonic clock (it was read then or
-    up to `recorder.ARRIVAL_STEP_S` later) and the frame, with the ``time_s`` that it had when it
-    was received.
+    The iteration yields pairs (time of arrival, frame). The time of arrival is on the host's
+    monotonic clock, in seconds; the frame arrived at that time, or up to `recorder.ARRIVAL_STEP_S`
+    later. The frame has the same ``time_s`` as when it was recorded.
 
     Parameters
     ----------
     path : str or Path
-        With the first file of a set come the others. A later one stands for itself.
+        File of the recording. If it is the first file of a set, the other files follow.
 
     Attributes
     ----------
     path : Path
+        Path of the file.
     paths : list of Path
-        The files.
+        Paths of all files of the set.
     header : Header
-        Of the first one.
+        Header of the first file.
     size : int
-        Bytes of all files when they were opened.
+        Size of all files when they were opened, in bytes.
     stats : LinkStats
-        Of the latest iteration, so far: what the recorded link lost.
+        Statistics of the recorded link, in the present iteration so far, as are all values below.
     notes : int
-        How many notes it met.
+        Number of notes.
     restarts : int
-        How often the board restarted meanwhile.
+        Number of restarts of the board during the recording.
     cut_bytes : int
-        Bytes of frames that the files end in the middle of.
+        Bytes of incomplete frames at the ends of the files.
     read_bytes : int
-        How far it is.
+        Number of bytes that are read.
     end_s : float
-        When the last frame or note was written, on the clock of the times of arrival.
+        Time of the last note, on the clock of the times of arrival, in seconds.
     complete : bool
-        Whether it came to the note that a recorder ends with.
+        Whether the last note, which a recorder writes at its end, was found.
 
     Raises
     ------
     SpotsError
-        If it is no recording, or a file of the set is missing.
+        If the file is not a recording, or a file of the set is missing.
 
     Examples
     --------
@@ -70,7 +71,7 @@ class Recording:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self.header = _header(self.path)
+        self.header = read(self.path, _blocks(self.path))
         self._headers = {self.path: self.header, **_others(self.path, self.header)}
         self.paths = list(self._headers)
         self.size = sum(path.stat().st_size for path in self.paths)
@@ -86,18 +87,18 @@ class Recording:
                     yield self.end_s, self._clock.timed(frame, self.end_s)
 
     def _blocks(self, size: int) -> Iterator[tuple[Path, Header, bytes]]:
-        """Yield the bytes of the files in turn, with what was known when each of them began."""
+        """Yield path, header and a block of bytes, for all blocks of all files in order."""
         self._restart()
         start = b""
         for path, header in self._headers.items():
-            self._clock = _resumed(header.clock)
+            self._clock = _clock_map(header.clock)
             self._decoder.restarted(header.restarts)
             self.end_s = header.host_s
             for block in chain([start], _blocks(path, size)):
                 self.read_bytes += len(block)
                 yield path, header, block
             self.cut_bytes += len(self._decoder.pending)
-            start = b"\0"  # what a file breaks off in the middle of does not go on in the next
+            start = b"\0"  # an incomplete frame of one file does not continue in the next
 
     def _note(self, path: Path, header: Header, note: Note) -> None:
         self.notes += 1
@@ -121,30 +122,26 @@ class Recording:
         self.complete = False
 
 
-def _resumed(known: Clock) -> ClockMap:
-    return ClockMap.resume(**msgspec.structs.asdict(known))
+def _clock_map(known: Clock) -> ClockMap:
+    return ClockMap(**msgspec.structs.asdict(known))
 
 
 def _noted(path: Path, content: object) -> ClockMap:
     try:
-        return _resumed(msgspec.convert(content, Clock))
+        return _clock_map(msgspec.convert(content, Clock))
     except msgspec.ValidationError as error:
-        raise SpotsError(f"{path}: a note is invalid: {error}") from None
-
-
-def _header(path: Path) -> Header:
-    return read(path, _blocks(path))
+        raise SpotsError(f"{path} is damaged: a note is invalid: {error}") from None
 
 
 def _others(path: Path, first: Header) -> dict[Path, Header]:
-    """Return the later files of a set with their headers, if `path` is its first."""
+    """Return the later files of a set and their headers, if `path` is its first file."""
     if first.part != 0:
         return {}
     found = {}
     for part in parts_beside(path):
         file = part_path(path, part)
         try:
-            header = _header(file)
+            header = read(file, _blocks(file))
         except SpotsError:
             continue  # not a recording, so not a part of this set
         if header.set == first.set:
@@ -152,8 +149,8 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     for part in range(1, max(found, default=0)):
         if part not in found:
             raise SpotsError(
-                f"{part_path(path, part)} is missing or damaged: name the files of the set one by "
-                "one, or put it back"
+                f"{part_path(path, part)} is missing or damaged: put it back, or name the other "
+                "files of the set one by one"
             )
     return dict(found.values())
 
@@ -164,8 +161,10 @@ def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
             while block := file.read(size):
                 yield block
     except FileNotFoundError:
-        raise SpotsError(f"there is no file {path}: 'spots record' makes recordings") from None
+        raise SpotsError(
+            f"there is no file {path}: name a file that 'spots record' has made"
+        ) from None
     except IsADirectoryError:
         raise SpotsError(f"{path} is a directory: name a recording in it") from None
     except OSError as error:
-        raise SpotsError(f"{path} cannot be read: {error.strerror}") from None
+        raise SpotsError(f"cannot read {path}: {error.strerror}") from None

@@ -1,4 +1,4 @@
-"""A recording as a board that one can listen to."""
+"""Plays a recording as a board."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..link.frames import LinkStats
 from .recorder import Recorder
 from .recording import Recording
 
-# So many at once: a board's queue holds them, however far behind its reader is.
+# Frames at once; a board's log has room for more, so none is dropped.
 _PUMPED_FRAMES = 1000
 
 
 class _Player:
-    """Stands in for the link: its clock shows the time of the recording, at a speed."""
+    """Takes the place of the link: its clock shows the time of the recording."""
 
     def __init__(self, recording: Recording, speed: float):
         self.name = str(recording.path)
@@ -38,24 +38,25 @@ class _Player:
             time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
 
     def write(self, data: bytes) -> None:
-        raise SpotsError(f"{self.name} is a recording: there is no board behind it")
+        raise SpotsError(f"{self.name} is a recording, and takes no data: open a board")
 
     def close(self) -> None:
         pass
 
 
 class Replay(Board):
-    """A board whose frames come out of a recording, at the times at which they came in.
+    """A board whose frames come from a recording, at the times at which they had arrived.
 
-    It is read as any other board, except that `frames` and `touches` end with the recording, and
-    commands other than ``hello`` and ``stream`` are refused. All that was streamed comes again.
+    It is read like any other board, but its iterators end with the recording, and it refuses all
+    commands but ``hello`` and ``stream``. All recorded frames come, whatever ``stream`` names.
     `now_s` is the time of the recording.
 
     Parameters
     ----------
     recording : Recording
+        The recording to play.
     speed : float
-        1 for the original pace, infinity for as fast as it can be read.
+        1 for the original pace, 2 for twice as fast, infinity for no pauses.
     """
 
     read_only = True
@@ -63,17 +64,17 @@ class Replay(Board):
     def __init__(self, recording: Recording, speed: float = 1.0):
         self._recording = recording
         if math.isinf(speed):
-            self._poll_s = math.inf  # straight to the next frame, however long it took to come
+            self._poll_s = math.inf  # goes to the next frame at once
         super().__init__(_Player(recording, speed))
 
     @property
     def stats(self) -> LinkStats:
-        """What the recorded link lost, up to here."""
+        """Statistics of the recorded link, up to the present time of the recording."""
         return self._recording.stats
 
     @property
     def ended(self) -> bool:
-        """Whether all that was recorded has come."""
+        """Whether all recorded frames have been read."""
         return self._next is None and not len(self._frames)
 
     def _command(self, line: str, timeout_s: float | None = None) -> dict[str, Any]:
@@ -84,14 +85,14 @@ class Replay(Board):
         if name == ["stream"]:
             self._loss.expect(self.now_s())
             return {"re": "stream"}
-        raise SpotsError(f"{self.port} is a recording: '{line}' is for a board")
+        raise SpotsError(f"cannot send '{line}': {self.port} is a recording; open a board")
 
     def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
-        """Raises SpotsError: it is one already."""
+        """Raises SpotsError: a recording cannot be recorded."""
         raise SpotsError(f"{self.port} is a recording already: copy the file")
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         super().close()
         self._entries.close()
 
@@ -104,7 +105,7 @@ class Replay(Board):
     def _pump(self, timeout_s: float) -> None:
         self._check_open()
         if self._next is None:
-            raise SpotsError(f"the recording {self.port} has ended")
+            raise SpotsError(f"the recording {self.port} has ended: open it again")
         self._link.wait_until(min(self._next[0], self.now_s() + timeout_s))
         now_s = self.now_s()
         for _ in range(_PUMPED_FRAMES):
@@ -115,27 +116,26 @@ class Replay(Board):
 
 
 def open_port(rest: str, **simulated) -> Replay:
-    """Open the port ``recording:FILE``, see `link.ports`.
+    """Open the port ``recording:FILE`` as a board, at the original pace; see `link.ports`.
 
     Parameters
     ----------
     rest : str
-        The file.
+        Path of the recording.
     **simulated
-        What only a simulated board takes.
+        Options of a simulated board; ignored.
 
     Returns
     -------
     Replay
-        At the original pace.
 
     Raises
     ------
     SpotsError
-        If `rest` is empty, or the file cannot be read.
+        If `rest` is empty, or the recording cannot be read.
     """
     if not rest:
-        raise SpotsError("the port recording: names no file: write recording:FILE.spots")
+        raise SpotsError("the port 'recording:' has no file: write recording:FILE.spots")
     return open_recording(rest)
 
 
@@ -145,20 +145,20 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     Parameters
     ----------
     path : str or Path
-        A file that `Board.record` or ``spots record`` made; with the first of a set come all.
+        File of the recording. If it is the first file of a set, the other files follow.
     speed : float
-        1 for the original pace, 2 for twice as fast, ``math.inf`` for as fast as it can be read.
+        1 for the original pace, 2 for twice as fast, ``math.inf`` for no pauses.
 
     Returns
     -------
     Replay
-        A board that takes no commands but ``hello`` and ``stream``.
+        A board that refuses all commands but ``hello`` and ``stream``.
 
     Raises
     ------
     SpotsError
-        If it is no recording, or of a later version, or a file of its set is missing.
+        If the file is not a recording or has a later version, or a file of the set is missing.
     """
     if not speed > 0:
-        raise SpotsError(f"a speed is more than 0, not {speed:g}")
+        raise SpotsError(f"the speed of a recording must be more than 0, not {speed:g}")
     return Replay(Recording(path), speed)

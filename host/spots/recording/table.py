@@ -1,10 +1,12 @@
-"""Frames as rows of tables: one table a kind, one list of columns for every export."""
+"""Frames as rows of tables: the columns of all exports."""
 
 from __future__ import annotations
 
+import heapq
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -20,15 +22,17 @@ from .arrays import Arrays, RecordingBlocks
 
 @dataclass(frozen=True)
 class Table:
-    """A kind of frames.
+    """The table of a kind of frames.
 
     Attributes
     ----------
     name : str
+        Name of the table, and of the kind of frames.
     columns : dict
-        Name to NumPy type; a type with a shape is a tuple, a text is ``"U"``. The first ones are
-        the same in every table: ``time_s``, when it was measured (a text: when it arrived), and
-        ``arrived_s``, both since the recording began; ``sensor``, ``sequence``, ``t_us``.
+        NumPy type of each column, by its name; ``"U"`` for a text, a tuple for a type with a shape.
+        The first columns are the same in every table: ``time_s``, time of the measurement (of a
+        text: of its arrival), and ``arrived_s``, both since the recording began; ``sensor``,
+        ``sequence``, ``t_us``.
     """
 
     name: str
@@ -47,58 +51,57 @@ _TOUCH = {
 }
 _SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
 _KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
-_TEXT = {"content": "U"}
 
 # In the order of the arrays.
-TABLES = [
+TABLES = (
     Table("touch", _FIRST | _TOUCH),
     Table("spectrum", _FIRST | _SPECTRUM),
     Table("key", _FIRST | _KEY),
-    Table("text", _FIRST | _TEXT),
-]
+    Table("text", _FIRST | {"content": "U"}),
+)
+Row = tuple[Table, tuple[Any, ...]]
 
 
-def rows(recording: RecordingBlocks) -> Iterator[tuple[Table, tuple[Any, ...]]]:
-    """Yield the table and the row of each frame of a recording, showing how far it is.
+def rows(recording: RecordingBlocks) -> Iterator[Row]:
+    """Yield the table and the row of each frame by time of arrival; show the progress.
 
-    Position and force are as on the wire: 0 where the flags say that they are not known.
+    As on the wire, an unknown position or force is 0; the flags show which values are unknown.
     """
     begun_s = recording.header.host_s
     for block in shown(recording):
         arrays = block.touches, block.spectra, block.keys
-        tables = [_array_rows(array, begun_s) for array in arrays]
+        tables = [_array_rows(*pair, begun_s) for pair in zip(TABLES, arrays)]
         tables.append(_text_rows(block.texts, begun_s))
-        for kind in recording.order.tolist():
-            yield TABLES[kind], next(tables[kind])
+        yield from heapq.merge(*tables, key=lambda row: row[1][1])
 
 
-def _array_rows(array: np.ndarray, begun_s: float) -> Iterator[tuple[Any, ...]]:
-    columns = {name: array[name].tolist() for name in array.dtype.names or ()}
-    arrived_s = [round(one - begun_s, 9) for one in columns.pop("arrived_s")]
-    times_s = zip(columns.pop("time_s"), arrived_s)
-    time_s = [late if one != one else round(one - begun_s, 9) for one, late in times_s]
-    first = [columns.pop(name) for name in ("sensor", "sequence", "t_us")]
+def _array_rows(table: Table, array: np.ndarray, begun_s: float) -> Iterator[Row]:
+    arrived_s = [round(one - begun_s, 9) for one in array["arrived_s"].tolist()]
+    times_s = zip(array["time_s"].tolist(), arrived_s)
+    columns = {name: array[name].tolist() for name in array.dtype.names}
+    columns["arrived_s"] = arrived_s
+    columns["time_s"] = [late if one != one else round(one - begun_s, 9) for one, late in times_s]
     if "contrast_q20" in columns:
-        flags = array["flags"]
-        touching = flags & decode.TOUCHING != 0
-        rest = [touching.tolist(), (touching & (flags & DOUBTFUL == 0)).tolist()]
-        rest += [columns["position_um"], columns["force_mN"]]
-        rest += [(array[name] / (1 << 20)).tolist() for name in ("contrast_q20", "brightness_q20")]
-        rest += [columns["flags"]]
-    else:
-        rest = [map(tuple, one) if name == "counts" else one for name, one in columns.items()]
-    return zip(time_s, arrived_s, *first, *rest)
+        touching = array["flags"] & decode.TOUCHING != 0
+        columns["touching"] = touching.tolist()
+        columns["trusted"] = (touching & (array["flags"] & DOUBTFUL == 0)).tolist()
+        for name in ("contrast", "brightness"):
+            columns[f"{name}_log2"] = (array[f"{name}_q20"] / (1 << 20)).tolist()
+    elif "counts" in columns:
+        columns["gain_code"] = columns["gain"]
+        columns["counts"] = map(tuple, columns["counts"])
+    return zip(repeat(table), zip(*(columns[name] for name in table.columns)))
 
 
-def _text_rows(texts: list[tuple[float, Text]], begun_s: float) -> Iterator[tuple[Any, ...]]:
+def _text_rows(texts: list[tuple[float, Text]], begun_s: float) -> Iterator[Row]:
     for at_s, text in texts:
         arrived_s = round(at_s - begun_s, 9)
         content = json.dumps(text.content, ensure_ascii=False)
-        yield arrived_s, arrived_s, text.sensor, text.sequence, text.t_us, content
+        yield TABLES[-1], (arrived_s, arrived_s, text.sensor, text.sequence, text.t_us, content)
 
 
 def shown(recording: RecordingBlocks) -> Iterator[Arrays]:
-    """Yield the blocks of a recording, showing on a terminal how far it is."""
+    """Yield the blocks of a recording, and show the progress on a terminal."""
     columns = (
         TextColumn(printable(recording.path.name), markup=False),
         BarColumn(),

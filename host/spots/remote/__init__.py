@@ -1,4 +1,4 @@
-"""Boards on other machines, over Zenoh; see docs/zenoh.md."""
+"""Reads boards on other machines over Zenoh; see docs/zenoh.md."""
 
 from ..errors import missing
 

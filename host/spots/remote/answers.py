@@ -1,4 +1,4 @@
-"""The publisher's replies to remote queries, rate-limited so that readings are not delayed."""
+"""The publisher's replies to remote queries, limited in rate so that readings are not delayed."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from ..link.board import Board
 from .samples import encode
 from .zenoh_session import READ_ONLY, direct, key
 
-# The board is asked, and answers go out, no more often than this: readings come first.
+# Pause between two rounds of answers: at least this, and at least ten times the duration of the
+# last round. It is limited while the board replies, because a client that reconnects needs answers.
 _EVERY_S = 0.05
-# Answering takes at most one part in so many of the time, so that readings come first. Where the
-# board replies, the pause is bounded: a client that reconnects to a slow machine needs an answer.
-_READINGS_SHARE = 10
+_PAUSE_SHARE = 10
 _PAUSE_MAX_S = 1.0
 _REPLY_S = 0.5
-# A reply is given again for so long. That to `sync` is the time, and is new each time.
+# For so long a reply of the board serves for later queries. The reply to `sync` is the time.
 _FRESH_S = {"hello": 1.0, "get": 1.0, "sync": 0.0}
-_WAITING = 256  # questions of a kind; the oldest are dropped
-_PARAMETERS_MAX = 256  # characters; this program sends none
+_WAITING = 256  # waiting queries of each kind; the oldest are dropped
+_PARAMETERS_MAX = 256  # characters; SPOTS itself sends none
 
 
 class Answers:
-    """Questions that wait, and the board's replies to them.
+    """Collects queries, and answers them with the board's replies.
 
-    All who wait with the same question get the same reply. The board was asked after they asked,
-    or less than a second before.
+    All waiting queries of a kind get the same reply. It is at most a second older than the query.
 
     Parameters
     ----------
     board : Board
+        The published board.
     board_id : str
+        Id of the board.
     session : zenoh.Session
+        An open session.
     """
 
     def __init__(self, board: Board, board_id: str, session: zenoh.Session):
@@ -50,32 +51,31 @@ class Answers:
             self._queryables[command] = session.declare_queryable(key(board_id, name), note)
 
     def give(self) -> None:
-        """Answer what waits, if it is time; at most one question to the board of each kind."""
-        if self._board.now_s() < self._due_s or not any(self._waiting.values()):
-            return
+        """Answer the waiting queries, unless it is too early; ask the board once for each kind."""
         began_s = self._board.now_s()
-        is_silent = False
+        if began_s < self._due_s or not any(self._waiting.values()):
+            return
+        pause_max_s = _PAUSE_MAX_S
         for command, waiting in self._waiting.items():
             asked = [waiting.popleft() for _ in range(len(waiting))]
-            if asked:
-                is_silent |= not self._give(command, asked)
+            if asked and not self._give(command, asked):
+                pause_max_s = float("inf")
         now_s = self._board.now_s()
-        pause_s = max(_EVERY_S, _READINGS_SHARE * (now_s - began_s))
-        self._due_s = now_s + (pause_s if is_silent else min(pause_s, _PAUSE_MAX_S))
+        self._due_s = now_s + min(pause_max_s, max(_EVERY_S, _PAUSE_SHARE * (now_s - began_s)))
 
     def close(self) -> None:
-        """Stop taking queries."""
+        """Accept no more queries."""
         for queryable in self._queryables.values():
             queryable.undeclare()
 
     def _note(self, command: str, query: zenoh.Query) -> None:
-        # What is longer than a question of this program is dropped, and so takes no memory.
+        # A query of SPOTS has no content: any other is dropped, and so needs no memory.
         plain = query.payload is None and query.attachment is None
         if plain and len(str(query.parameters)) <= _PARAMETERS_MAX:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Answer all who asked the same; return whether the board replied."""
+        """Answer queries of one kind; return whether the board replied."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None
@@ -89,7 +89,7 @@ class Answers:
                     else:
                         query.reply_err(error)
                 except zenoh.ZError:
-                    pass  # the querier has disconnected, or takes no such reply
+                    pass  # the querier has disconnected, or accepts no such reply
         return error is None
 
     def _reply(self, command: str) -> dict:

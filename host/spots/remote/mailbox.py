@@ -1,4 +1,4 @@
-"""Messages between the thread that gets them and the one that reads them, in bounded memory."""
+"""A queue of messages between two threads, with limited memory."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 WAITING_BYTES_MAX = 1 << 19
 MESSAGE_BYTES_MAX = 1 << 16
-# Of a message without its label and its bytes: the tuple of both, and its place in the queue.
+# Size of a message without label and data: a tuple, and its place in the queue.
 _OVERHEAD_BYTES = sys.getsizeof((None, None)) + 8
 
 
 class Mailbox:
-    """Keeps the newest messages; whoever reads too slowly misses the oldest.
+    """A queue of messages with labels. If it is full, the oldest messages are dropped.
 
     Attributes
     ----------
     changed : threading.Condition
-        Notified with every message, and by whoever changes what a reader waits for besides.
+        Condition that is notified of every message. It is reentrant.
     dropped : int
-        Messages that were dropped unread.
+        Number of messages that were dropped unread.
     """
 
     def __init__(self):
@@ -34,13 +34,14 @@ class Mailbox:
         return len(self._messages)
 
     def put(self, label: Any, data: Any) -> None:
-        """Add a message and what it is labelled with.
+        """Add a message.
 
         Parameters
         ----------
-        label : hashable
+        label : str or bytes
+            Label of the message.
         data : bytes or zenoh.ZBytes
-            Copied only if it is no longer than any message of a publisher.
+            Content of the message. If it is too long, it is dropped and not copied.
         """
         with self.changed:
             if len(data) > MESSAGE_BYTES_MAX:
@@ -50,25 +51,22 @@ class Mailbox:
             self._messages.append(message)
             self._bytes += _size(message)
             while self._bytes > WAITING_BYTES_MAX:
-                self._take()
+                self.take()
                 self.dropped += 1
             self.changed.notify_all()
 
     def take(self) -> tuple[Any, bytes]:
         """Return the oldest message; IndexError if the mailbox is empty."""
         with self.changed:
-            return self._take()
+            message = self._messages.popleft()
+            self._bytes -= _size(message)
+            return message
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Drop all messages."""
         with self.changed:
             self._messages.clear()
             self._bytes = 0
-
-    def _take(self) -> tuple[Any, bytes]:
-        message = self._messages.popleft()
-        self._bytes -= _size(message)
-        return message
 
 
 def _size(message: tuple[Any, bytes]) -> int:

@@ -1,4 +1,4 @@
-"""``spots publish``: what a board sends, for everyone on the network who may read it."""
+"""``spots publish``: publishes the frames of a board on a network."""
 
 from __future__ import annotations
 
@@ -19,43 +19,48 @@ from ..link.frames import Frame, whole
 from ..signals import released_by_signals
 from .answers import Answers
 from .samples import encode, sample
-from .zenoh_session import is_published, key, open_session
+from .zenoh_session import key, open_session
 
 FRAMES_ENCODING = "application/octet-stream;spots-frames"
 _JSON = zenoh.Encoding.APPLICATION_JSON
-_TURN_S = 0.05  # questions do not wait longer while a board is silent
+_TURN_S = 0.05  # queries do not wait longer while the board is silent
 _HEALTH_EVERY_S = 1.0
 
 
 class Publisher:
-    """Publishes a board until it is closed. It answers only the queries in `READ_ONLY`.
+    """Publishes the frames of a board, and answers the queries in `READ_ONLY`.
 
     Parameters
     ----------
     board : Board
-        The publisher is its only reader.
+        The board. Nothing else may read it.
     session : zenoh.Session
+        An open session.
 
     Attributes
     ----------
     board_id : str
+        Id under which the board is published.
 
     Raises
     ------
     SpotsError
-        If the board is on another machine, has no valid id, or is already published.
+        If the board is read-only, has no valid id, or is already published.
     """
 
     def __init__(self, board: Board, session: zenoh.Session):
         if board.read_only:
-            raise SpotsError(f"{board.port} is no board that is plugged in: it is not published")
+            raise SpotsError(f"cannot publish {board.port}: give the port of a connected board")
         self._board, self._session = board, session
         self.board_id = board.info["id"]
         if not re.fullmatch("[0-9A-Za-z_-]+", self.board_id or ""):
-            raise SpotsError(f"the board on {board.port} has no id to be published under")
-        if is_published(session, self.board_id):
-            raise SpotsError(f"the board {self.board_id} is published already")
-        self._copy = b""  # of what was read and not sent yet
+            raise SpotsError(
+                f"cannot publish the board on {board.port}: it has no valid id; flash its firmware "
+                "again"
+            )
+        if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
+            raise SpotsError(f"the board {self.board_id} is already published: end that publisher")
+        self._copy = b""  # bytes that have arrived and are not published yet
         board.tap(self._keep)
         self._run = secrets.token_hex(4)
         self._outlets: dict[str, Callable] = {}
@@ -64,17 +69,11 @@ class Publisher:
         self._health_due_s = 0.0
         self._answers = Answers(board, self.board_id, session)
         board.command("stream touch spectrum")
-        # Last: who sees it may ask and listen.
+        # The token comes last: a reader that sees it may query and subscribe at once.
         self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
 
     def run(self, seconds: float | None = None) -> None:
-        """Publish what comes, until the time is over.
-
-        Raises
-        ------
-        SpotsError
-            If the board is lost.
-        """
+        """Publish frames until the time is over; SpotsError if the board is lost."""
         now_s = self._board.now_s
         end_s = None if seconds is None else now_s() + seconds
         while end_s is None or now_s() < end_s:
@@ -103,7 +102,7 @@ class Publisher:
         self._publish_health()
 
     def _send(self) -> None:
-        # Bytes are sent after the board object has decoded them, so a restart is already counted.
+        # The board has decoded these bytes, so a restart is already counted.
         size = whole(self._copy)
         data, self._copy = self._copy[:size], self._copy[size:]
         if data:

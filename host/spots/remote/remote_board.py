@@ -12,14 +12,15 @@ _STREAMS = {"touch", "spectrum"}
 
 
 class Remote(Board):
-    """A board that someone publishes, to be read as any other.
+    """A published board, which is read like any other board.
 
-    All that is published comes, whatever is said to be streamed. Of commands ``hello``, ``get``
-    and ``sync`` are answered by the publisher and ``stream`` here; all others are refused.
+    All published frames come, whatever ``stream`` names. The publisher replies to the commands
+    ``hello``, ``get`` and ``sync``, and this object to ``stream``. Other commands are refused.
 
     Parameters
     ----------
     link : ZenohLink
+        Link to the publisher.
     """
 
     read_only = True
@@ -36,14 +37,14 @@ class Remote(Board):
         elif name in READ_ONLY:
             reply = self._far.ask(name, timeout_s)
         else:
-            reply = {"error": "it is read-only from here; send it where the board is plugged in"}
+            reply = {"error": "it is read-only here; send the command on the machine of the board"}
         if reply is None:
             return None
         if name == "hello" and "error" in reply:
             raise SpotsError(f"the board {self.port} does not answer 'hello': {reply['error']}")
         if name == "sync":
             if not isinstance(reply.get("t_us"), int):
-                return None  # its board is away, or it is not a SPOTS publisher
+                return None  # the board is disconnected, or it is not a SPOTS publisher
             reply["stream"] = self._listening
         return Text(0, 0, 0, {**reply, "re": name})
 
@@ -53,55 +54,44 @@ class Remote(Board):
             return {"error": "stream takes touch, spectrum, both, or off"}
         on = kinds != ["off"]
         if on and not self._listening:
-            # What was sent while nobody listened is not lost: any sequence number may be next.
+            # Frames from before the subscription are not lost: any sequence number may come.
             self._decoder.forget()
         self._listening = kinds if on else []
         self._far.listen(on)
         return {"stream": kinds}
 
     def _ask_time(self) -> None:
-        # Nobody sends it questions beside its readings: each would be waited for.
+        # A query blocks until its reply arrives: never ask between readings.
         if self.now_s() >= self._clocks.due_s:
             self._clocks.due_s = float("inf")
 
     def _reconnect(self, timeout_s: float) -> None:
-        self._listening = []  # as a board that has restarted
+        self._listening = []  # a board that has restarted has no streams
         super()._reconnect(timeout_s)
 
 
 def open_port(rest: str, **simulated) -> Remote:
-    """Open the port ``zenoh:ID``, see `link.ports`.
+    """Open the port ``zenoh:ID``, a board that is published on Zenoh; see `link.ports`.
 
     Parameters
     ----------
     rest : str
-        The board's id.
+        Id of the board; empty for the only published board.
     **simulated
-        Options of virtual boards; ignored.
+        Options of a simulated board; ignored.
 
     Returns
     -------
     Remote
-    """
-    return open_remote(rest)
-
-
-def open_remote(board_id: str) -> Remote:
-    """Open a board that is published on Zenoh.
-
-    Parameters
-    ----------
-    board_id : str
-        Empty for the only one.
 
     Raises
     ------
     SpotsError
-        If it is not published, or there are more and none was named.
+        If the board is not published, or `rest` is empty and there are several boards.
     """
     session = open_session()
     try:
-        link = ZenohLink(session, find(session, board_id))
+        link = ZenohLink(session, find(session, rest))
     except BaseException:
         session.close()
         raise

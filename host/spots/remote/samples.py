@@ -1,4 +1,4 @@
-"""A frame as an object that any language reads; the names are those of the exports."""
+"""A frame as an object that any language can read; the names are those of the exports."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ encode = msgspec.json.Encoder().encode  # NaN becomes null
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
-    """Return what is published of a reading, a spectrum or a key.
+    """Return the object that is published for a frame.
 
     Parameters
     ----------
     frame : Touch, Spectrum or Key
+        The frame.
     utc_s : float
-        When it was measured, since 1970.
+        Time of the measurement, in seconds since 1970.
 
     Returns
     -------

@@ -1,11 +1,14 @@
-"""``spots subscribe``: prints what boards publish, as any program without this one could."""
+"""``spots subscribe``: prints the JSON messages of published boards."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
+import threading
 import time
+from collections.abc import Callable
 from functools import lru_cache
 
 import zenoh
@@ -20,6 +23,7 @@ from .publish import FRAMES_ENCODING
 from .zenoh_session import direct, open_session
 
 _NAMES_MAX = 256
+_NOT_SHOWN = {"utc_s", "sensor", "sequence", "t_us"}
 
 
 def subscribe_command(options: argparse.Namespace) -> None:
@@ -28,7 +32,8 @@ def subscribe_command(options: argparse.Namespace) -> None:
         expression = zenoh.KeyExpr(options.expression)
     except zenoh.ZError:
         raise SpotsError(
-            f"'{options.expression}' is no key expression, such as spots/*/0/touch"
+            f"'{options.expression}' is not a key expression of Zenoh: give one such as "
+            "spots/*/0/touch"
         ) from None
     mail = Mailbox()
 
@@ -50,15 +55,14 @@ def subscribe_command(options: argparse.Namespace) -> None:
             pass
         finally:
             if mail.dropped:
-                print(f"{mail.dropped} messages dropped: printing is too slow", file=sys.stderr)
+                print(f"{mail.dropped} messages lost: printing is too slow", file=sys.stderr)
 
 
-def _print(mail: Mailbox, written, seconds: float | None) -> None:
-    end_s = None if seconds is None else time.monotonic() + seconds
-    while end_s is None or time.monotonic() < end_s:
+def _print(mail: Mailbox, written: Callable[[str, dict], str], seconds: float | None) -> None:
+    end_s = math.inf if seconds is None else time.monotonic() + seconds
+    while (left_s := end_s - time.monotonic()) > 0:
         with mail.changed:
-            left_s = None if end_s is None else end_s - time.monotonic()
-            mail.changed.wait_for(lambda: mail, left_s)
+            mail.changed.wait_for(lambda: mail, min(left_s, threading.TIMEOUT_MAX))
         while mail:
             name, data = mail.take()
             text = _text(written, name, data)
@@ -68,8 +72,8 @@ def _print(mail: Mailbox, written, seconds: float | None) -> None:
                 print(text, flush=True)
 
 
-def _text(written, name: str, data: bytes) -> str | None:
-    """Return a message as a line, empty if it is not to be shown, or None if it is invalid."""
+def _text(written: Callable[[str, dict], str], name: str, data: bytes) -> str | None:
+    """Return the line of a message: empty if it is not shown, None if it is invalid."""
     try:
         return printable(written(name, decoded(data)))
     except Exception:  # anyone may publish anything under such a name
@@ -81,11 +85,11 @@ def _as_json(name: str, content: dict) -> str:
 
 
 class _Lines:
-    """A line for a person, of readings and spectra not more than one can read."""
+    """Formats messages as lines for people; of frequent messages only some are shown."""
 
     def __init__(self):
         self._began_s = time.time()
-        # Anyone may publish thousands of names: the least recently used are forgotten.
+        # Anyone may publish thousands of names: the least recently used are dropped.
         self._pace = lru_cache(_NAMES_MAX)(lambda name: Pace(PLAIN_LINES_PER_S))
 
     def written(self, name: str, content: dict) -> str:
@@ -94,26 +98,10 @@ class _Lines:
         if kind in ("touch", "spectrum") and not self._pace(name).due(time.monotonic()):
             return ""
         if kind == "touch":
-            text = plain(_touch(content), self._began_s)
-        else:
-            text = f"{content['utc_s'] - self._began_s:8.3f} s  {kind}  " + "  ".join(
-                f"{name} {value}" for name, value in content.items() if name not in _ELSEWHERE
-            )
-        return f"{board_id}  {text}"
-
-
-_ELSEWHERE = {"utc_s", "sensor", "sequence", "t_us"}
-
-
-def _touch(content: dict) -> Touch:
-    return Touch(
-        content["sensor"],
-        content["sequence"],
-        content["t_us"],
-        content["flags"],
-        round(float(content["contrast_log2"]) * (1 << 20)),
-        round(float(content["brightness_log2"]) * (1 << 20)),
-        content["position_um"],
-        content["force_mN"],
-        content["utc_s"],
-    )
+            # An unknown value is null; a line does not show contrast and brightness.
+            known = {name: math.nan if one is None else one for name, one in content.items()}
+            place, force, utc_s = (known[name] for name in ("position_um", "force_mN", "utc_s"))
+            touch = Touch(0, 0, 0, known["flags"], 0, 0, place, force, utc_s)
+            return f"{board_id}  {plain(touch, self._began_s)}"
+        shown = (f"{name} {one}" for name, one in content.items() if name not in _NOT_SHOWN)
+        return f"{board_id}  {content['utc_s'] - self._began_s:8.3f} s  {kind}  {'  '.join(shown)}"

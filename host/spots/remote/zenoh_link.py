@@ -1,4 +1,4 @@
-"""A published board as a link: its frames as they come, and questions to its publisher."""
+"""A link to a published board: receives its frames, and queries its publisher."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from .mailbox import Mailbox
 from .zenoh_session import READ_ONLY, direct, key
 
 _RUN_BYTES_MAX = 64
-_ERROR_BYTES_MAX = 600  # as long as any text of a board
+_ERROR_BYTES_MAX = 600  # the longest text of a board
 
 
 class ZenohLink:
-    """Frames of a board that someone publishes. Nothing is ever written to the board.
+    """Receives the frames of a published board. It never writes to the board.
 
-    Frames come after `listen` only. When the publisher disconnects or its board restarts,
-    `read` raises PortLostError. `reopen` does not listen: call `listen` again.
+    Frames come after a call of `listen`, which is needed again after `reopen`. If the publisher
+    disconnects or its board restarts, `read` raises PortLostError.
 
     Parameters
     ----------
     session : zenoh.Session
-        Taken over; closed with the link.
+        An open session. It is closed with the link.
     board_id : str
+        Id of the board.
     """
 
     def __init__(self, session: zenoh.Session, board_id: str):
         self.name = f"zenoh:{board_id}"
         self._session, self._id = session, board_id
         self._mail = Mailbox()
-        self._alive = True  # or it would not have been found
+        self._alive = True  # it was found a moment ago
         self._frames: zenoh.Subscriber | None = None
         self._run: bytes | None = None
         token = key(board_id, "alive")
@@ -64,9 +65,9 @@ class ZenohLink:
             if mail:
                 return self._whole_run()
         if self._session.is_closed():
-            raise SpotsError(f"{self.name} was closed")
+            raise SpotsError(f"the board {self.name} is closed: open it again")
         if not self._alive:
-            raise PortLostError(f"the board {self.name} is published no more")
+            raise PortLostError(self._gone())
         return b""
 
     def close_port(self) -> None:
@@ -77,30 +78,30 @@ class ZenohLink:
         self.listen(False)
         self._run = None
         if not self._alive:
-            raise SpotsError(f"the board {self.name} is published no more")
+            raise SpotsError(self._gone())
 
     def write(self, data: bytes) -> None:
-        """Write nothing: see `ask`."""
+        """Ignore the data: nothing is written to a remote board; see `ask`."""
 
     def ask(self, command: str, timeout_s: float) -> dict | None:
-        """Ask the publisher for the reply to a command that changes nothing.
+        """Query the publisher for the reply to a command that changes nothing.
 
         Parameters
         ----------
         command : str
-            A key of `READ_ONLY`.
+            Name of the command, a key of `READ_ONLY`.
         timeout_s : float
-            How long to wait for replies, in seconds.
+            Longest time to wait for the reply, in seconds.
 
         Returns
         -------
         dict or None
-            None if no valid reply is received.
+            None without a valid reply in time.
         """
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
             if reply.err is not None:
-                # Any peer can send an error, of any length and in no encoding at all.
+                # Any peer can send an error, of any length and with any bytes.
                 if len(reply.err.payload) <= _ERROR_BYTES_MAX:
                     text = bytes(reply.err.payload).decode(errors="replace")
                     return {"re": command, "error": text}
@@ -116,13 +117,19 @@ class ZenohLink:
         self._alive = False
         self._session.close()
 
+    def _gone(self) -> str:
+        return (
+            f"the board {self.name} is no longer published: run 'spots publish' on the machine of "
+            "the board"
+        )
+
     def _whole_run(self) -> bytes:
-        # All that waits at once: a decoder is cheaper with more bytes, and a view lags less.
+        # All waiting messages at once: decoding costs less, and a view lags less.
         pieces = []
         while self._mail:
             run, data = self._mail.take()
             if self._run not in (None, run):
-                raise PortLostError(f"the board {self.name} has restarted")
+                raise PortLostError(f"the board {self.name} has restarted: wait, or open it again")
             self._run = run
             pieces.append(data)
         return b"".join(pieces)

@@ -1,4 +1,4 @@
-"""A Zenoh session, the names of what is published there, and which boards are."""
+"""Opens a Zenoh session, makes the keys of a board, and finds published boards."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from ..bounded import ZENOH_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from ..guarded import Guarded
 
-# Zenoh's own name for where its configuration is.
+# The environment variable with the path of Zenoh's configuration; Zenoh's own name.
 CONFIG_VARIABLE = "ZENOH_CONFIG"
-# The remote queries, and the key of each.
+# Keys of the queries that a publisher answers, by command.
 READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 
-_NESTED_MAX = 1000  # tables and lists of a configuration; the longest one has some 150
+_NESTED_MAX = 1000  # objects and lists in a configuration; the longest example has about 150
 _PATIENCE_S = 3.0
-_OTHERS_S = 0.5  # so long after the first board others may still come
-_FOUND_MAX = 16  # boards that are looked at; anyone may publish thousands of names
+_OTHERS_S = 0.5  # time for other boards to appear after the first one
+_FOUND_MAX = 16  # boards that are listed; anyone may publish thousands of names
 
 
 def key(board_id: str, *rest: str | int) -> str:
-    """Return the name of something of a board: ``spots/<board>/…``.
+    """Return a Zenoh key of a board: ``spots/<board>/…``.
 
     Parameters
     ----------
     board_id : str
-        The board's id.
+        Id of the board.
     *rest : str or int
-        Further parts of the name.
+        Further parts of the key.
 
     Returns
     -------
@@ -42,12 +42,12 @@ def key(board_id: str, *rest: str | int) -> str:
 
 
 def open_session() -> zenoh.Session:
-    """Open a session as the file says that ZENOH_CONFIG names, else as Zenoh does by itself.
+    """Open a session with the configuration file that ZENOH_CONFIG names, or with the defaults.
 
     Raises
     ------
     SpotsError
-        If there is no such file, it is no configuration, or no session can be opened with it.
+        If the file does not exist or is invalid, or no session can be opened.
     """
     path = os.environ.get(CONFIG_VARIABLE)
     if path:
@@ -55,35 +55,43 @@ def open_session() -> zenoh.Session:
     try:
         config = zenoh.Config.from_file(path) if path else zenoh.Config()
     except zenoh.ZError as error:
-        raise SpotsError(f"{path} is no Zenoh configuration: {_first_line(error)}") from None
+        raise SpotsError(
+            f"{path} is not a Zenoh configuration: {_first_line(error)}: name another file"
+        ) from None
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        where = path or "its usual settings; --zenoh-config takes others"
-        raise SpotsError(f"Zenoh does not start with {where}: {_first_line(error)}") from None
+        what = path or "its default configuration"
+        raise SpotsError(
+            f"Zenoh does not start with {what}: {_first_line(error)}: name another configuration "
+            "with --zenoh-config"
+        ) from None
 
 
 def _check_config(path: str) -> None:
-    """Refuse what Zenoh's own reader would wait for, or end the program with."""
+    """Refuse a file on which Zenoh's own reader would block or crash."""
     try:
         text = read_bytes(path, ZENOH_MAX_BYTES)
     except OSError:
         raise SpotsError(
-            f"there is no Zenoh configuration {path}: --zenoh-config or the variable ZENOH_CONFIG "
-            "names one"
+            f"there is no Zenoh configuration {path}: name the file with --zenoh-config or the "
+            "variable ZENOH_CONFIG"
         ) from None
     if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
-        raise SpotsError(f"{path} is no Zenoh configuration: it is nested too deep")
+        raise SpotsError(
+            f"{path} is not a Zenoh configuration: it is nested too deep: name another file"
+        )
 
 
 def find(session: zenoh.Session, wanted: str) -> str:
-    """Wait until a board is published and return its id.
+    """Wait until a board is published, and return its id.
 
     Parameters
     ----------
     session : zenoh.Session
+        An open session.
     wanted : str
-        The id; empty for the only board that there is.
+        Id of the board; empty for the only published board.
 
     Returns
     -------
@@ -92,7 +100,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
     Raises
     ------
     SpotsError
-        If no board is published in time, or there are several and none was named.
+        If the board is not published in time, or `wanted` is empty and there are several boards.
     """
     alive: set[str] = set()
     changed = threading.Condition()
@@ -110,7 +118,9 @@ def find(session: zenoh.Session, wanted: str) -> str:
     try:
         watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
     except zenoh.ZError:
-        raise SpotsError(f"'{wanted}' is no board's id: zenoh: alone takes the only one") from None
+        raise SpotsError(
+            f"'{wanted}' is not a board's id: give zenoh:ID, or zenoh: for the only board"
+        ) from None
     try:
         with changed:
             changed.wait_for(lambda: alive, _PATIENCE_S)
@@ -121,39 +131,24 @@ def find(session: zenoh.Session, wanted: str) -> str:
         watch.undeclare()
     if not found:
         what = f"no board {wanted} is" if wanted else "no board is"
-        raise SpotsError(f"{what} published on Zenoh: run 'spots publish' where it is plugged in")
+        raise SpotsError(
+            f"{what} published on Zenoh: run 'spots publish' on the machine of the board"
+        )
     if len(found) > 1:
         names = ", ".join(f"zenoh:{board_id}" for board_id in found)
-        raise SpotsError(f"more than one board is published, name one of: {names}")
+        raise SpotsError(f"more than one board is published: give one of these: {names}")
     return found[0]
 
 
 def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
-    """Return a handler that runs in Zenoh's own threads.
+    """Return a handler that calls a function in Zenoh's own threads.
 
-    The usual one starts a thread of Python, for which a program would wait at its end if a board
-    was not closed. The callback must not wait, nor call Zenoh. An exception in it is reported as
-    one sentence, and the next message is taken.
+    Zenoh's usual handler starts a Python thread, which blocks the exit of a program that has not
+    closed its board. The function must neither wait nor call Zenoh. Its exceptions are reported in
+    one line, and the next message follows.
     """
     guarded = Guarded(callback, "taking what came from Zenoh")
     return zenoh.handlers.Callback(guarded, indirect=False)
-
-
-def is_published(session: zenoh.Session, board_id: str) -> bool:
-    """Return whether someone publishes a board, as far as the session knows yet.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        An open session.
-    board_id : str
-        The board's id.
-
-    Returns
-    -------
-    bool
-    """
-    return any(reply.ok for reply in session.liveliness().get(key(board_id, "alive")))
 
 
 def _first_line(error: Exception) -> str:

@@ -1,1 +1,1 @@
-"""What a board feels, as a picture or as lines in a terminal."""
+"""Shows the readings of a board in a terminal, as a picture or as lines."""

@@ -1,4 +1,4 @@
-"""Shows what a board feels, until one has seen enough."""
+"""``spots monitor`` and ``spots replay``: show the readings of a board."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ PLAIN_LINES_PER_S = 4
 def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None = None) -> None:
     """Show a board's readings until the time is over or Ctrl-C.
 
-    A live picture on a terminal, plain lines elsewhere.
+    On a terminal they are a live picture, elsewhere plain lines.
 
     Parameters
     ----------
     board : Board
-        Only the streams that it shows are on.
+        The board to read.
     seconds : float or None
-        End after this time of the link's clock; no limit if None.
+        Duration, in seconds of the link's clock; no limit if None.
     quiet : bool
-        Whether nothing is printed.
+        Whether to print nothing.
     judge : Judge, optional
         Compares the readings with a known truth.
 

@@ -1,4 +1,4 @@
-"""What a person sees: the strip, its spectrum and the link, as a picture in the terminal."""
+"""Draws a strip, its spectrum and the link in the terminal."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from ..link.timeouts import CONNECTED
 
 _FULL_FORCE_MN = 10_000
 _DEFAULT_LENGTH_UM = 85_000
-_BAR_LEFT = 24  # columns that bars are shorter than a strip
+_BAR_LEFT = 24  # a bar has so many columns less than a strip
 _TRACE_COLUMNS = 64
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _LEVELS = " ▁▂▃▄▅▆▇█"
 _REDRAWS_PER_S = 15
-# What a channel's band looks like, DS000504.
+# The colour of each channel's band, DS000504.
 _CHANNEL_COLOURS = {
     "F1": "#7600ed", "F2": "#0028ff", "F3": "#00d5ff", "F4": "#1fff00", "F5": "#b3ff00",
     "F6": "#ffdf00", "F7": "#ff4f00", "F8": "#d00000", "CLEAR": "#f0f0f0", "NIR": "#8a5a5a",
@@ -41,37 +41,37 @@ _FLAG_WORDS = {
 
 
 class Judge(Protocol):
-    """Who knows the truth of a run and compares readings with it."""
+    """Compares the readings of a run with its known truth."""
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading, which arrived at this time of the link's clock.
+        """Compare a reading with the truth.
 
         Parameters
         ----------
         touch : Touch
             The reading.
         arrived_s : float
-            In seconds.
+            Time of its arrival, in seconds of the link's clock.
         """
 
     def facts(self) -> dict:
-        """Return what to show: ``link``, more of the link's row, and ``rows``, more rows."""
+        """Return values to show: ``link``, added to the row of the link, and ``rows``, a list."""
 
 
 class StripView:
-    """State of the picture, and the picture.
+    """A picture of a board's latest readings.
 
     Parameters
     ----------
     info : dict
-        The board's ``hello``.
+        The board's reply to ``hello``.
     port : str
-        Its port.
+        Name of the board's port.
 
     Attributes
     ----------
     state : str
-        Of the link, see `link.board.Board.state`; shown where it is not connected.
+        State of the link, see `link.board.Board.state`. It is shown unless it is ``connected``.
     """
 
     def __init__(self, info: dict, port: str):
@@ -84,7 +84,7 @@ class StripView:
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
 
     def take(self, frame: Frame) -> None:
-        """Show this frame from now on."""
+        """Take a frame into the picture."""
         if isinstance(frame, Touch):
             self._touch = frame
             self._trace.append(frame)
@@ -97,9 +97,9 @@ class StripView:
         Parameters
         ----------
         stats : LinkStats
-            Shown below the strip.
+            Statistics of the link, shown below the strip.
         judge : Judge, optional
-            Adds the errors of the run, where the truth is known.
+            Source of the errors to show, if the truth is known.
 
         Returns
         -------
@@ -117,7 +117,7 @@ class StripView:
         )
 
     def _strip(self) -> Text:
-        # The dyed guide reddens away from the sensor; a press is where it is bright.
+        # The light gets redder away from the sensor. A press is bright.
         touch = self._touch
         columns = strip_columns()
         at = size = -1.0
@@ -141,21 +141,18 @@ class StripView:
 
     def _numbers(self) -> Table:
         touch = self._touch
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(justify="right", width=9)
-        grid.add_column(justify="right", width=10)
-        grid.add_column()
         held = touch is not None and _is_felt(touch)
         place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
         force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
         words = " ".join(flag_words(touch)) if touch is not None else ""
-        grid.add_row("position", place, Text(words, style="yellow"))
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
+        grid = _grid()
+        grid.add_row("position", place, Text(words, style="yellow"))
         grid.add_row("force", force, Text(bar(share), style="cyan"))
         return grid
 
     def _history(self) -> Table:
-        # Oldest left; the height of each column is the mean position of its readings.
+        # The oldest is on the left. The height of a column is the mean position of its readings.
         readings = list(self._trace)[-4 * strip_columns() :]
         line = Text()
         for i in range(0, len(readings), 4):
@@ -182,17 +179,15 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
     plan : sequence of str
         Names of the channels.
     counts : sequence of float
+        Counts of the channels.
     least : float
-        The count of the longest bar, if no channel has more.
+        Count of a full bar, unless a channel has more.
 
     Returns
     -------
     rich.table.Table
     """
-    grid = Table.grid(padding=(0, 1))
-    grid.add_column(justify="right", width=9)
-    grid.add_column(justify="right", width=10)
-    grid.add_column()
+    grid = _grid()
     top = max([*counts, least])
     for name, count in zip(plan, counts):
         colour = _CHANNEL_COLOURS.get(name, "white")
@@ -201,21 +196,27 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
 
 
 def strip_columns() -> int:
-    """Return how many columns a strip is drawn with: fewer on a narrow terminal."""
+    """Return the width of a strip in columns, which depends on the width of the terminal."""
     return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
 
 
 def bar(share: float) -> str:
-    """Return a bar, its length a share of the longest."""
+    """Return a bar of block characters; `share` is its length, 1 for the longest."""
     eighths = round(max(0.0, min(share, 1.0)) * (strip_columns() - _BAR_LEFT) * 8)
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
 
+def _grid() -> Table:
+    grid = Table.grid(padding=(0, 1))
+    grid.add_column(justify="right", width=9)
+    grid.add_column(justify="right", width=10)
+    grid.add_column()
+    return grid
+
+
 def _facts(stats: LinkStats, judged: dict) -> list[Text]:
-    return [
-        _row({"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}),
-        *[_row(row) for row in judged["rows"]],
-    ]
+    link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}
+    return [_row(row) for row in (link, *judged["rows"])]
 
 
 def _row(row: dict) -> Text:
@@ -225,29 +226,29 @@ def _row(row: dict) -> Text:
 
 
 def _is_felt(touch: Touch) -> bool:
-    # While the LED is off for a dark frame a touch has no place.
+    # During a dark frame the LED is off, and the position of a touch is unknown.
     return touch.touching and not math.isnan(touch.position_um)
 
 
 def flag_words(touch: Touch) -> list[str]:
-    """Return the flags of a reading in words."""
+    """Return a word for each flag of a reading that explains why it is untrusted."""
     return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
 
 
 def plain(touch: Touch, started_s: float) -> str:
-    """Return a reading as a line of text, its time counted from `started_s`.
+    """Return a reading as a line of text.
 
     Parameters
     ----------
     touch : Touch
-        With host time.
+        A reading with its host time.
     started_s : float
-        Where its time counts from, in seconds by the link's clock.
+        Host time of the first reading, in seconds; the line has the time since then.
 
     Returns
     -------
     str
-        Time in s, place in mm, force in N, flags.
+        Time in s, position in mm, force in N, and words for the flags.
     """
     time_s = touch.time_s - started_s
     words = " ".join(flag_words(touch))
@@ -258,19 +259,19 @@ def plain(touch: Touch, started_s: float) -> str:
 
 
 def live(console: Console) -> Live:
-    """Return a display that redraws in place; draw with ``update(picture, refresh=True)``."""
+    """Return a display that redraws in place with ``update(picture, refresh=True)``."""
     return Live(console=console, auto_refresh=False, transient=False)
 
 
 class Pace:
-    """Limits how often to redraw, so that drawing never costs readings."""
+    """Limits how often to redraw, so that drawing does not delay readings."""
 
     def __init__(self, per_s: float = _REDRAWS_PER_S):
         self._every_s = 1 / per_s
         self._next_s = float("-inf")
 
     def due(self, now_s: float) -> bool:
-        """Return whether it is time, at most so many times a second."""
+        """Return whether to redraw now; True at most `per_s` times a second."""
         if now_s < self._next_s:
             return False
         self._next_s = now_s + self._every_s

@@ -1,0 +1,66 @@
+"""Links in front of another link; see `spots.link.serial_link.Link`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from spots.link.serial_link import Link
+
+
+class LinkWrapper:
+    """Delegates to another link; the base class of wrappers.
+
+    Parameters
+    ----------
+    link : Link
+        The other link.
+    """
+
+    def __init__(self, link: Link):
+        self._link = link
+
+    @property
+    def name(self) -> str:
+        return self._link.name
+
+    def now_s(self) -> float:
+        return self._link.now_s()
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._link.read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        self._link.write(data)
+
+    def sleep(self, duration_s: float) -> None:
+        self._link.sleep(duration_s)
+
+    def reopen(self) -> None:
+        self._link.reopen()
+
+    def close_port(self) -> None:
+        self._link.close_port()
+
+    def close(self) -> None:
+        self._link.close()
+
+
+class Tap(LinkWrapper):
+    """Shows a function the data that is read from another link.
+
+    Parameters
+    ----------
+    link : Link
+        The other link.
+    look : callable
+        ``look(data, now_s)``: the bytes of a read, and the time of the link's clock.
+    """
+
+    def __init__(self, link: Link, look: Callable[[bytes, float], None]):
+        super().__init__(link)
+        self._look = look
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        self._look(data, self.now_s())
+        return data
