@@ -17,7 +17,7 @@ and may have
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Returns a `linkage.twin_source.DrivenLinkage`, a whole linkage. The last three have defaults.
 ``run_linkage(options)``
-     Follows a linkage with a known truth, for ``spots twin`` without boards.
+    Follows a linkage with a known truth, for ``spots twin`` without boards.
 ``flash_place(device)``
     Returns a context manager with a `deploy.place.Place`, a board to flash.
 """
