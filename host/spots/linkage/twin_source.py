@@ -130,8 +130,8 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     strips = arm.strips(path)
     if len(ports) not in (0, 2):
         raise SpotsError(
-            f"a linkage has two joints with a board each, and {len(ports)} --port is given: name "
-            "the port of joint 1, then the port of joint 2"
+            f"each of the two joints has its own board, but --port was given {len(ports)} times: "
+            "name the port of joint 1, then the port of joint 2"
         )
     return Twin(arm.linkage, arm.encoders(strips)), strips
 

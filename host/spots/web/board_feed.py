@@ -28,11 +28,6 @@ _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
 _HEALTH_EVERY_S = 0.5
 _RATE_OVER_S = 2.0  # time over which rate and latency are computed
-_WHY = {
-    STALLED: "no readings arrive",
-    LOST: "the board was disconnected",
-    REFUSED: "another board is in its place",
-}
 # Cause and next step while the strip cannot be read.
 _NEXT = {
     SEARCHING: "no board found; next: plug one in, or name its port with --port",
@@ -40,10 +35,6 @@ _NEXT = {
     LOST: "the board is disconnected; next: check its plug, and the web UI finds it again",
     REFUSED: "this is another board; next: plug the first one in, or restart 'spots serve'",
 }
-_UNCALIBRATED = (
-    "the board is not calibrated, so a press has no position and no force; "
-    "next: spots calibrate position"
-)
 
 
 class BoardReader:
@@ -173,13 +164,12 @@ class BoardReader:
 
     def _take_state(self, state: str) -> None:
         if state != CONNECTED:  # shown with the first reading
-            self._say(state, _WHY[state])
+            self._say(state, "")
 
     def _say(self, state: str, message: str) -> None:
         said = state, message, self._known.get("port")
         if said != self._said:
-            uncalibrated = self._known.get("layout", "") is None
-            step = _NEXT.get(state, _UNCALIBRATED if uncalibrated else "")
+            step = _NEXT.get(state, "")
             board = {"state": state, "message": message, "next": step, **self._known}
             self._state.put("board", board)
             self._said = said  # last: after an error the next attempt shows it again

@@ -33,14 +33,14 @@ class Cursor(NamedTuple):
 class PageState:
     """Parts by name, and events.
 
-    Parameters
+    Attributes
     ----------
-    on_change : callable, optional
+    on_change : callable
         Called without arguments after each change, in the thread that writes.
     """
 
-    def __init__(self, on_change: Callable[[], None] = lambda: None):
-        self.on_change = on_change
+    def __init__(self):
+        self.on_change: Callable[[], None] = lambda: None
         self._lock = threading.Lock()
         self._parts: dict[str, tuple[int, Any]] = {}
         self._version = 0
