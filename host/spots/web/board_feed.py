@@ -19,6 +19,7 @@ from ..link.frames import Key, Spectrum, Touch
 from ..link.ports import scheme
 from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED
 from ..recording.replay import Replay
+from ..terminal.view import Pace
 from .expected import expected_shown
 from .feel import Feel, layout_shown
 from .recordings import Recordings
@@ -26,7 +27,7 @@ from .state import PageState
 
 _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
-_HEALTH_EVERY_S = 0.5
+_HEALTH_PER_S = 2
 _RATE_OVER_S = 2.0  # time over which rate and latency are computed
 # Cause and next step while the strip cannot be read.
 _NEXT = {
@@ -195,7 +196,7 @@ class _Health:
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
         self._latest: deque[tuple[float, float]] = deque()  # arrival and latency of readings, in s
-        self._due_s = 0.0
+        self._pace = Pace(_HEALTH_PER_S)
 
     def took(self, now_s: float, latency_s: float) -> None:
         """Count a reading that arrived at `now_s` of the link's clock."""
@@ -204,9 +205,8 @@ class _Health:
 
     def show(self) -> None:
         """Put the figures into the state if half a second has passed."""
-        if time.monotonic() < self._due_s:
+        if not self._pace.due(time.monotonic()):
             return
-        self._due_s = time.monotonic() + _HEALTH_EVERY_S
         latest, stats = self._latest, self._board.stats
         while latest and latest[0][0] < self._board.now_s() - _RATE_OVER_S:
             latest.popleft()
