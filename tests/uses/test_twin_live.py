@@ -393,6 +393,15 @@ def test_what_a_simulation_cannot_do_is_refused(arguments, words, monkeypatch, c
     assert words in capsys.readouterr().err
 
 
+def test_recordings_without_a_terminal_are_an_error(machine, tmp_path, capsys):
+    paths = [str(tmp_path / "a.spots"), str(tmp_path / "b.spots")]
+    with twin_source.opened(machine.arm, ["0", "1"], paths):
+        pass
+    ports = [word for path in paths for word in ("--port", f"recording:{path}")]
+    assert cli.main(["twin", "--linkage", str(machine.arm), *ports]) == 2
+    assert "made at the same time" in capsys.readouterr().err
+
+
 def test_a_line_is_out_when_it_is_told(monkeypatch):
     calls = []
     monkeypatch.setattr(twin_command, "line", lambda *_: "a line")
