@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 # A client that is more than so many events behind loses the oldest ones.
@@ -40,7 +39,7 @@ class PageState:
     """
 
     def __init__(self):
-        self.on_change: Callable[[], None] = lambda: None
+        self.on_change = lambda: None
         self._lock = threading.Lock()
         self._parts: dict[str, tuple[int, Any]] = {}
         self._version = 0
