@@ -300,7 +300,7 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         (HEAD + JOINTS.replace("strip", "none"), "joint 1: there is no file .*none.toml"),
         (
             HEAD + JOINTS.replace("strip", "bare"),
-            "joint 1: .*bare.toml has no .* of a joint: run",
+            "joint 1: .*bare.toml contains no joint: run",
         ),
     ],
 )
@@ -351,8 +351,8 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--port", "0"], "two joints with a board each, and 1 --port is given"),
-        (["--port", "0", "--port", "1", "--port", "0"], "each, and 3 --port is given"),
+        (["--port", "0"], "but --port was given 1 times"),
+        (["--port", "0", "--port", "1", "--port", "0"], "but --port was given 3 times"),
         (["--port", "0", "--port", "1", "--record", "a"], "name two, one for each board"),
         (["--port", "recording:a", "--port", "1"], "is a recording, and the other is not"),
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
@@ -391,6 +391,15 @@ def test_what_a_simulation_cannot_do_is_refused(arguments, words, monkeypatch, c
     monkeypatch.setattr(linkage_demo, "Endless", lambda *_: pytest.fail("simulated before"))
     assert cli.main(["twin", *arguments]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_recordings_without_a_terminal_are_an_error(machine, tmp_path, capsys):
+    paths = [str(tmp_path / "a.spots"), str(tmp_path / "b.spots")]
+    with twin_source.opened(machine.arm, ["0", "1"], paths):
+        pass
+    ports = [word for path in paths for word in ("--port", f"recording:{path}")]
+    assert cli.main(["twin", "--linkage", str(machine.arm), *ports]) == 2
+    assert "made at the same time" in capsys.readouterr().err
 
 
 def test_a_line_is_out_when_it_is_told(monkeypatch):

@@ -102,7 +102,7 @@ def test_boards_of_a_linkage_file_are_waited_for(machine, monkeypatch, running):
     there.add("1")
     awaited(lambda: part(state)["x_mm"] is not None)
     assert part(state)["note"] == ""
-    with pytest.raises(SpotsError, match="3 --port is given"):
+    with pytest.raises(SpotsError, match="--port was given 3 times"):
         twin_feed.linkage_readers(str(machine.arm), ["0", "1", "2"], layout, state)
 
 
@@ -182,7 +182,7 @@ def test_boards_with_named_ports_are_found_again_by_their_ids(machine, monkeypat
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--port", "a", "--port", "b"], "shows one board, but 2 --port are given"),
+        (["--port", "a", "--port", "b"], "shows one board, but --port was given 2 times"),
         (["--linkage", "nope.toml"], "cannot read the linkage file nope.toml"),
         (["--linkage", "nope", "--port", "virtual"], "cannot read the linkage file nope: give"),
     ],

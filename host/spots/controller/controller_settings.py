@@ -54,7 +54,7 @@ class PositionAxis(_Axis, tag="position"):
 
     def __post_init__(self):
         if not self.min_percent < self.rest_percent < self.max_percent:
-            raise ValueError("min_percent < rest_percent < max_percent must hold")
+            raise ValueError("rest_percent must be between min_percent and max_percent")
 
 
 class ForceAxis(_Axis, tag="force"):

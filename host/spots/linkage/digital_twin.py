@@ -135,7 +135,9 @@ class Twin:
 
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
         if len(encoders) != 2:
-            raise SpotsError(f"a five-bar linkage needs two encoders, not {len(encoders)}")
+            raise SpotsError(
+                f"a linkage needs two encoders, not {len(encoders)}: give one for each joint"
+            )
         self.linkage = linkage
         self.encoders = tuple(encoders)
         self.trail: deque[Terminal] = deque(maxlen=_TRAIL)

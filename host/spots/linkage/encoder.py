@@ -97,12 +97,11 @@ class Encoder:
         offset_rad: float = 0.0,
         gain: float = 1.0,
     ):
+        source = "the calibration"
         if isinstance(joint, (str, PathLike)):
-            joint = load(Path(joint)).joint
+            source, joint = joint, load(Path(joint)).joint
         if joint is None:
-            raise SpotsError(
-                "the calibration file has no calibration of a joint: run 'spots calibrate joint'"
-            )
+            raise SpotsError(f"{source} contains no joint: run 'spots calibrate joint'")
         if not (math.isfinite(offset_rad) and math.isfinite(gain) and gain):
             raise SpotsError(
                 "offset and gain of an encoder must be finite numbers, and the gain must not be 0"

@@ -17,7 +17,7 @@ from .fivebar import Linkage, assembled
 # Prior standard deviation of each parameter. It scales parameters of different units, and keeps a
 # parameter near its start value if the places do not determine it.
 _LENGTH_SHARE = 0.05
-_RANGES = {
+_PRIORS = {
     "offset1_rad": 0.1,
     "offset2_rad": 0.1,
     "gain1": 0.05,
@@ -30,7 +30,7 @@ _RANGES = {
 LENGTHS = ("bar1_mm", "bar2_mm", "bar3_mm", "bar4_mm", "base_mm")
 MOUNTING = ("offset1_rad", "offset2_rad", "gain1", "gain2")
 FRAME = ("frame_x_mm", "frame_y_mm", "frame_rad")
-NAMES = LENGTHS + tuple(_RANGES)
+NAMES = LENGTHS + tuple(_PRIORS)
 STANDARD = LENGTHS + MOUNTING + FRAME
 _ROBUST = 2.0  # beyond so many standard errors a residual counts less than its square
 _OUTLIER = 5.0  # a place is an outlier beyond so many standard errors
@@ -198,19 +198,14 @@ def calibrate(
     _check_enough(len(places), set(free))
     values = dict(zip(NAMES, (*start.bar_mm, start.base_mm, *offset_rad, *gain, 0, 0, 0, 1)))
     names = tuple(name for name in NAMES if name in free)
-    centre = np.array([values[name] for name in names])
-    ranges = np.array(
-        [_RANGES.get(name, _LENGTH_SHARE * value) for name, value in zip(names, centre)]
-    )
     fit = _Fit(angles, places, values, names, start.side)
     scale = np.full((len(places), 2, 2), np.eye(2) / place_sigma_mm)
-    found = np.zeros(len(names))  # difference from the start, in units of the ranges
+    found = np.zeros(len(names))
     outlier = np.zeros(len(places), bool)
     for _ in range(_ROUNDS):
-        found = fit.solve(np.where(outlier[:, None, None], 0, scale), centre, ranges, found)
-        at = centre + ranges * found
-        scale = fit.weights(at, angle_sigma_rad, place_sigma_mm)
-        residual_mm = fit.residual_mm(at)
+        found = fit.solve(np.where(outlier[:, None, None], 0, scale), found)
+        scale = fit.weights(found, angle_sigma_rad, place_sigma_mm)
+        residual_mm = fit.residual_mm(found)
         distance = np.hypot(*np.einsum("nij,nj->in", scale, residual_mm)) / np.sqrt(2)
         misfit = float(np.median(distance) / np.sqrt(np.log(2)))  # Rayleigh's median
         outlier = distance > _OUTLIER * max(misfit, 1)
@@ -220,13 +215,13 @@ def calibrate(
             "places in mm and angles in the unit that their name states"
         )
     _check_enough(int((~outlier).sum()), names, f"without {outlier.sum()} outliers, ")
-    jacobian = fit.jacobian(at, ranges, scale)[np.repeat(~outlier, 2)]
+    jacobian = fit.jacobian(found, scale)[np.repeat(~outlier, 2)]
     errors, unidentified, rank, condition = _identified(jacobian, names, max(misfit, 1.0))
     off_mm = np.hypot(*residual_mm[~outlier].T)
     return Kinematics(
         names,
-        values | dict(zip(names, at.tolist())),
-        dict.fromkeys(NAMES, 0.0) | dict(zip(names, (ranges * errors).tolist())),
+        fit.values(found),
+        dict.fromkeys(NAMES, 0.0) | dict(zip(names, (fit.priors * errors).tolist())),
         start.assembly,
         unidentified,
         rank,
@@ -239,30 +234,37 @@ def calibrate(
 
 
 class _Fit:
-    def __init__(self, angles, places, values, names, side):
+    """Model of the places; its parameters are differences from the start in units of the priors."""
+
+    def __init__(self, angles, places, start, names, side):
         self._angles, self._places, self._side = angles, places, side
-        self._values, self._names = values, names
+        self._start, self._names = start, names
+        self.priors = np.array([_PRIORS.get(name, _LENGTH_SHARE * start[name]) for name in names])
 
-    def residual_mm(self, at) -> np.ndarray:
+    def values(self, found) -> dict[str, float]:
+        """Return all parameters by name, in their own units."""
+        shifts = dict(zip(self._names, (self.priors * found).tolist()))
+        return {name: value + shifts.get(name, 0) for name, value in self._start.items()}
+
+    def residual_mm(self, found) -> np.ndarray:
         """Return measured minus fitted positions in mm, shape (n, 2)."""
-        values = self._values | dict(zip(self._names, at))
-        return self._places - self._terminal(values, self._angles)
+        return self._places - self._terminal(self.values(found), self._angles)
 
-    def jacobian(self, at, ranges, scale) -> np.ndarray:
-        """Return the whitened Jacobian, shape (2n, p); parameters in units of their ranges."""
+    def jacobian(self, found, scale) -> np.ndarray:
+        """Return the whitened Jacobian, shape (2n, p)."""
         step = 1e-5
         slopes = [
-            (self.residual_mm(at + shift) - self.residual_mm(at - shift)) / (2 * step)
-            for shift in step * np.diag(ranges)
+            (self.residual_mm(found + shift) - self.residual_mm(found - shift)) / (2 * step)
+            for shift in step * np.eye(len(found))
         ]
-        return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(at))
+        return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
-    def solve(self, scale, centre, ranges, begin) -> np.ndarray:
-        """Return the parameters of the best fit, as differences in units of the ranges."""
+    def solve(self, scale, begin) -> np.ndarray:
+        """Return the parameters of the best fit."""
         from scipy.optimize import least_squares
 
         def residuals(found):
-            white = np.einsum("nij,nj->ni", scale, self.residual_mm(centre + ranges * found))
+            white = np.einsum("nij,nj->ni", scale, self.residual_mm(found))
             # Soft L1 loss for the places, squared loss for the priors.
             square = (white**2).sum(axis=1, keepdims=True) / _ROBUST**2
             weaker = np.sqrt(2 / (np.sqrt(1 + square) + 1))
@@ -270,9 +272,9 @@ class _Fit:
 
         return least_squares(residuals, begin, method="trf", xtol=1e-12, ftol=1e-12).x
 
-    def weights(self, at, angle_sigma_rad, place_sigma_mm) -> np.ndarray:
+    def weights(self, found, angle_sigma_rad, place_sigma_mm) -> np.ndarray:
         """Return the matrices that scale each residual to unit variance, shape (n, 2, 2)."""
-        values = self._values | dict(zip(self._names, at))
+        values = self.values(found)
         step = 1e-6
         slopes = [
             self._terminal(values, self._angles + shift[:, None])
@@ -316,7 +318,7 @@ def framed(values, x_mm, y_mm):
 
 
 def _identified(jacobian, names, misfit):
-    """Return errors in units of the ranges, unidentified groups, rank and condition."""
+    """Return errors in units of the priors, unidentified groups, rank and condition."""
     _, sizes, ways = np.linalg.svd(jacobian, full_matrices=False)
     sizes = sizes / misfit
     left = 1 / np.sqrt(1 + sizes**2)  # remaining share of the prior, in each direction

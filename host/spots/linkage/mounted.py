@@ -106,16 +106,12 @@ class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         """
         found = []
         for number, joint in enumerate(self.joint, 1):
-            beside = path.parent / joint.calibration
             try:
-                found.append(calibrations.load(beside))
+                file = path.parent / joint.calibration
+                found.append(calibrations.load(file))
+                Encoder(file)
             except SpotsError as error:
                 raise SpotsError(f"linkage file {path}, joint {number}: {error}") from None
-            if found[-1].joint is None:
-                raise SpotsError(
-                    f"linkage file {path}, joint {number}: {beside} has no calibration of a joint: "
-                    "run 'spots calibrate joint' with the session of that strip"
-                )
         return found
 
     def encoders(self, strips: list[CalibrationFile]) -> tuple[Encoder, Encoder]:

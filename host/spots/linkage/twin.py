@@ -16,7 +16,7 @@ from ..terminal.view import Pace, live
 from .digital_twin import Terminal
 from .mounted import is_mounted
 from .twin_points import fit, measure
-from .twin_source import Source, is_recording, linkage_of, opened
+from .twin_source import Source, is_recording, linkage_of, opened, paced
 from .twin_view import TwinView
 
 _LINES_PER_S = 4
@@ -55,11 +55,12 @@ def twin_command(options: argparse.Namespace) -> None:
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
     elif boards:
-        drawing = Console().is_terminal and not options.json
-        with opened(options.linkage, ports, options.record, 1.0 if drawing else math.inf) as source:
+        with opened(options.linkage, ports, options.record) as source:
             if options.measure:
                 _measure(source, Path(options.measure))
-            elif not show(source, options.seconds, options.json) and played:
+                return
+            count = show(source, options.seconds, options.json, played)
+            if not count and all(board.ended for board in source.boards):
                 raise SpotsError(
                     "the two recordings give no terminal: name two that were made at the same time"
                 )
@@ -70,7 +71,7 @@ def twin_command(options: argparse.Namespace) -> None:
         run(options)
 
 
-def show(source: Source, seconds: float | None, as_json: bool = False) -> int:
+def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
     """Show a twin until the time is over or Ctrl-C: as a live picture, or as lines.
 
     Parameters
@@ -82,6 +83,8 @@ def show(source: Source, seconds: float | None, as_json: bool = False) -> int:
     as_json : bool
         Whether to print each terminal as a JSON object. Otherwise there is a picture in a terminal
         window, and four lines a second elsewhere.
+    played : bool
+        Whether the boards are recordings, which a picture shows at their original pace.
 
     Returns
     -------
@@ -98,7 +101,8 @@ def show(source: Source, seconds: float | None, as_json: bool = False) -> int:
     on_terminal = _json if as_json else Lines()
     view = TwinView(source.twin, [board.port for board in source.boards])
     with suppress(KeyboardInterrupt), live(console) if drawing else nullcontext() as display:
-        for joint, touch in source.readings(seconds):
+        pairs = source.readings(seconds)
+        for joint, touch in paced(pairs) if played and drawing else pairs:
             for terminal in source.twin.take(joint, touch):
                 count += 1
                 if not drawing:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -54,9 +55,7 @@ class Source:
 
 
 @contextmanager
-def opened(
-    linkage: str | Path, ports: list[str] = (), record: list[str] = (), speed: float = math.inf
-) -> Iterator[Source]:
+def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
     Each board is checked against the calibration of its joint, and gets it uploaded.
@@ -66,12 +65,10 @@ def opened(
     linkage : str or Path
         Path of the linkage file.
     ports : list of str
-        Port of joint 1 and port of joint 2; ``recording:FILE`` plays a recording. If empty, the
-        boards are found on USB by the ids in their calibration files.
+        Port of joint 1 and port of joint 2; ``recording:FILE`` reads a recording as fast as
+        possible. If empty, the boards are found on USB by the ids in their calibration files.
     record : list of str
         Paths of two recordings to write, one for each board; none if empty.
-    speed : float
-        Speed of recordings: 1 for the original pace, infinity for as fast as possible.
 
     Yields
     ------
@@ -88,7 +85,7 @@ def opened(
         raise SpotsError("one --port is a recording, and the other is not: name two recordings")
     with ExitStack() as stack:
         if any(played):
-            boards = [open_recording(scheme(port)[1], speed) for port in ports]
+            boards = [open_recording(scheme(port)[1], math.inf) for port in ports]
         elif ports:
             boards = [stack.enter_context(open(port)) for port in ports]
         else:
@@ -130,8 +127,8 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     strips = arm.strips(path)
     if len(ports) not in (0, 2):
         raise SpotsError(
-            f"a linkage has two joints with a board each, and {len(ports)} --port is given: name "
-            "the port of joint 1, then the port of joint 2"
+            f"each of the two joints has its own board, but --port was given {len(ports)} times: "
+            "name the port of joint 1, then the port of joint 2"
         )
     return Twin(arm.linkage, arm.encoders(strips)), strips
 
@@ -162,6 +159,16 @@ def linkage_of(ports: list[str]):
 def is_recording(port: str) -> bool:
     """Return whether a port is a recording (``recording:FILE``)."""
     return scheme_name(port) == "recording"
+
+
+def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
+    """Yield the readings of recordings at the pace at which they were taken."""
+    ahead_s = None
+    for joint, touch in pairs:
+        if ahead_s is None:
+            ahead_s = touch.time_s - time.monotonic()
+        time.sleep(max(touch.time_s - ahead_s - time.monotonic(), 0.0))
+        yield joint, touch
 
 
 def give(board: Board, strip: CalibrationFile, number: int) -> None:

@@ -55,8 +55,9 @@ class UInputGamepad(Gamepad):
         super().__init__()
         self._evdev = evdev = _import_evdev()
         ecodes = evdev.ecodes
-        both, one = _range(evdev, -AXIS_MAX), _range(evdev, 0)
-        axes = [(ecodes.ABS_X, both), (ecodes.ABS_Y, both), (ecodes.ABS_Z, one)]
+        # AbsInfo: value, min, max, fuzz, flat, resolution.
+        lows = {ecodes.ABS_X: -AXIS_MAX, ecodes.ABS_Y: -AXIS_MAX, ecodes.ABS_Z: 0}
+        axes = [(axis, evdev.AbsInfo(0, low, AXIS_MAX, 0, 0, 0)) for axis, low in lows.items()]
         # The button codes that the kernel's HID driver uses for a gamepad.
         self._buttons = [ecodes.BTN_GAMEPAD + i for i in range(BUTTONS)]
         events = {ecodes.EV_ABS: axes, ecodes.EV_KEY: self._buttons}
@@ -109,7 +110,3 @@ def _do(function: Callable[..., None], *arguments: int) -> None:
         function(*arguments)
     except OSError as error:
         raise SpotsError(f"{_NODE} refuses events ({error}): start the command again") from None
-
-
-def _range(evdev, low: int):
-    return evdev.AbsInfo(value=0, min=low, max=AXIS_MAX, fuzz=0, flat=0, resolution=0)

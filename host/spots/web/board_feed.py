@@ -19,6 +19,7 @@ from ..link.frames import Key, Spectrum, Touch
 from ..link.ports import scheme
 from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED
 from ..recording.replay import Replay
+from ..terminal.view import Pace
 from .expected import expected_shown
 from .feel import Feel, layout_shown
 from .recordings import Recordings
@@ -26,13 +27,8 @@ from .state import PageState
 
 _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
-_HEALTH_EVERY_S = 0.5
+_HEALTH_PER_S = 2
 _RATE_OVER_S = 2.0  # time over which rate and latency are computed
-_WHY = {
-    STALLED: "no readings arrive",
-    LOST: "the board was disconnected",
-    REFUSED: "another board is in its place",
-}
 # Cause and next step while the strip cannot be read.
 _NEXT = {
     SEARCHING: "no board found; next: plug one in, or name its port with --port",
@@ -40,10 +36,6 @@ _NEXT = {
     LOST: "the board is disconnected; next: check its plug, and the web UI finds it again",
     REFUSED: "this is another board; next: plug the first one in, or restart 'spots serve'",
 }
-_UNCALIBRATED = (
-    "the board is not calibrated, so a press has no position and no force; "
-    "next: spots calibrate position"
-)
 
 
 class BoardReader:
@@ -173,13 +165,12 @@ class BoardReader:
 
     def _take_state(self, state: str) -> None:
         if state != CONNECTED:  # shown with the first reading
-            self._say(state, _WHY[state])
+            self._say(state, "")
 
     def _say(self, state: str, message: str) -> None:
         said = state, message, self._known.get("port")
         if said != self._said:
-            uncalibrated = self._known.get("layout", "") is None
-            step = _NEXT.get(state, _UNCALIBRATED if uncalibrated else "")
+            step = _NEXT.get(state, "")
             board = {"state": state, "message": message, "next": step, **self._known}
             self._state.put("board", board)
             self._said = said  # last: after an error the next attempt shows it again
@@ -205,7 +196,7 @@ class _Health:
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
         self._latest: deque[tuple[float, float]] = deque()  # arrival and latency of readings, in s
-        self._due_s = 0.0
+        self._pace = Pace(_HEALTH_PER_S)
 
     def took(self, now_s: float, latency_s: float) -> None:
         """Count a reading that arrived at `now_s` of the link's clock."""
@@ -214,9 +205,8 @@ class _Health:
 
     def show(self) -> None:
         """Put the figures into the state if half a second has passed."""
-        if time.monotonic() < self._due_s:
+        if not self._pace.due(time.monotonic()):
             return
-        self._due_s = time.monotonic() + _HEALTH_EVERY_S
         latest, stats = self._latest, self._board.stats
         while latest and latest[0][0] < self._board.now_s() - _RATE_OVER_S:
             latest.popleft()

@@ -14,10 +14,11 @@ from ..errors import SpotsError
 from ..guarded import sentence_of
 from ..link.board import Board
 from ..recording.recorder import Recorder
+from ..terminal.view import Pace
 from .state import PageState
 
 START, STOP = "start", "stop"
-_SHOWN_EVERY_S = 0.5
+_SHOWN_PER_S = 2
 
 
 class Recordings:
@@ -43,7 +44,7 @@ class Recordings:
         self._asked: SimpleQueue[tuple[str, Future]] = SimpleQueue()
         self._attended = False
         self._recorder: Recorder | None = None
-        self._due_s = 0.0
+        self._pace = Pace(_SHOWN_PER_S)
         self._put({"on": False, "file": None})
 
     def ask(self, word: str) -> Future:
@@ -75,7 +76,7 @@ class Recordings:
                 sentence = sentence_of("a recording", error)
                 print(f"spots: {sentence}", file=sys.stderr, flush=True)
                 answer.set_exception(SpotsError(sentence))
-        if self._recorder and time.monotonic() >= self._due_s:
+        if self._recorder and self._pace.due(time.monotonic()):
             self._show(board, on=True)
 
     def leave(self) -> None:
@@ -119,7 +120,6 @@ class Recordings:
             asked[1].set_exception(SpotsError("there is no board to record: plug one in"))
 
     def _show(self, board: Board, on: bool) -> None:
-        self._due_s = time.monotonic() + _SHOWN_EVERY_S
         self._put(
             {
                 "on": on,

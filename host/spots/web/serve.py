@@ -109,12 +109,18 @@ class Server:
 def serve_command(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     state, layout, ports = PageState(), load(options.layout), options.port
-    recordings = _recordings(options, state)
+    recordings = None
+    if options.record_to is not None:
+        if options.linkage is not None or any(map(is_recording, ports)):
+            raise SpotsError(
+                "--record-to works with one board, not with --linkage or a recording: leave it out"
+            )
+        recordings = Recordings(Path(options.record_to), state)
     if options.linkage is None:
         if len(ports) > 1:
             raise SpotsError(
-                f"'spots serve' shows one board, but {len(ports)} --port are given: name one port, "
-                "or add --linkage FILE for the two boards of a linkage"
+                f"'spots serve' shows one board, but --port was given {len(ports)} times: name one "
+                "port, or add --linkage FILE for the two boards of a linkage"
             )
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
@@ -125,16 +131,6 @@ def serve_command(options: argparse.Namespace) -> None:
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
     serve(state, options.address, options.http_port, readers, recordings=recordings)
-
-
-def _recordings(options: argparse.Namespace, state: PageState) -> Recordings | None:
-    if options.record_to is None:
-        return None
-    if options.linkage is not None or any(map(is_recording, options.port)):
-        raise SpotsError(
-            "--record-to works with one board, not with --linkage or a recording: leave it out"
-        )
-    return Recordings(Path(options.record_to), state)
 
 
 def serve(

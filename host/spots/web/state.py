@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 # A client that is more than so many events behind loses the oldest ones.
@@ -33,14 +32,14 @@ class Cursor(NamedTuple):
 class PageState:
     """Parts by name, and events.
 
-    Parameters
+    Attributes
     ----------
-    on_change : callable, optional
+    on_change : callable
         Called without arguments after each change, in the thread that writes.
     """
 
-    def __init__(self, on_change: Callable[[], None] = lambda: None):
-        self.on_change = on_change
+    def __init__(self):
+        self.on_change = lambda: None
         self._lock = threading.Lock()
         self._parts: dict[str, tuple[int, Any]] = {}
         self._version = 0

@@ -112,7 +112,7 @@ class _Aside(PageState):
 
     def put(self, name, value):
         if name == "board" and value["state"] != CONNECTED:
-            self._feed.lost(self._joint, value["message"] or "searching for its board")
+            self._feed.lost(self._joint, value["message"] or value["next"])
 
 
 def linkage_readers(
