@@ -212,25 +212,18 @@ class Prompt:
     def _explained(self) -> Iterator[None]:
         try:
             yield
-        except self._refused as error:
-            text = error.error_output
-            lines = (text if isinstance(text, str) else text.decode()).strip().splitlines()
-            reason = lines[-1] if lines else "no reason given"
-            self._fail(reason, any(sign in reason for sign in _DISK_FULL))
         except self._failures as error:
-            self._fail(None, getattr(error, "errno", None) == errno.ENOSPC)
-
-    def _fail(self, reason: str | None, is_full: bool) -> None:
-        if is_full:
-            text = (
-                f"the file system of the board on {self.port} is full: remove some of your files "
-                "from it and flash again"
-            )
-        elif reason is not None:
-            text = f"the board on {self.port} refuses: {reason}"
-        else:
-            text = f"the board on {self.port} was disconnected: replug it and flash again"
-        raise SpotsError(text) from None
+            output = getattr(error, "error_output", "")  # a refusal has the board's traceback
+            lines = (output if isinstance(output, str) else output.decode()).strip().splitlines()
+            reason = lines[-1] if lines else "no reason given"
+            is_full = getattr(error, "errno", None) == errno.ENOSPC
+            if is_full or any(sign in reason for sign in _DISK_FULL):
+                what = "has a full file system: remove some of your files from it and flash again"
+            elif isinstance(error, self._refused):
+                what = f"refuses: {reason}"
+            else:
+                what = "was disconnected: replug it and flash again"
+            raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
         """Enter the raw prompt and return the facts that the board prints there."""
