@@ -35,6 +35,14 @@ for path in {!r}:
         print(repr(path), ":", status[6], ",")
 """
 
+_MAKE_FOLDER = """
+import os
+try:
+    os.mkdir({0!r})
+except OSError:
+    os.stat({0!r})
+"""
+
 _RENAME_PART = """
 import os
 try:
@@ -186,10 +194,9 @@ class Prompt:
         SpotsError
             If the content arrives damaged; see also the class.
         """
+        for folder in map(str, [*PurePosixPath(path).parents][-2::-1]):
+            self.run(_MAKE_FOLDER.format(folder))
         with self._explained():
-            for folder in [*PurePosixPath(path).parents][-2::-1]:
-                with contextlib.suppress(FileExistsError):
-                    self._transport.fs_mkdir(str(folder))
             self._transport.fs_writefile(path + ".part", data, _CHUNK)
         if self.sha256(path + ".part") != hashlib.sha256(data).hexdigest():
             raise SpotsError(f"{path} arrived damaged on {self.port}: try another cable")
