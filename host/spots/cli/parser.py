@@ -45,7 +45,15 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
 
     def flag(self, name: str, text: str) -> None:
-        """Add an option without a value; `text` is its help."""
+        """Add an option without a value.
+
+        Parameters
+        ----------
+        name : str
+            Name of the option, with its dashes.
+        text : str
+            Help text.
+        """
         self.add_argument(name, action="store_true", help=text)
 
     def option(self, name: str, metavar: str, text: str, **more) -> None:
