@@ -73,7 +73,8 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
     except OSError as error:
         if not path.parent.is_dir():
             raise SpotsError(f"there is no folder {path.parent}: make it first") from None
-        raise SpotsError(f"cannot write {path}: {error.strerror or error}") from None
+        reason = error.strerror or error
+        raise SpotsError(f"cannot write {path}: {reason}; name another file or folder") from None
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)

@@ -189,7 +189,7 @@ def _check_keys(text: str) -> None:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"'{text}' is no finite number")
+        raise ValueError(f"'{text}' is not a finite number")
     return value
 
 

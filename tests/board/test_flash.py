@@ -140,7 +140,7 @@ def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
 
     monkeypatch.setattr(Prompt, "write", full)
     with virtual_board(empty) as port:
-        assert "is full" in refused(capsys, "flash", "virtual", "--port", port)
+        assert "has a full file system" in refused(capsys, "flash", "virtual", "--port", port)
     assert "main.py" not in files_of(empty)
 
 
@@ -207,6 +207,7 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
     line = refused(capsys, "flash", "pico", "--port", "/dev/null")
     assert "may not be opened" in line
     assert 'idVendor}=="2e8a"' in line
+    assert 'idVendor}=="2e8a"' in refused(capsys, "monitor", "--port", "/dev/null")
     assert main(["doctor", "--port", "/dev/null"]) == 2
     assert 'idVendor}=="2e8a"' in capsys.readouterr().out.splitlines()[-1]
 

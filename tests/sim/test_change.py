@@ -178,7 +178,7 @@ def test_a_change_file_has_the_keys_bare_or_in_their_table(tmp_path, head):
     [
         ("phosphor = 1.0", "unknown field `phosphor`"),
         ("dye_percent = -100", "-99"),
-        ("die_nm = nan", "no finite number"),
+        ("die_nm = nan", "not a finite number"),
         ("[change]\nspeed = 1.0", "unknown field `speed`"),
         ("die_nm = 'red'", "Expected `float`"),
     ],

@@ -36,7 +36,7 @@ def test_what_a_file_leaves_out_is_as_in_the_default(tmp_path):
     ("text", "complaint"),
     [
         ("hold_ms = -1", "hold_ms"),
-        ("hold_ms = inf", "no finite number"),
+        ("hold_ms = inf", "not a finite number"),
         ("rate_hz = 0.01", "rate_hz"),  # a lift would arrive after 100 s
         ("speed = 3", "speed"),
         ('[x]\nfrom = "colour"', "colour"),

@@ -65,14 +65,14 @@ def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
 @pytest.mark.parametrize("end", [SpotsError("unplugged"), KeyboardInterrupt(), ValueError()])
 def test_whatever_ends_it_lets_go(board, monkeypatch, end):
     """Unplugged, Ctrl-C, a fault in the program."""
-    frames = board.frames
+    touches = board.touches
 
     def ended(seconds):
         if board.now_s() > HELD_S + 0.5:
             raise end
-        return frames(seconds)
+        return touches(seconds)
 
-    monkeypatch.setattr(board, "frames", ended)
+    monkeypatch.setattr(board, "touches", ended)
     with Computer() as computer:
         with pytest.raises(type(end)):
             type_on(board, load("digits"), computer)

@@ -18,10 +18,8 @@ def keys(parser: Parser):
       spots keys show mini
       spots keys push mylayout.toml
     """
-    parser.add_argument(
-        "what", metavar="ACTION", choices=["check", "show", "push"], help="check, show or push"
-    )
-    parser.add_argument("layout", metavar="LAYOUT", help="a .toml file, or a name such as mini")
+    parser.option("what", "ACTION", "check, show or push", choices=["check", "show", "push"])
+    parser.option("layout", "LAYOUT", "a .toml file, or a name such as mini")
     arguments.add_port(parser)
     return _keys
 
@@ -33,9 +31,7 @@ def keyboard(parser: Parser):
       spots keyboard
       spots keyboard --layout mini --dry-run
     """
-    parser.add_argument(
-        "--layout", default="digits", metavar="LAYOUT", help="a .toml file, or a name such as mini"
-    )
+    parser.option("--layout", "LAYOUT", "a .toml file, or a name such as mini", default="digits")
     _add_output(parser, "print the keys, press none")
     return calls("spots.keyboard.keyboard:keyboard_command")
 
@@ -46,9 +42,7 @@ def wearable(parser: Parser):
     example:
       spots wearable --dry-run
     """
-    parser.add_argument(
-        "--gestures", metavar="FILE.toml", help="gestures; the default ones if not given"
-    )
+    parser.option("--gestures", "FILE.toml", "gestures; the default ones if not given")
     _add_output(parser, "print the keys, press none")
     return calls("spots.wearable.wearable:wearable_command")
 
@@ -60,10 +54,8 @@ def controller(parser: Parser):
       spots controller --calibrate
       spots controller --dry-run
     """
-    parser.add_argument("--settings", metavar="FILE.toml", help="the default ones if not given")
-    parser.add_argument(
-        "--calibrate", action="store_true", help="measure the rest position and the ends"
-    )
+    parser.option("--settings", "FILE.toml", "the default ones if not given")
+    parser.flag("--calibrate", "measure the rest position and the ends")
     _add_output(parser, "print the states, move nothing")
     return calls("spots.controller.controller:controller_command")
 
@@ -74,18 +66,12 @@ def twin(parser: Parser):
     examples:
       spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
     """
-    parser.add_argument(
-        "--linkage", default="default", metavar="FILE", help="a .toml file, or a name"
-    )
+    parser.option("--linkage", "FILE", "a .toml file, or a name", default="default")
     arguments.add_seconds(parser)
-    parser.add_argument("--json", action="store_true", help="print a JSON object a line")
+    parser.flag("--json", "print a JSON object a line")
     arguments.add_ports(parser)
-    parser.add_argument(
-        "--record",
-        action="append",
-        default=[],
-        metavar="FILE.spots",
-        help="record a board; once for each board",
+    parser.option(
+        "--record", "FILE.spots", "record a board; once for each board", action="append", default=[]
     )
     group = parser.add_argument_group("calibrate a linkage")
     group.add_argument("--measure", metavar="POINTS.csv", help="ask for points of the terminal")
@@ -104,8 +90,8 @@ def twin(parser: Parser):
 COMMANDS = keys, keyboard, wearable, controller, twin
 
 
-def _add_output(parser: argparse.ArgumentParser, instead: str) -> None:
-    parser.add_argument("--dry-run", action="store_true", help=instead)
+def _add_output(parser: Parser, instead: str) -> None:
+    parser.flag("--dry-run", instead)
     arguments.add_port(parser)
     arguments.add_seconds(parser)
 

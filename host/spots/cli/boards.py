@@ -19,7 +19,7 @@ def ports(parser: Parser):
     example:
       spots ports --json
     """
-    parser.add_argument("--json", action="store_true", help="one JSON list")
+    parser.flag("--json", "one JSON list")
     return _ports
 
 
@@ -29,7 +29,7 @@ def boards(parser: Parser):
     example:
       spots boards --json
     """
-    parser.add_argument("--json", action="store_true", help="one JSON list")
+    parser.flag("--json", "one JSON list")
     return _boards
 
 
@@ -39,7 +39,7 @@ def build(parser: Parser):
     example:
       spots build pico
     """
-    parser.add_argument("board", metavar="BOARD", help="a name that 'spots boards' lists")
+    parser.option("board", "BOARD", "a name that 'spots boards' lists")
     return _build
 
 
@@ -51,9 +51,7 @@ def flash(parser: Parser):
       spots flash pico --dry-run
     """
     _add_board(parser)
-    parser.add_argument(
-        "--dry-run", action="store_true", help="print the changes only, and make none"
-    )
+    parser.flag("--dry-run", "print the changes only, and make none")
     return calls("spots.deploy.flash:flash", "board", "port", "dry_run")
 
 
@@ -76,35 +74,29 @@ def calibrate(parser: Parser):
       spots calibrate force
       spots calibrate strain --strain-percent 10
     """
-    parser.add_argument(
+    parser.option(
         "kind",
-        metavar="KIND",
+        "KIND",
+        "position, force, strain or joint; position and force come first",
         choices=["position", "force", "strain", "joint"],
-        help="position, force, strain or joint; position and force come first",
     )
     arguments.add_port(parser)
-    parser.add_argument(
+    parser.option(
         "--session",
+        "FILE.jsonl",
+        "file of the presses; a file with presses continues its session",
         default="calibration.jsonl",
-        metavar="FILE.jsonl",
-        help="file of the presses; a file with presses continues its session",
     )
-    parser.add_argument(
-        "--out",
-        metavar="FILE.toml",
-        help="the new calibration; named like the session if not given",
+    parser.option("--out", "FILE.toml", "the new calibration; named like the session if not given")
+    parser.option("--places", "N", "number of places, forces or angles", type=arguments.places)
+    parser.option(
+        "--length-mm", "N", "length of the strip at rest; 85 if not given", type=arguments.length_mm
     )
-    parser.add_argument(
-        "--places", type=arguments.places, help="number of places, forces or angles"
+    parser.option(
+        "--strain-percent", "N", "the strain, for 'strain'", type=arguments.strain_percent
     )
-    parser.add_argument(
-        "--length-mm", type=arguments.length_mm, help="length of the strip at rest; 85 if not given"
-    )
-    parser.add_argument(
-        "--strain-percent", type=arguments.strain_percent, help="the strain, for 'strain'"
-    )
-    parser.add_argument("--plan", metavar="F3,F4,...", help="six channels; the best if not given")
-    parser.add_argument("--keep-settings", action="store_true", help="keep gain and LED current")
+    parser.option("--plan", "F3,F4,...", "six channels; the best if not given")
+    parser.flag("--keep-settings", "keep gain and LED current")
     return calls("spots.calibrate.calibrate:calibrate_command")
 
 
@@ -123,14 +115,13 @@ def rezero(parser: Parser):
         help="the calibration to correct; calibration.toml if not given",
     )
     arguments.add_port(parser)
-    parser.add_argument(
-        "--quick", action="store_true", help="press the middle mark only; not for a bleached dye"
-    )
-    parser.add_argument("--presses", type=arguments.presses, default=1, help="presses at each mark")
-    parser.add_argument(
+    parser.flag("--quick", "press the middle mark only; not for a bleached dye")
+    parser.option("--presses", "N", "presses at each mark", type=arguments.presses, default=1)
+    parser.option(
         "--force-N",
+        "N",
+        "force of each press, read from a scale; corrects the force, too",
         type=arguments.force_N,
-        help="force of each press, read from a scale; corrects the force, too",
     )
     parser.set_defaults(length_mm=None)
     return calls("spots.calibrate.rezero:rezero_command")
@@ -143,7 +134,7 @@ def erase(parser: Parser):
       spots erase pico
     """
     _add_board(parser)
-    parser.add_argument("--yes", action="store_true", help="do not ask for a confirmation")
+    parser.flag("--yes", "do not ask for a confirmation")
     return calls("spots.deploy.erase:erase", "board", "port", "yes")
 
 
@@ -151,7 +142,7 @@ COMMANDS = ports, boards, build, flash, doctor, calibrate, rezero, erase
 
 
 def _add_board(parser: Parser) -> None:
-    parser.add_argument("board", metavar="BOARD", help="a name that 'spots boards' lists")
+    parser.option("board", "BOARD", "a name that 'spots boards' lists")
     parser.add_argument(
         "--port", help="serial port or CIRCUITPY drive; the only board if not given"
     )

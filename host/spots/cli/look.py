@@ -35,18 +35,16 @@ def serve(parser: Parser):
       spots serve --http-port 8080
     """
     arguments.add_ports(parser)
-    parser.add_argument("--linkage", metavar="FILE.toml", help="the linkage of these joints")
+    parser.option("--linkage", "FILE.toml", "the linkage of these joints")
     arguments.add_simulation(parser)
-    parser.add_argument("--layout", default="digits", metavar="LAYOUT", help="the keys to show")
+    parser.option("--layout", "LAYOUT", "the keys to show", default="digits")
     parser.add_argument(
         "--address", default="127.0.0.1", help="address to listen on; other machines need the token"
     )
-    parser.add_argument(
-        "--http-port", type=arguments.http_port, default=8765, help="port of the server; 0 for any"
+    parser.option(
+        "--http-port", "N", "port of the server; 0 for any", type=arguments.http_port, default=8765
     )
-    parser.add_argument(
-        "--record-to", metavar="FOLDER", help="let browsers with the token record here"
-    )
+    parser.option("--record-to", "FOLDER", "let browsers with the token record here")
     return calls("spots.web.serve:serve_command")
 
 

@@ -44,6 +44,34 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
 
+    def flag(self, name: str, text: str) -> None:
+        """Add an option without a value.
+
+        Parameters
+        ----------
+        name : str
+            Name of the option, with its dashes.
+        text : str
+            Help text.
+        """
+        self.add_argument(name, action="store_true", help=text)
+
+    def option(self, name: str, metavar: str, text: str, **more) -> None:
+        """Add an option or a positional argument with a value.
+
+        Parameters
+        ----------
+        name : str
+            Name of the option, with its dashes, or of the positional argument.
+        metavar : str
+            Placeholder of the value in the help.
+        text : str
+            Help text.
+        **more
+            Further arguments of `argparse.ArgumentParser.add_argument`.
+        """
+        self.add_argument(name, metavar=metavar, help=text, **more)
+
     def error(self, message: str) -> NoReturn:
         hint = "" if message.endswith("?") else f"; see '{self.prog} --help'"
         self.exit(2, f"{self.prog}: {printable(message)}{hint}\n")

@@ -19,15 +19,13 @@ def record(parser: Parser):
       spots record run.spots
       spots record run.spots --seconds 60 --calibration calibration.toml
     """
-    parser.add_argument("file", metavar="FILE.spots", help="a new file")
+    parser.option("file", "FILE.spots", "a new file")
     arguments.add_port(parser)
     arguments.add_seconds(parser, "stop after this time; Ctrl-C stops, too")
-    parser.add_argument(
-        "--rotate-mb", type=arguments.megabytes, help="continue in FILE-001.spots after this size"
+    parser.option(
+        "--rotate-mb", "N", "continue in FILE-001.spots after this size", type=arguments.megabytes
     )
-    parser.add_argument(
-        "--calibration", metavar="FILE.toml", help="the board's calibration, to store it"
-    )
+    parser.option("--calibration", "FILE.toml", "the board's calibration, to store it")
     return _record
 
 
@@ -37,9 +35,9 @@ def replay(parser: Parser):
     example:
       spots replay run.spots --speed 2
     """
-    parser.add_argument("file", metavar="FILE.spots", help="a recording")
-    parser.add_argument(
-        "--speed", type=arguments.speed, default=1.0, help="2 is twice as fast, inf has no pauses"
+    parser.option("file", "FILE.spots", "a recording")
+    parser.option(
+        "--speed", "N", "2 is twice as fast, inf has no pauses", type=arguments.speed, default=1.0
     )
     return _replay
 
@@ -50,8 +48,8 @@ def info(parser: Parser):
     example:
       spots info run.spots
     """
-    parser.add_argument("file", metavar="FILE.spots", help="a recording")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.option("file", "FILE.spots", "a recording")
+    parser.flag("--json", "one JSON object")
     return _info
 
 
@@ -61,11 +59,9 @@ def export(parser: Parser):
     example:
       spots export run.spots --to csv
     """
-    parser.add_argument("file", metavar="FILE.spots", help="a recording")
+    parser.option("file", "FILE.spots", "a recording")
     parser.add_argument("--to", required=True, choices=["mcap", "csv", "npz"], help="the format")
-    parser.add_argument(
-        "--out", metavar="NAME", help="the new file; named like the recording if not given"
-    )
+    parser.option("--out", "NAME", "the new file; named like the recording if not given")
     return _export
 
 

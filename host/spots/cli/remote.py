@@ -33,9 +33,7 @@ def subscribe(parser: Parser):
         metavar="EXPR",
         help="key expression, such as spots/**; the touches of all boards if not given",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print each sample as a JSON object a line"
-    )
+    parser.flag("--json", "print each sample as a JSON object a line")
     arguments.add_seconds(parser)
     arguments.add_zenoh_config(parser)
     return calls("spots.remote.subscribe:subscribe_command")

@@ -143,7 +143,8 @@ def _compile(folder: Path, device: Device) -> None:
         )
         if run.returncode:
             output = run.stderr.strip() or run.stdout.strip() or "no reason given"
-            raise SpotsError(f"mpy-cross refuses {name}: {output.splitlines()[-1]}")
+            reason = output.splitlines()[-1]
+            raise SpotsError(f"mpy-cross refuses {name}: {reason}; install its newest version")
         source.unlink()
 
 

@@ -35,6 +35,14 @@ for path in {!r}:
         print(repr(path), ":", status[6], ",")
 """
 
+_MAKE_FOLDER = """
+import os
+try:
+    os.mkdir({0!r})
+except OSError:
+    os.stat({0!r})
+"""
+
 _RENAME_PART = """
 import os
 try:
@@ -186,10 +194,9 @@ class Prompt:
         SpotsError
             If the content arrives damaged; see also the class.
         """
+        for folder in map(str, [*PurePosixPath(path).parents][-2::-1]):
+            self.run(_MAKE_FOLDER.format(folder))
         with self._explained():
-            for folder in [*PurePosixPath(path).parents][-2::-1]:
-                with contextlib.suppress(FileExistsError):
-                    self._transport.fs_mkdir(str(folder))
             self._transport.fs_writefile(path + ".part", data, _CHUNK)
         if self.sha256(path + ".part") != hashlib.sha256(data).hexdigest():
             raise SpotsError(f"{path} arrived damaged on {self.port}: try another cable")
@@ -212,25 +219,18 @@ class Prompt:
     def _explained(self) -> Iterator[None]:
         try:
             yield
-        except self._refused as error:
-            text = error.error_output
-            lines = (text if isinstance(text, str) else text.decode()).strip().splitlines()
-            reason = lines[-1] if lines else "no reason given"
-            self._fail(reason, any(sign in reason for sign in _DISK_FULL))
         except self._failures as error:
-            self._fail(None, getattr(error, "errno", None) == errno.ENOSPC)
-
-    def _fail(self, reason: str | None, is_full: bool) -> None:
-        if is_full:
-            text = (
-                f"the file system of the board on {self.port} is full: remove some of your files "
-                "from it and flash again"
-            )
-        elif reason is not None:
-            text = f"the board on {self.port} refuses: {reason}"
-        else:
-            text = f"the board on {self.port} was disconnected: replug it and flash again"
-        raise SpotsError(text) from None
+            output = getattr(error, "error_output", "")  # a refusal has the board's traceback
+            lines = (output if isinstance(output, str) else output.decode()).strip().splitlines()
+            reason = lines[-1] if lines else "no reason given"
+            is_full = getattr(error, "errno", None) == errno.ENOSPC
+            if is_full or any(sign in reason for sign in _DISK_FULL):
+                what = "has a full file system: remove some of your files from it and flash again"
+            elif isinstance(error, self._refused):
+                what = f"refuses: {reason}"
+            else:
+                what = "was disconnected: replug it and flash again"
+            raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
         """Enter the raw prompt and return the facts that the board prints there."""

@@ -98,7 +98,9 @@ def device_of(board: str) -> Device:
         raise SpotsError(f"cannot read {path}: install spots again") from None
     found = toml.checked(text, Device, str(path))
     if found.viper and (found.runtime != "micropython" or found.march is None):
-        raise SpotsError(f"boards/{board}/board.toml: viper needs MicroPython and a march")
+        raise SpotsError(
+            f"boards/{board}/board.toml: viper needs MicroPython and a march; add them"
+        )
     return msgspec.structs.replace(found, device={"NAME": board} | found.device)
 
 

@@ -550,12 +550,8 @@ class Board:
 
     def _hello(self) -> Hello:
         self._link.write(b"\n")  # an earlier program may have sent a part of a line
-        reply = None
-        for _ in range(_HELLO_TRIES):
-            reply = self._exchange("hello", _HELLO_TIMEOUT_S)
-            if reply is not None:
-                break
-        info = self._checked(reply)
+        replies = (self._exchange("hello", _HELLO_TIMEOUT_S) for _ in range(_HELLO_TRIES))
+        info = self._checked(next(filter(None, replies), None))
         # The bytes before the reply may start in the middle of a frame.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         return info

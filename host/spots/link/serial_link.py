@@ -154,7 +154,7 @@ class SerialLink:
                 if data or self.now_s() >= end_s:
                     return data
         except _FAILURES:
-            raise PortLostError(f"the board on {self.name} was disconnected") from None
+            raise PortLostError(_lost(self.name)) from None
 
     def _read_url(self, timeout_s: float) -> bytes:
         # For a socket, pyserial never reports more than one waiting byte.
@@ -170,11 +170,15 @@ class SerialLink:
         except serial.SerialTimeoutException:
             raise SpotsError(takes_nothing(self.name)) from None
         except _FAILURES:
-            raise PortLostError(f"the board on {self.name} was disconnected") from None
+            raise PortLostError(_lost(self.name)) from None
 
     def close(self) -> None:
         if self._serial is not None:
             self._serial.close()
+
+
+def _lost(port: str) -> str:
+    return f"the board on {port} was disconnected: plug it in again"
 
 
 def usb_ports() -> list[Any]:

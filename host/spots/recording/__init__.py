@@ -1,1 +1,1 @@
-"""Recordings: what a link delivered, as it came, with a header and the times; docs/recording.md."""
+"""Records the bytes of a link, and reads recordings; see docs/recording.md."""

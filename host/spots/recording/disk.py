@@ -46,7 +46,7 @@ class Disk:
         except FileNotFoundError:
             raise SpotsError(f"there is no folder {path.parent}: make it first") from None
         except OSError as error:
-            raise SpotsError(f"{path} cannot be written: {error.strerror}") from None
+            raise SpotsError(f"cannot write {path}: {error.strerror}; name another file") from None
         self._synced = 0
         self._closing = threading.Event()
         self._syncer = threading.Thread(target=self._sync, daemon=True)
@@ -63,7 +63,7 @@ class Disk:
         except OSError as error:
             raise SpotsError(
                 f"{self.path}: the recording ended, because nothing more can be written: "
-                f"{error.strerror}"
+                f"{error.strerror}; make room and record again"
             ) from None
 
     def close(self) -> None:

@@ -86,7 +86,9 @@ class _Files:
             try:
                 sync(file)
             except OSError as error:
-                raise SpotsError(f"cannot write {path}: {error.strerror}") from None
+                raise SpotsError(
+                    f"cannot write {path}: {error.strerror}; name another file with --out"
+                ) from None
 
 
 def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:

@@ -53,8 +53,8 @@ def report(found: dict) -> str:
     rows = {
         "files": ", ".join(found["files"]),
         "size": f"{found['bytes']} bytes",
-        "board": "{board}, {runtime}, firmware {firmware}, id {id}".format_map(_Known(info)),
-        "calibration": f"{info.get('calibration')}"
+        "board": "{board}, {runtime}, firmware {firmware}, id {id}".format(**info),
+        "calibration": f"{info['calibration']}"
         + (f", {len(calibration)} lines" if calibration else ""),
         "begun": found["begun"],
         "duration": f"{found['duration_s']:.3f} s",
@@ -64,8 +64,3 @@ def report(found: dict) -> str:
     }
     width = max(map(len, rows))
     return "\n".join(f"{name.ljust(width)}  {printable(value)}" for name, value in rows.items())
-
-
-class _Known(dict):
-    def __missing__(self, key: str) -> str:
-        return "?"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 from rich.console import Console
 from rich.live import Live
@@ -19,16 +18,9 @@ from ..link.board import Board
 _LINES_PER_S = 4
 
 
-class Given(NamedTuple):
-    """A calibration of a board: the path of its file, and its lines."""
-
-    path: str
-    lines: list[str]
-
-
-def read_calibration(path: str) -> Given:
-    """Read a calibration file; SpotsError if it is invalid."""
-    return Given(path, list(calibration_file.load(Path(path)).lines))
+def read_calibration(path: str) -> list[str]:
+    """Return the lines of a calibration file; SpotsError if the file is invalid."""
+    return list(calibration_file.load(Path(path)).lines)
 
 
 def record(
@@ -36,7 +28,7 @@ def record(
     path: str,
     seconds: float | None,
     rotate_bytes: int | None,
-    calibration: Given | None,
+    calibration: list[str] | None,
 ) -> None:
     """Record a board until the time is over or Ctrl-C, and show the progress on stderr.
 
@@ -50,8 +42,8 @@ def record(
         Duration, in seconds of the link's clock; no limit if None.
     rotate_bytes : int or None
         Largest size of a file, in bytes; see `Board.record`.
-    calibration : Given or None
-        The board's calibration, to store it in the recording.
+    calibration : list of str or None
+        Lines of the board's calibration, to store them in the recording.
 
     Raises
     ------
@@ -59,13 +51,13 @@ def record(
         If the board uses another calibration, or the file cannot be written.
     """
     if calibration is not None:
-        used, name = board.command("hello")["calibration"], checksum(calibration.lines)
+        used, name = board.command("hello")["calibration"], checksum(calibration)
         if name != used:
             raise SpotsError(
-                f"{calibration.path} has calibration {name}, and the board uses {used or 'none'}: "
-                "give --calibration the file of the board's calibration"
+                f"the file has calibration {name}, and the board uses {used or 'none'}: give "
+                "--calibration the file of the board's calibration"
             )
-        board.calibration = calibration.lines
+        board.calibration = calibration
     begun_s, frames = board.now_s(), 0
     with board.record(path, rotate_bytes=rotate_bytes) as recorder:
 

@@ -167,4 +167,4 @@ def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
     except IsADirectoryError:
         raise SpotsError(f"{path} is a directory: name a recording in it") from None
     except OSError as error:
-        raise SpotsError(f"cannot read {path}: {error.strerror}") from None
+        raise SpotsError(f"cannot read {path}: {error.strerror}; name another file") from None

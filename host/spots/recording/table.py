@@ -5,9 +5,8 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import repeat
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -20,8 +19,7 @@ from ..link.frames import DOUBTFUL, Text
 from .arrays import Arrays, RecordingBlocks
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """The table of a kind of frames.
 
     Attributes

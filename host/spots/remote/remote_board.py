@@ -41,7 +41,9 @@ class Remote(Board):
         if reply is None:
             return None
         if name == "hello" and "error" in reply:
-            raise SpotsError(f"the board {self.port} does not answer 'hello': {reply['error']}")
+            raise SpotsError(
+                f"the board {self.port} does not answer 'hello': {reply['error']}; replug the board"
+            )
         if name == "sync":
             if not isinstance(reply.get("t_us"), int):
                 return None  # the board is disconnected, or it is not a SPOTS publisher
