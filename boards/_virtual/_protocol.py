@@ -16,6 +16,7 @@ FEED = 0x44  # how long a watchdog waits from now on, in ms, 3 bytes
 HID = 0x48  # USB interface, size of the report or 0 to ask for room, 0
 MEMORY = 0x4D  # free heap in bytes, 3 bytes; simulated time only, and has no answer
 HOST = 0x55  # 0, 0, 0; fails unless a USB host is there and awake
+LIGHT = 0x4F  # level of the pin that switches the strip's LED, 0, 0
 
 SENDS = (WRITE, HID)  # as many bytes as the second argument counts
 READS = (READ, RECEIVE, LINES)  # as many bytes as the third argument counts

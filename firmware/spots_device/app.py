@@ -6,7 +6,7 @@ from micropython import const
 
 from .as7341 import SensorError
 from .calibration import Calibration, CalibrationSlot
-from .command import LINE_MAX, Commands, LineReader, Replies
+from .command import LINE_MAX, NO_DARK, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .reconnect import Reconnect
 from .settings import SETTINGS_FILE, BoardSettings, checksum, load_lines, save_lines
@@ -69,7 +69,7 @@ class BoardApp:
     Parameters
     ----------
     board : object
-        ``NAME`` and ``LED_MAX_MA`` (module board_config).
+        ``NAME``, and what `settings.BoardSettings` asks for (module board_config).
     runtime, uid : str
         What runs this, and the board's unique id.
     sensor : as7341.AS7341
@@ -95,7 +95,7 @@ class BoardApp:
         self._left = False
         self._leave_until = None  # ticks
         self.meter = Meter()
-        self.settings = BoardSettings(board.LED_MAX_MA)
+        self.settings = BoardSettings(board)
         self.framer = Framer(serial, self._time)
         self.replies = Replies(self.framer, self._time)
         self.calibration = CalibrationSlot()
@@ -239,6 +239,8 @@ class BoardApp:
             found, why_not = self.calibration.choose(
                 self.strip.conditions, self.settings.values["strain_ppm"]
             )
+            if self.settings.values["led"] == "always" and not self.strip.stored_dark():
+                found, why_not = None, NO_DARK
         self.strip.decode.calibration = found
         self.strip.configure()
         self._time.update()

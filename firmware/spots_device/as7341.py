@@ -77,6 +77,8 @@ class AS7341:
         self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
         self._clear = bytes((_STATUS, _AINT))
         self._led_code = 0
+        self.led = "ldr"  # one of `settings.LEDS`
+        self.gpio = None  # of the runtime: ``gpio(on)`` sets the pin that switches the LED
         self._written = bytearray(2 * len(_CHECKED))
         self._check = 0
         self._settled = 0
@@ -137,6 +139,8 @@ class AS7341:
         for _ in _CHECKED:
             self.check()
         self._written[0] = _PON | _SP_EN
+        if self.led != "ldr":
+            self._light(False)  # the breakout's own LED, which may have been on
         self.switch_led(True)
         left_us = _START_US - self._clock.ticks_diff(self._clock.ticks_us(), began)
         if left_us > 0:
@@ -154,9 +158,15 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def switch_led(self, on):
-        """Switch the LED. Samples that began before this are marked not `steady`."""
-        on = on and self.led_mA > 0
-        self._light(on)
+        """Switch the LED. Samples that began before this are marked not `steady`.
+
+        One that is always on has been switched by the user.
+        """
+        if self.led == "ldr":
+            on = on and self.led_mA > 0
+            self._light(on)
+        elif self.led == "gpio":
+            self.gpio(on)
         self.led_on = on
         self.steady = False
         self._settled = self._clock.ticks_us()

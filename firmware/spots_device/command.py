@@ -16,6 +16,7 @@ LINE_MAX = 255
 _LINES_MAX = 400  # of an upload
 _BYTES_MAX = 16_000
 NAME_MAX = 20  # so much of an unknown name is repeated in the reply
+NO_DARK = "no dark frame is stored for these settings: run spots dark"
 _NO_MEMORY = "no memory left for this; reboot and try again"
 
 
@@ -175,9 +176,9 @@ class Commands:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults and what was missed
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
-                          baseline, dark_every, keys, gamepad, watchdog
+                          baseline, dark_every, keys, gamepad, watchdog, led
       auto                search gain and LED current while you press firmly
-      dark                take a dark frame
+      dark                take a dark frame; with 'off' while the LED is unplugged
       rest                take the present light as the baseline
       stream KIND ...     what each sample sends: touch, spectrum, both, off
       keys on|off         touches press keys
@@ -273,12 +274,20 @@ class Commands:
 
     def _dark(self, words):
         self._replies.check_unclaimed()
-        self._app.strip.request_dark(self._dark_done)
+        app = self._app
+        if app.settings.values["led"] == "always" and words[1:] != ["off"]:
+            if not app.strip.stored_dark():
+                raise ValueError("this LED is always on, and " + NO_DARK)
+            return {"dark": app.strip.dark_frame()}
+        app.strip.request_dark(self._dark_done)
         self._replies.claim("dark")
         return None
 
     def _dark_done(self):
-        self._replies.finish("dark", {"dark": self._app.strip.dark_frame()})
+        app = self._app
+        if app.settings.values["led"] == "always":
+            app.apply_calibration()  # which waits for a dark frame
+        self._replies.finish("dark", {"dark": app.strip.dark_frame()})
 
     def _rest(self, words):
         if not self._app.settings.values["baseline"]:

@@ -70,6 +70,7 @@ class Strip:
         self._sums = array("i", bytes(4 * CHANNELS))
         self._samples = self._flags = 0
         self._state = _UNKNOWN
+        self._lit_flags = DARK_SUBTRACTED
         self._idle_us = 0
         self._missed = 0
         self._search = None
@@ -110,9 +111,17 @@ class Strip:
         """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples."""
         return self._dark.sums()
 
+    def stored_dark(self):
+        """Return the stored dark frame that fits the present settings; see `settings`."""
+        return self.settings.dark(self.sensor.gain, self.sensor.exposure_us)
+
     def configure(self):
         """Apply settings that need no restart of the sensor."""
-        self._dark.schedule(self.sensor.exposure_us, self.settings.values["dark_every"])
+        values = self.settings.values
+        if values["led"] == "always":
+            self._dark.schedule(0, 0)
+        else:
+            self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
 
     def streams(self):
         """Return the names of the frames that are streamed."""
@@ -161,7 +170,7 @@ class Strip:
             self._framer.gap()
         dark = self._dark
         if dark.age_us < dark.every_us:
-            dark.age_us += sensor.exposure_us
+            dark.age_us += dark.exposure_us
         if self._state == _LIT:
             if sensor.steady:
                 self._take_lit(sensor)
@@ -191,7 +200,7 @@ class Strip:
         sums = self._sums
         samples = self._samples
         lasted_us = samples * sensor.exposure_us
-        flags |= DARK_SUBTRACTED if sensor.led_on else LED_OFF
+        flags |= self._lit_flags if sensor.led_on else LED_OFF
         decode = self.decode
         baseline = self.baseline
         if samples != baseline.samples and sensor.led_on:
@@ -224,16 +233,28 @@ class Strip:
 
     def _begin(self, gain, led_mA, exposure_us):
         sensor = self.sensor
-        sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
+        values = self.settings.values
+        led = values["led"]
+        if sensor.led != led:
+            if sensor.led == "gpio":
+                sensor.gpio(False)
+            sensor.led = led
+        sensor.start(values["plan"], gain, exposure_us, led_mA)
         self.conditions = Conditions(
             self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
         self._missed = 0
         self._framer.gap()
-        self._dark.request()
         self.configure()
-        self.baseline.forget()
+        self._dark.request()
         self._state = _UNKNOWN
+        self._lit_flags = DARK_SUBTRACTED
+        if led == "always":
+            stored = self.stored_dark()
+            self._dark.use(stored)
+            self._state = _LIT
+            self._lit_flags = DARK_SUBTRACTED if stored else 0
+        self.baseline.forget()
         self._samples = self._flags = 0
 
     def _start_blink(self, sensor):
@@ -264,6 +285,10 @@ class Strip:
         sensor.check()
         self._state = _RISING
         if self._on_dark and not self._dark.wanted:  # else it was requested meanwhile
+            if not self._dark.exposure_us:
+                frame = (sensor.gain, sensor.exposure_us) + tuple(self._dark.sums())
+                self.settings.values["dark"] = frame
+                self._lit_flags = DARK_SUBTRACTED
             done, self._on_dark = self._on_dark, None
             done()
 

@@ -257,6 +257,9 @@ class FaultyBus:
             self._sda_free_us = 0.0
         return 0
 
+    def light(self, level: int) -> None:
+        self.bus.light(level)
+
     def _meet(self) -> float | None:
         # Fail, or return where in the transfer a bit is to be wrong, or None.
         now_us = self.clock.now_us()

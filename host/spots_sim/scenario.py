@@ -49,6 +49,7 @@ class Scenario:
     """A scenario file, played over and over."""
 
     still = False
+    unplugged = False
 
     def __init__(self, file: ScenarioFile):
         self._file = file
@@ -126,6 +127,8 @@ class Held:
         Amplitude of the force's tremor, as a share of it; 0 of an indenter, not of a finger.
     still : bool
         Whether nothing moves while light is collected.
+    unplugged : bool
+        Whether an LED that is always on has no power.
     """
 
     still = True
@@ -136,6 +139,7 @@ class Held:
         self.bend_deg = 0.0
         self.changed = NONE
         self.tremor = 0.0
+        self.unplugged = False
 
     def pose(self, time_s: float) -> Pose:
         return Pose(self.strain, self.bend_deg)

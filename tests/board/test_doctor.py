@@ -49,6 +49,27 @@ def test_a_press_passes_at_once(room):
     assert "% of full scale" in verdict.text
 
 
+@pytest.mark.parametrize("kind", ["gpio", "always"])
+@pytest.mark.parametrize("wired", [True, False])
+def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
+    sensor = load(SensorFile, kind)
+    with Stage(sensor if wired else replaced(sensor, led=UNWIRED)) as stage:
+        stage.press(NEAR_UM, 8_000)
+        *_, verdict = light_of(stage)
+    assert verdict.ok is wired
+    if not wired:
+        assert {"gpio": "STRIP_LED_PIN", "always": "its supply"}[kind] in verdict.text
+        assert "LDR" not in verdict.text
+
+
+def test_an_led_that_is_always_on_needs_its_dark_frame_first():
+    with Stage(load(SensorFile, "always")) as stage:
+        stage.board.command("set gain=5")
+        (verdict,) = light_of(stage)
+    assert not verdict.ok
+    assert "spots dark" in verdict.text
+
+
 def test_a_press_that_comes_when_it_is_asked_for_passes():
     with Stage(load(SensorFile, "default")) as stage:
         found = []

@@ -1,14 +1,15 @@
 """Settings are taken whole or not at all, and a save survives a cut of power at every step."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 
 from spots_device import settings
 
 
-def made():
-    return settings.BoardSettings(led_max_mA=100)
+def made(**config):
+    return settings.BoardSettings(SimpleNamespace(LED_MAX_MA=100, **config))
 
 
 def test_defaults_are_within_their_own_limits():
@@ -41,9 +42,16 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("plan=F1,F2,F3,F4,F5,F9", "F9"),
         (
             "colour=red",
-            "there are average, .*gamepad, keys, led_mA, strain_ppm, watchdog, plan",
+            "there are average, .*gamepad, keys, led_mA, strain_ppm, watchdog, led, plan",
         ),
         ("", "there are"),
+        ("led=torch", "ldr, gpio, always"),
+        ("led=gpio", "STRIP_LED_PIN"),
+        ("dark=1", "six sums"),
+        ("dark=9,10000,1,2,3,4,5", "six sums"),
+        ("dark=9,10000,1,2,3,4,5,-6", "six sums"),
+        ("dark=11,10000,1,2,3,4,5,6", "six sums"),
+        ("dark=9,10000,1,2,3,4,5,x", "six sums"),
     ],
 )
 def test_a_bad_setting_is_named_and_nothing_is_taken(word, says):
@@ -63,6 +71,37 @@ def test_no_current_is_allowed_for_it_means_off():
     fresh = made()
     fresh.change(["led_mA=0"])
     assert fresh.values["led_mA"] == 0
+
+
+@pytest.mark.parametrize("led", ["gpio", "always"])
+def test_an_led_that_the_sensor_does_not_drive_has_no_current(led):
+    fresh = made(STRIP_LED_PIN=15)
+    fresh.change(["led=" + led])
+    assert (fresh.values["led_mA"], fresh.led_max_mA) == (0, 0)
+    fresh.change(["led_mA=20"])
+    assert fresh.values["led_mA"] == 0
+    fresh.change(["led=ldr"])
+    assert (fresh.values["led_mA"], fresh.led_max_mA) == (20, 100)
+
+
+def test_a_board_file_chooses_the_led_and_settings_of_before_load():
+    fresh = made(STRIP_LED="gpio", STRIP_LED_PIN=15)
+    fresh.change(["exposure_us=10000", "gain=9", "led_mA=20"])
+    assert (fresh.values["led"], fresh.values["led_mA"]) == ("gpio", 0)
+
+
+def test_a_dark_frame_belongs_to_gain_exposure_and_channels():
+    fresh = made()
+    fresh.change(["led=always", "dark=9,10000,1,2,3,4,5,6"])
+    assert fresh.dark(9, 10_000) == (1, 2, 3, 4, 5, 6)
+    assert fresh.dark(8, 10_000) == fresh.dark(9, 2_780) == ()
+    again = made()
+    again.change(fresh.lines())
+    assert again.values == fresh.values
+    again.change(["plan=F3,F4,F5,F6,F7,F8"])
+    assert again.dark(9, 10_000)
+    again.change(["plan=F1,F4,F5,F6,F7,F8"])
+    assert not again.dark(9, 10_000)
 
 
 def test_what_was_saved_is_loaded(tmp_path):

@@ -62,6 +62,16 @@ def test_viper_is_for_boards_whose_machine_code_is_known(said, tmp_path, monkeyp
         device_of("odd")
 
 
+@pytest.mark.parametrize("led", ['STRIP_LED = "torch"', 'STRIP_LED = "gpio"'])
+def test_an_led_that_no_board_has_is_refused(led, tmp_path, monkeypatch):
+    (tmp_path / "odd").mkdir()
+    text = f'title = "Odd"\nruntime = "circuitpython"\n[device]\n{led}\n'
+    (tmp_path / "odd" / "board.toml").write_text(text)
+    monkeypatch.setattr(staging, "BOARDS", tmp_path)
+    with pytest.raises(SpotsError, match=r"odd/board\.toml: STRIP_LED is one of ldr, gpio, always"):
+        device_of("odd")
+
+
 def test_the_modules_of_a_pico_stay_small(tmp_path):
     files = files_of(build("pico", tmp_path))
     assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 64 * 1024

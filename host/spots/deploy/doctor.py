@@ -15,6 +15,7 @@ from ..link.calibrated import next_step
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.ports import no_port, scheme_name
+from ..link.replies import Get
 from ..link.serial_link import SerialLink
 from ..link.udev import with_rule
 from .place import the_board
@@ -28,6 +29,12 @@ _DARK_TIMEOUT_S = 30.0
 # Each exposure is followed by the transfer of the last one, and now and then by a dark frame.
 _SLOWEST = 0.7
 _BRIGHTEST = 0.95
+# What to look at first, by the kind of the LED.
+_WIRES = {
+    "ldr": ", LDR is its cathode",
+    "gpio": " and the board's STRIP_LED_PIN",
+    "always": " and its supply",
+}
 
 
 class Finding(NamedTuple):
@@ -99,10 +106,10 @@ def examine_board(board: Board) -> Iterator[Finding]:
     board.command("stream spectrum")
     reading_s = 1e-6 * state["exposure_us"] * state["average"]
     spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * reading_s), _SPECTRA))
-    if state["led_mA"]:
-        yield from _light(board, state["full_scale"], reading_s)
-    else:
+    if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: spots command set led_mA=20")
+    else:
+        yield from _light(board, state, reading_s)
     board.command("stream off")
     yield _rate(spectra, reading_s)
     hello = board.command("hello")
@@ -115,8 +122,13 @@ def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
     return (frame for frame in board.frames(seconds) if isinstance(frame, Spectrum))
 
 
-def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]:
-    light, brightest = _lit(board, reading_s)
+def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
+    full_scale = state["full_scale"]
+    try:
+        light, brightest = _lit(board, reading_s)
+    except SpotsError as error:  # an LED that is always on has no dark frame yet
+        yield Finding("light", False, str(error))
+        return
     if light < _DIM * full_scale:
         text = f"none yet: press firmly near the sensor within {_PRESS_WITHIN_S:.0f} s, and hold"
         yield Finding("light", True, text)
@@ -125,8 +137,8 @@ def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]
             light, brightest = _lit(board, reading_s)
     text = f"{100 * max(light, 0) / full_scale:.1f} % of full scale are the LED's"
     if light < _DIM * full_scale:
-        text += ": press firmly and run spots command auto, or check the LED's wires, LDR is its "
-        yield Finding("light", False, text + "cathode")
+        text += ": press firmly and run spots command auto, or check the LED's wires"
+        yield Finding("light", False, text + _WIRES.get(state["led"], ""))
     elif brightest > _BRIGHTEST * full_scale:
         yield Finding("light", False, text + ": press at the sensor's end, spots command auto")
     else:
