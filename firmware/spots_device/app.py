@@ -6,7 +6,7 @@ from micropython import const
 
 from .as7341 import SensorError
 from .calibration import Calibration, CalibrationSlot
-from .command import LINE_MAX, NO_DARK, Commands, LineReader, Replies
+from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .reconnect import Reconnect
 from .settings import SETTINGS_FILE, BoardSettings, checksum, load_lines, save_lines
@@ -239,7 +239,9 @@ class BoardApp:
             found, why_not = self.calibration.choose(
                 self.strip.conditions, self.settings.values["strain_ppm"]
             )
-            if self.settings.values["led"] == "always" and not self.strip.stored_dark():
+            if not self.strip.lit_flags:
+                from .light import NO_DARK
+
                 found, why_not = None, NO_DARK
         self.strip.decode.calibration = found
         self.strip.configure()

@@ -77,7 +77,7 @@ class AS7341:
         self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
         self._clear = bytes((_STATUS, _AINT))
         self._led_code = 0
-        self.led = "ldr"  # one of `settings.LEDS`
+        self.led = "ldr"  # one of `light.LEDS`
         self.gpio = None  # of the runtime: ``gpio(on)`` sets the pin that switches the LED
         self._written = bytearray(2 * len(_CHECKED))
         self._check = 0

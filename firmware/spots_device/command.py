@@ -16,7 +16,6 @@ LINE_MAX = 255
 _LINES_MAX = 400  # of an upload
 _BYTES_MAX = 16_000
 NAME_MAX = 20  # so much of an unknown name is repeated in the reply
-NO_DARK = "no dark frame is stored for these settings: run spots dark"
 _NO_MEMORY = "no memory left for this; reboot and try again"
 
 
@@ -276,8 +275,10 @@ class Commands:
         self._replies.check_unclaimed()
         app = self._app
         if app.settings.values["led"] == "always" and words[1:] != ["off"]:
-            if not app.strip.stored_dark():
-                raise ValueError("this LED is always on, and " + NO_DARK)
+            if not app.strip.lit_flags:
+                from .light import NO_DARK
+
+                raise ValueError(NO_DARK)
             return {"dark": app.strip.dark_frame()}
         app.strip.request_dark(self._dark_done)
         self._replies.claim("dark")

@@ -99,11 +99,11 @@ class Dark:
         self.wanted = self.exposure_us > 0
 
     def use(self, sums):
-        """Use a dark frame as `sums` returns it, or none."""
-        self.wanted = self._pool_wanted = False
+        """Use a dark frame as `sums` returns it, or none; return whether there is one."""
         self.age_us = 0
         for i in range(CHANNELS):
             self.mean[i] = sums[i] << _SUMS_SHIFT if sums else 0
+        return bool(sums)
 
     def request_pool(self):
         """Restart the pool with all windows, or as many as fit into two seconds."""

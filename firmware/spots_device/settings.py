@@ -10,15 +10,12 @@ from array import array
 
 from . import exposure
 from .calibration import STRAIN_MAX_PPM
-from .decode import AVERAGE_MAX, DARK_SAMPLES
+from .decode import AVERAGE_MAX
 from .kernel import crc32
-from .smux import CHANNELS, smux_map
+from .smux import smux_map
 
 SETTINGS_FILE = "settings.txt"
 DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
-# What switches the strip's LED: the sensor's driver, a pin of the board, or nothing.
-LEDS = ("ldr", "gpio", "always")
-_DARK_MAX = (10, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)
 
 # name: smallest, largest, default
 LIMITS = {
@@ -52,30 +49,27 @@ class BoardSettings:
     ----------
     board : object
         ``LED_MAX_MA``, the largest current of the board's LED (module board_config). Where it has
-        them, ``STRIP_LED``, one of `LEDS`, and ``STRIP_LED_PIN``, without which there is no
+        them, ``STRIP_LED``, one of `light.LEDS`, and ``STRIP_LED_PIN``, without which there is no
         ``gpio``.
 
     Attributes
     ----------
     values : dict
-        By name: those of `LIMITS`; ``plan``, a tuple of six diodes; ``led``, one of `LEDS`; and
-        ``dark``, of an LED that is always on: gain and exposure, and the six sums over
+        By name: those of `LIMITS`; ``plan``, a tuple of six diodes; ``led``, one of `light.LEDS`;
+        and ``dark``, of an LED that is always on: gain and exposure, and the six sums over
         `decode.DARK_SAMPLES` samples that were taken with them, or nothing.
     """
 
     def __init__(self, board):
         self._board = board
+        self.led_max_mA = board.LED_MAX_MA
         self.values = {name: limits[2] for name, limits in LIMITS.items()}
         self.values["plan"] = DEFAULT_PLAN
-        self.values["dark"] = ()
-        self.values["led"] = getattr(board, "STRIP_LED", "ldr")
-        if self.led_max_mA == 0:
-            self.values["led_mA"] = 0
-
-    @property
-    def led_max_mA(self):
-        """Largest current of the sensor's LED driver; 0 if it does not drive the strip's LED."""
-        return self._board.LED_MAX_MA if self.values["led"] == "ldr" else 0
+        self.values["dark"] = []
+        self.values["led"] = "ldr"
+        self._led = getattr(board, "STRIP_LED", "ldr")
+        if self._led != "ldr":
+            self.change(["led=" + self._led])
 
     def change(self, words):
         """Apply assignments such as ``gain=9``; atomic, unchanged on error.
@@ -98,14 +92,8 @@ class BoardSettings:
             if name == "plan":
                 checked[name] = tuple(text.split(","))
                 smux_map(checked[name])
-            elif name == "led":
-                if text not in LEDS:
-                    raise ValueError("led must be one of " + ", ".join(LEDS))
-                if text == "gpio" and getattr(self._board, "STRIP_LED_PIN", None) is None:
-                    raise ValueError("led=gpio needs a STRIP_LED_PIN in this board's board.toml")
+            elif name == "led" or name == "dark":
                 checked[name] = text
-            elif name == "dark":
-                checked[name] = _dark(text)
             elif name in LIMITS:
                 checked[name] = self._number(name, text)
             else:
@@ -116,16 +104,13 @@ class BoardSettings:
         if "exposure_us" in checked:
             nearest = exposure.registers(checked["exposure_us"])
             checked["exposure_us"] = exposure.actual_us(*nearest)
-        values = self.values
-        led = checked.get("led", values["led"])
-        if led != values["led"] and "led_mA" not in checked:
-            checked["led_mA"] = exposure.DEFAULT_LED_MA
         if "led_mA" in checked:
-            # The breakout's own LED, if it has one, stays off.
-            checked["led_mA"] = exposure.actual_mA(checked["led_mA"]) if led == "ldr" else 0
-        if checked.get("plan", values["plan"]) != values["plan"] and "dark" not in checked:
-            checked["dark"] = ()
-        values.update(checked)
+            checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
+        if self.values["led"] != "ldr" or "led" in checked or "dark" in checked:
+            from .light import settle  # rare
+
+            settle(checked, self.values, self._board)
+        self.values.update(checked)
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
     def reply(self):
@@ -135,25 +120,13 @@ class BoardSettings:
         del reply["dark"]  # its sums are those of ``get``
         return reply
 
-    def dark(self, gain, exposure_us):
-        """Return the six sums that are stored for this gain and exposure; none if there are none.
-
-        Parameters
-        ----------
-        gain, exposure_us : int
-
-        Returns
-        -------
-        tuple of int
-        """
-        dark = self.values["dark"]
-        return dark[2:] if dark[:2] == (gain, exposure_us) else ()
-
     def lines(self):
         """Return the settings as assignments, as `change` takes them."""
         values = self.values
         lines = ["%s=%d" % (name, values[name]) for name in sorted(LIMITS)]
-        lines += ["plan=" + ",".join(values["plan"]), "led=" + values["led"]]
+        lines.append("plan=" + ",".join(values["plan"]))
+        if values["led"] != self._led:
+            lines.append("led=" + values["led"])
         if values["dark"]:
             lines.append("dark=" + ",".join(map(str, values["dark"])))
         return lines
@@ -161,7 +134,7 @@ class BoardSettings:
     def _number(self, name, text):
         low, high, _ = LIMITS[name]
         if name == "led_mA":
-            high = min(high, self._board.LED_MAX_MA)
+            high = min(high, self.led_max_mA)
         try:
             value = int(text)
         except ValueError:
@@ -171,20 +144,6 @@ class BoardSettings:
         if not low <= value <= high:
             raise ValueError("%s must be a whole number from %d to %d" % (name, low, high))
         return value
-
-
-def _dark(text):
-    try:
-        dark = tuple(map(int, text.split(","))) if text else ()
-    except ValueError:
-        dark = (-1,)
-    if dark and (len(dark) != len(_DARK_MAX) or not all(map(_is_within, dark, _DARK_MAX))):
-        raise ValueError("dark is a gain, an exposure and six sums, as 'spots dark' stores them")
-    return dark
-
-
-def _is_within(value, high):
-    return 0 <= value <= high
 
 
 def checksum(lines):

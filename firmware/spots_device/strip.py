@@ -47,6 +47,8 @@ class Strip:
     ----------
     conditions : calibration.Conditions or None
         What readings are taken with; None before the first start.
+    lit_flags : int
+        `decode.DARK_SUBTRACTED`, or 0 as long as an LED that is always on has no dark frame.
     baseline : dark.Baseline
         Its `floor` is taken off a reading: six sums over `Decode.dark_samples` samples.
     """
@@ -70,7 +72,7 @@ class Strip:
         self._sums = array("i", bytes(4 * CHANNELS))
         self._samples = self._flags = 0
         self._state = _UNKNOWN
-        self._lit_flags = DARK_SUBTRACTED
+        self.lit_flags = DARK_SUBTRACTED
         self._idle_us = 0
         self._missed = 0
         self._search = None
@@ -111,10 +113,6 @@ class Strip:
         """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples."""
         return self._dark.sums()
 
-    def stored_dark(self):
-        """Return the stored dark frame that fits the present settings; see `settings`."""
-        return self.settings.dark(self.sensor.gain, self.sensor.exposure_us)
-
     def configure(self):
         """Apply settings that need no restart of the sensor."""
         values = self.settings.values
@@ -147,7 +145,8 @@ class Strip:
         from .search import Search  # rare, and large
 
         s = self.settings.values
-        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
+        led_max_mA = self.settings.led_max_mA if s["led"] == "ldr" else 0
+        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], led_max_mA)
         self._on_search = done
         self._dark.request()
 
@@ -200,7 +199,7 @@ class Strip:
         sums = self._sums
         samples = self._samples
         lasted_us = samples * sensor.exposure_us
-        flags |= self._lit_flags if sensor.led_on else LED_OFF
+        flags |= self.lit_flags if sensor.led_on else LED_OFF
         decode = self.decode
         baseline = self.baseline
         if samples != baseline.samples and sensor.led_on:
@@ -235,10 +234,9 @@ class Strip:
         sensor = self.sensor
         values = self.settings.values
         led = values["led"]
-        if sensor.led != led:
-            if sensor.led == "gpio":
-                sensor.gpio(False)
-            sensor.led = led
+        if sensor.led == "gpio" != led:
+            sensor.gpio(False)
+        sensor.led = led
         sensor.start(values["plan"], gain, exposure_us, led_mA)
         self.conditions = Conditions(
             self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
@@ -248,12 +246,12 @@ class Strip:
         self.configure()
         self._dark.request()
         self._state = _UNKNOWN
-        self._lit_flags = DARK_SUBTRACTED
+        self.lit_flags = DARK_SUBTRACTED
         if led == "always":
-            stored = self.stored_dark()
-            self._dark.use(stored)
             self._state = _LIT
-            self._lit_flags = DARK_SUBTRACTED if stored else 0
+            stored = values["dark"]
+            if not self._dark.use(stored[:2] == [gain, sensor.exposure_us] and stored[2:]):
+                self.lit_flags = 0
         self.baseline.forget()
         self._samples = self._flags = 0
 
@@ -286,9 +284,9 @@ class Strip:
         self._state = _RISING
         if self._on_dark and not self._dark.wanted:  # else it was requested meanwhile
             if not self._dark.exposure_us:
-                frame = (sensor.gain, sensor.exposure_us) + tuple(self._dark.sums())
+                frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
                 self.settings.values["dark"] = frame
-                self._lit_flags = DARK_SUBTRACTED
+                self.lit_flags = DARK_SUBTRACTED
             done, self._on_dark = self._on_dark, None
             done()
 

@@ -53,7 +53,7 @@ class Led(_SimulationFile):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
-    # How it is wired: `spots_device.settings.LEDS`. The chip sets the current of `ldr` alone.
+    # How it is wired: `spots_device.light.LEDS`. The chip sets the current of `ldr` alone.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0
 

@@ -77,11 +77,11 @@ def test_no_current_is_allowed_for_it_means_off():
 def test_an_led_that_the_sensor_does_not_drive_has_no_current(led):
     fresh = made(STRIP_LED_PIN=15)
     fresh.change(["led=" + led])
-    assert (fresh.values["led_mA"], fresh.led_max_mA) == (0, 0)
+    assert fresh.values["led_mA"] == 0
     fresh.change(["led_mA=20"])
     assert fresh.values["led_mA"] == 0
     fresh.change(["led=ldr"])
-    assert (fresh.values["led_mA"], fresh.led_max_mA) == (20, 100)
+    assert fresh.values["led_mA"] == 20
 
 
 def test_a_board_file_chooses_the_led_and_settings_of_before_load():
@@ -90,18 +90,17 @@ def test_a_board_file_chooses_the_led_and_settings_of_before_load():
     assert (fresh.values["led"], fresh.values["led_mA"]) == ("gpio", 0)
 
 
-def test_a_dark_frame_belongs_to_gain_exposure_and_channels():
+def test_a_dark_frame_belongs_to_its_channels_and_is_saved():
     fresh = made()
     fresh.change(["led=always", "dark=9,10000,1,2,3,4,5,6"])
-    assert fresh.dark(9, 10_000) == (1, 2, 3, 4, 5, 6)
-    assert fresh.dark(8, 10_000) == fresh.dark(9, 2_780) == ()
+    assert fresh.values["dark"] == [9, 10_000, 1, 2, 3, 4, 5, 6]
     again = made()
     again.change(fresh.lines())
     assert again.values == fresh.values
     again.change(["plan=F3,F4,F5,F6,F7,F8"])
-    assert again.dark(9, 10_000)
+    assert again.values["dark"]
     again.change(["plan=F1,F4,F5,F6,F7,F8"])
-    assert not again.dark(9, 10_000)
+    assert again.values["dark"] == []
 
 
 def test_what_was_saved_is_loaded(tmp_path):

@@ -188,23 +188,11 @@ def main():
     uid = "".join("%02x" % byte for byte in machine.unique_id())
     usb = MachineUsb(board_config) if board_config.USB_HID else None
     sensor = AS7341(bus, time)
-    sensor.gpio = _strip_led(board_config)
+    # The pin is an output from its first use on.
+    sensor.gpio = lambda on: machine.Pin(board_config.STRIP_LED_PIN, machine.Pin.OUT, value=on)
     app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
     app.interrupt_at = micropython.kbd_intr
     run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)
-
-
-def _strip_led(board_config):
-    """Return what switches the strip's LED by a pin; that is an output from its first use on."""
-    pin = None
-
-    def switch(on):
-        nonlocal pin
-        if pin is None:
-            pin = machine.Pin(board_config.STRIP_LED_PIN, machine.Pin.OUT)
-        pin.value(on)
-
-    return switch
 
 
 def _watchdog():

@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 
 import spots_device
-from spots_device.settings import LEDS
+from spots_device.light import LEDS
 
 from .. import toml
 from ..bounded import read_text
