@@ -98,8 +98,8 @@ class StdioSerial:
                     sent = self._out.write(buffer, size) == size
                 except OSError:
                     sent = False
-                self._took(began)
-                return sent
+                # MicroPython returns the size also if it gave up waiting and dropped the bytes.
+                return self._took(began) and sent
         return False
 
     def read(self):
@@ -119,9 +119,10 @@ class StdioSerial:
         now = time.ticks_us()
         if time.ticks_diff(now, began) < _SLOW_US:
             self._pause_us = 0
-            return
+            return True
         self._pause_us = min(max(2 * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
         self._from = time.ticks_add(now, self._pause_us)
+        return False
 
 
 class MachineUsb:
