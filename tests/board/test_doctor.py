@@ -1,5 +1,7 @@
 """`spots doctor` on the light: an LED that is not wired never passes, in whatever room."""
 
+import re
+
 import pytest
 from boards import virtual_board
 from sensors import replaced
@@ -87,6 +89,25 @@ def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
         verdict = light_of(stage)[-1]
     assert not verdict.ok
     assert "spots command auto" in verdict.text
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "average", "ok"), [(10_000, 1, True), (2_400, 1, False), (2_400, 8, False)]
+)
+def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average, ok):
+    made = rig(busy_us=lambda free_bytes: 2_400.0)
+    made.press(2.0, 8_000)
+    made.board.command(f"set exposure_us={exposure_us} average={average}")
+    made.settle(1.0)
+    (rate,) = [found for found in examine_board(made.board) if found.check == "rate"]
+    assert rate.ok is ok
+    if not ok:
+        assert "misses" in rate.text
+        wanted_us = int(re.search(r"set exposure_us=(\d+)", rate.text)[1])
+        made.board.command(f"set exposure_us={wanted_us}")
+        made.settle(1.0)
+        (rate,) = [found for found in examine_board(made.board) if found.check == "rate"]
+        assert rate.ok
 
 
 def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):

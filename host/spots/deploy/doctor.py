@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from itertools import islice, pairwise
@@ -28,6 +29,8 @@ _DIM = 0.01  # of full scale: positions of so little light are noise
 _DARK_TIMEOUT_S = 30.0
 # Each exposure is followed by the transfer of the last one, and now and then by a dark frame.
 _SLOWEST = 0.7
+_RATE_S = 0.5  # of readings, in which the commands before and after them cost little
+_MISSED = 0.1  # of the samples: more than commands and dark frames cost
 _BRIGHTEST = 0.95
 # What to look at first, by the kind of the LED.
 _WIRES = {
@@ -105,13 +108,17 @@ def examine_board(board: Board) -> Iterator[Finding]:
     yield Finding("sensor", True, "it answers on the bus")
     board.command("stream spectrum")
     reading_s = 1e-6 * state["exposure_us"] * state["average"]
-    spectra = list(islice(_spectra(board, 1 + 3 * _SPECTRA * reading_s), _SPECTRA))
+    count = max(_SPECTRA, round(_RATE_S / reading_s))
+    missed = board.command("get")["missed"]
+    spectra = list(islice(_spectra(board, 1 + 3 * count * reading_s), count))
+    missed = max(0, board.command("get")["missed"] - missed)  # it restarts with the sensor
     if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: spots command set led_mA=20")
     else:
         yield from _light(board, state, reading_s)
     board.command("stream off")
-    yield _rate(spectra, reading_s)
+    share = missed / (missed + count * state["average"])
+    yield _missed(state["exposure_us"], share) if share > _MISSED else _rate(spectra, reading_s)
     hello = board.command("hello")
     step = next_step(hello)
     text = f"not yet; {step}" if step else f"for {hello['length_um'] / 1000:g} mm"
@@ -165,6 +172,13 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int]:
     dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
     least = map(min, zip(*samples))
     return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, samples))
+
+
+def _missed(exposure_us: int, share: float) -> Finding:
+    # What the board needs for a sample, and a little more.
+    longer_us = 100 * math.ceil(0.011 * exposure_us / (1 - share))
+    text = f"the board misses {share:.0%} of the sensor's samples: spots command set "
+    return Finding("rate", False, f"{text}exposure_us={longer_us}")
 
 
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
