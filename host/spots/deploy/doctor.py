@@ -30,7 +30,7 @@ _DARK_TIMEOUT_S = 30.0
 # Each exposure is followed by the transfer of the last one, and now and then by a dark frame.
 _SLOWEST = 0.7
 _RATE_S = 0.5  # of readings, in which the commands before and after them cost little
-_MISSED = 0.1  # of the samples: more than commands and dark frames cost
+_MISSED = 0.15  # of the samples: more than commands and dark frames cost
 _BRIGHTEST = 0.95
 # What to look at first, by the kind of the LED.
 _WIRES = {
