@@ -43,7 +43,7 @@ class Pacing:
         self.period_us = 0
         self.slack_us = 0  # how much earlier the last sample may have ended
         self._chip_us = 0  # the period as well as it is known; `period_us` is a lower bound
-        self._nominal_us = 0
+        self.exposure_us = 0  # the period nominally
         self._off = 0  # how much longer the chip's periods are than nominal, as a share, Q13
         self._creep = 0
         self._early = 0
@@ -58,7 +58,7 @@ class Pacing:
     def start(self, now, period_us):
         """Restart: a first sample of nominally `period_us` has just been started."""
         self.period_us = period_us - period_us // _TRUST
-        self._nominal_us = period_us
+        self.exposure_us = period_us
         # The oscillator is the same at every exposure: what a slow one showed dates a fast one.
         self._chip_us = period_us + (period_us * self._off + _ROUND >> _Q)
         self._creep = period_us >> 8
@@ -111,7 +111,7 @@ class Pacing:
             if bound > self.period_us or self._samples >= _FRESH:
                 self.period_us = self._chip_us = bound
                 if self._samples * bound >= _LEARN_US:
-                    self._off = (bound - self._nominal_us << _Q) // self._nominal_us
+                    self._off = (bound - self.exposure_us << _Q) // self.exposure_us
         if self._samples < 0 or self._samples >= _RENEW:
             self._reference = now
             self._samples = 0
