@@ -16,6 +16,7 @@ FEED = 0x44  # timeout of the watchdog in ms, 3 bytes
 HID = 0x48  # USB interface, size of the report or 0 to check for room, 0
 MEMORY = 0x4D  # free heap in bytes, 3 bytes; simulated time only; gets no answer
 HOST = 0x55  # 0, 0, 0; fails unless a USB host is connected and awake
+LIGHT = 0x4F  # level of the pin that switches the strip's LED, 0, 0
 
 SENDS = (WRITE, HID)  # requests with data; the second argument is its size
 READS = (READ, RECEIVE, LINES)  # answers with data; the third argument is its size

@@ -13,6 +13,7 @@ from _protocol import (  # the board's other modules take them from here
     FEED,  # noqa: F401
     HID,  # noqa: F401
     HOST,  # noqa: F401
+    LIGHT,  # noqa: F401
     LINES,
     MEMORY,
     PERIOD_US,  # noqa: F401
@@ -36,6 +37,7 @@ _level = bytearray(1)
 _wires = bytearray(b"\x01\x01")  # SCL and SDA: 1 released, 0 pulled low by the board
 SCL = const(0)
 SDA = const(1)
+STRIP_LED = const(2)  # a pin, not a wire of the bus
 
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
 _memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))

@@ -3,15 +3,18 @@
 import os
 
 import _simulator
+from micropython import const
 from umachine import *  # noqa: F403
 
 _wires = {}  # wire of the I2C bus by number of its pin
+_STRIP_LED_PIN = const(15)
 
 
 class Pin:
     """A pin by number. A pressed button makes every input low."""
 
     IN = 0
+    OUT = 1
     OPEN_DRAIN = 2
     PULL_UP = 1
 
@@ -22,7 +25,9 @@ class Pin:
 
     def value(self, level=None):
         wire = _wires.get(self.number)
-        if level is not None:
+        if level is not None and self.number == _STRIP_LED_PIN:
+            _simulator.call(_simulator.LIGHT, 1 if level else 0, 0, 0)
+        elif level is not None:
             _simulator.set_wire(wire, level)
         elif wire == _simulator.SDA:
             return _simulator.sda()

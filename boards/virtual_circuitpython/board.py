@@ -6,3 +6,4 @@ from microcontroller import Pin
 SCL = Pin(_simulator.SCL)
 SDA = Pin(_simulator.SDA)
 BUTTON = Pin()
+D5 = Pin(_simulator.STRIP_LED)

@@ -29,7 +29,10 @@ class DigitalInOut:
     @value.setter
     def value(self, level):
         self._level = level
-        _simulator.set_wire(self._pin.wire, level)
+        if self._pin.wire == _simulator.STRIP_LED:
+            _simulator.call(_simulator.LIGHT, 1 if level else 0, 0, 0)
+        else:
+            _simulator.set_wire(self._pin.wire, level)
 
     def deinit(self):
         pass
@@ -44,6 +47,8 @@ class DigitalInOut:
         self._level = pull == Pull.UP and os.getenv("SPOTS_BUTTON") != "held"
 
     def switch_to_output(self, value=False, drive_mode=DriveMode.PUSH_PULL):
-        if drive_mode != DriveMode.OPEN_DRAIN:
+        if self._pin.wire == _simulator.STRIP_LED:
+            self._pin.taken = True
+        elif drive_mode != DriveMode.OPEN_DRAIN:
             raise NotImplementedError("a wire of the I2C bus must be open-drain")
         self.value = value

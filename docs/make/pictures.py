@@ -23,6 +23,7 @@ from spots.terminal.view import StripView
 from spots.wearable import wearable_view
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping
+from spots_device.light import LEDS
 from spots_sim import typing_view
 from spots_sim.demo import open_fast
 from spots_sim.demo_applications import NoGamepad
@@ -81,8 +82,11 @@ def main() -> None:
 
 
 def wirings() -> list[Path]:
-    """Draw the wiring of every real board as docs/wiring-BOARD.svg; return the paths."""
-    template = Template((_HERE / "wiring.svg.in").read_text(encoding="utf-8"))
+    """Draw the wiring of every real board as docs/wiring-BOARD.svg; return the paths.
+
+    A board file that names a supply for the LED gets a picture of each other kind of LED as well.
+    """
+    template = _template("wiring")
     paths = []
     for device in map(device_of, board_names()):
         if "drawn" in device.wiring:
@@ -90,12 +94,28 @@ def wirings() -> list[Path]:
             places = {name: (drawn[name], 1 / drawn["rows"]) for name in _WIRES}
             pins = [_pin(device.wiring[name], *place) for name, place in places.items()]
             wires = [_wire(_WIRES[name], *place) for name, place in places.items()]
-            text = template.substitute(
-                title=device.title, pins="\n".join(pins), wires="\n".join(wires)
-            )
-            paths.append(_HERE / f"wiring-{device.name}.svg")
-            atomic.write_text(text, paths[-1])
+            for led in LEDS if "supply" in drawn else LEDS[:1]:
+                more = {"gpio": ("supply", "led"), "always": ("supply",)}.get(led, ())
+                at = {
+                    f"{name}_y": f"{_height(drawn[name][1], 1 / drawn['rows']):g}" for name in more
+                }
+                more_pins = [
+                    _pin(device.wiring[name], drawn[name], 1 / drawn["rows"]) for name in more
+                ]
+                text = template.substitute(
+                    title=device.title,
+                    pins="\n".join(pins + more_pins),
+                    wires="\n".join(wires),
+                    led=_template(f"wiring-{led}").substitute(at).rstrip(),
+                )
+                kind = "" if led == "ldr" else f"-{led}"
+                paths.append(_HERE / f"wiring-{device.name}{kind}.svg")
+                atomic.write_text(text, paths[-1])
     return paths
+
+
+def _template(name: str) -> Template:
+    return Template((_HERE / f"{name}.svg.in").read_text(encoding="utf-8"))
 
 
 def _height(row: int, pitch: float) -> float:

@@ -79,7 +79,8 @@ class BoardApp:
     Parameters
     ----------
     board : object
-        Module board_config, or an object with its ``NAME`` (str) and ``LED_MAX_MA`` (int).
+        Module board_config, or an object with its ``NAME`` (str) and the attributes that
+        `settings.BoardSettings` needs.
     runtime : str
         Name and version of the Python runtime, for the reply to ``hello``.
     uid : str
@@ -111,7 +112,7 @@ class BoardApp:
         self._left = False
         self._leave_until = None  # ticks
         self.meter = Meter()
-        self.settings = BoardSettings(board.LED_MAX_MA)
+        self.settings = BoardSettings(board)
         self.framer = Framer(serial, self._time)
         self.replies = Replies(self.framer, self._time)
         self.calibration = CalibrationSlot()
@@ -278,6 +279,10 @@ class BoardApp:
             found, why_not = self.calibration.choose(
                 self.strip.conditions, self.settings.values["strain_ppm"]
             )
+            if not self.strip.lit_flags:
+                from .light import NO_DARK
+
+                found, why_not = None, NO_DARK
         self.strip.decode.calibration = found
         self.strip.configure()
         self._time.update()

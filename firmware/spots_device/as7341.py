@@ -79,6 +79,8 @@ class AS7341:
         self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
         self._clear = bytes((_STATUS, _AINT))
         self._led_code = 0
+        self.led = "ldr"  # one of `light.LEDS`
+        self.gpio = None  # of the runtime: ``gpio(on)`` sets the pin that switches the LED
         self._written = bytearray(2 * len(_CHECKED))
         self._check = 0
         self._settled = 0
@@ -139,6 +141,8 @@ class AS7341:
         for _ in _CHECKED:
             self.check()
         self._written[0] = _PON | _SP_EN
+        if self.led != "ldr":
+            self._light(False)  # the breakout's own LED, which may have been on
         self.switch_led(True)
         left_us = _START_US - self._clock.ticks_diff(self._clock.ticks_us(), began)
         if left_us > 0:
@@ -156,9 +160,15 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def switch_led(self, on):
-        """Switch the LED on or off. Samples that began before this call are not `steady`."""
-        on = on and self.led_mA > 0
-        self._light(on)
+        """Switch the LED on or off. Samples that began before this call are not `steady`.
+
+        The user switches an LED that is always on; this call only records its state.
+        """
+        if self.led == "ldr":
+            on = on and self.led_mA > 0
+            self._light(on)
+        elif self.led == "gpio":
+            self.gpio(on)
         self.led_on = on
         self.steady = False
         self._settled = self._clock.ticks_us()

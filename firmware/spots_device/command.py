@@ -196,9 +196,9 @@ class Commands:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
-                          baseline, dark_every, keys, gamepad, watchdog
+                          baseline, dark_every, keys, gamepad, watchdog, led
       auto                search gain and LED current while you press firmly
-      dark                take a dark frame
+      dark                take a dark frame; with 'off' while the LED is unplugged
       rest                take the present light as the baseline
       stream KIND ...     select the frames of each sample: touch, spectrum, both, off
       keys on|off         touches press keys
@@ -293,12 +293,22 @@ class Commands:
 
     def _dark(self, words):
         self._replies.check_unclaimed()
-        self._app.strip.request_dark(self._dark_done)
+        app = self._app
+        if app.settings.values["led"] == "always" and words[1:] != ["off"]:
+            if not app.strip.lit_flags:
+                from .light import NO_DARK
+
+                raise ValueError(NO_DARK)
+            return {"dark": app.strip.dark_frame()}
+        app.strip.request_dark(self._dark_done)
         self._replies.claim("dark")
         return None
 
     def _dark_done(self):
-        self._replies.finish("dark", {"dark": self._app.strip.dark_frame()})
+        app = self._app
+        if app.settings.values["led"] == "always":
+            app.apply_calibration()  # which waits for a dark frame
+        self._replies.finish("dark", {"dark": app.strip.dark_frame()})
 
     def _rest(self, words):
         if not self._app.settings.values["baseline"]:

@@ -59,6 +59,8 @@ class Dark:
     age_us, every_us : int
         Time since the last window, and from when on the next one may begin. The age stops there,
         so that it never overflows.
+    exposure_us : int
+        Which each sample adds to the age; 0 where the board cannot switch the LED.
     always : bool
         Whether single dark samples are taken even while the strip is touched.
     """
@@ -73,6 +75,7 @@ class Dark:
         self.wanted = True
         self.age_us = 0
         self.every_us = DARK_EVERY_US
+        self.exposure_us = 0
         self.always = False
 
     def schedule(self, exposure_us, dark_every):
@@ -81,17 +84,26 @@ class Dark:
         Parameters
         ----------
         exposure_us : int
+            0 for none but on request.
         dark_every : int
             One dark sample in so many, also while touched; 0 for windows on the untouched strip.
         """
+        self.exposure_us = exposure_us
         self.always = dark_every > 0
         self.every_us = min(dark_every * exposure_us, _EVERY_MAX_US)
         if not self.always:
             self.every_us = max(DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
 
     def request(self):
-        """Restart the pool with one window, as soon as possible."""
-        self.wanted = True
+        """Restart the pool with one window, as soon as possible, where the LED can be switched."""
+        self.wanted = self.exposure_us > 0
+
+    def use(self, sums):
+        """Use a dark frame as `sums` returns it, or none; return whether there is one."""
+        self.age_us = 0
+        for i in range(CHANNELS):
+            self.mean[i] = sums[i] << _SUMS_SHIFT if sums else 0
+        return bool(sums)
 
     def request_pool(self):
         """Restart the pool with all windows, or as many as fit into two seconds."""

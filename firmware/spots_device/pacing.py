@@ -7,7 +7,8 @@ oversleeps, and comes too early about once in twenty samples. Integers only, all
 
 A loop that is slower than the sensor never polls early, so nothing brackets a sample. The sample
 that it finds is the newest: it ended within the last period. It is used with that uncertainty, and
-samples that ended unread are counted by the chip's period.
+samples that ended unread are counted by the chip's period, as it was learned when the loop was fast
+enough to bracket it, at this exposure or at another.
 """
 
 from micropython import const
@@ -19,6 +20,9 @@ _WIDE_US = const(2_000)  # a wider bracket is no lock while narrower ones can be
 _SHORT_US = const(6_000)
 _TRUST = const(16)  # the oscillator may run a sixteenth fast
 _FRESH = const(64)  # samples after which a bound may replace a higher one
+_LEARN_US = const(200_000)  # of samples at once: then the bound is good to 0.1 %
+_Q = const(13)  # a sixteenth of the longest period fits a small integer
+_ROUND = const(1 << 12)
 _RENEW = const(256)  # samples after which the reference moves on, to follow temperature
 
 
@@ -39,6 +43,8 @@ class Pacing:
         self.period_us = 0
         self.slack_us = 0  # how much earlier the last sample may have ended
         self._chip_us = 0  # the period as well as it is known; `period_us` is a lower bound
+        self.exposure_us = 0  # the period nominally
+        self._off = 0  # how much longer the chip's periods are than nominal, as a share, Q13
         self._creep = 0
         self._early = 0
         self._was_early = False
@@ -52,7 +58,9 @@ class Pacing:
     def start(self, now, period_us):
         """Restart: a first sample of nominally `period_us` has just been started."""
         self.period_us = period_us - period_us // _TRUST
-        self._chip_us = period_us
+        self.exposure_us = period_us
+        # The oscillator is the same at every exposure: what a slow one showed dates a fast one.
+        self._chip_us = period_us + (period_us * self._off + _ROUND >> _Q)
         self._creep = period_us >> 8
         self.due = self._add(now, self.period_us)
         self.missed = self.slack_us = 0
@@ -102,6 +110,8 @@ class Pacing:
             bound = self._diff(self._early, self._reference) // self._samples
             if bound > self.period_us or self._samples >= _FRESH:
                 self.period_us = self._chip_us = bound
+                if self._samples * bound >= _LEARN_US:
+                    self._off = (bound - self.exposure_us << _Q) // self.exposure_us
         if self._samples < 0 or self._samples >= _RENEW:
             self._reference = now
             self._samples = 0

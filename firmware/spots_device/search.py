@@ -36,14 +36,16 @@ class Search:
     exposure_us : int
         First exposure in us.
     led_max_mA : int
-        Largest LED current in mA.
+        Largest LED current in mA; 0 if the light cannot be set. The steps of the gain alone reach
+        43-90 % of full scale.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):
         self.gain = gain
-        self.led_mA = actual_mA(max(LED_MIN_MA, led_mA))
-        self.exposure_us = exposure_us
         self._led_max_mA = actual_mA(led_max_mA)
+        self._low, self._led_min_mA = (_LOW, LED_MIN_MA) if led_max_mA else (_STEP_FROM, 0)
+        self.led_mA = actual_mA(max(self._led_min_mA, led_mA))
+        self.exposure_us = exposure_us
         self._tries = 24
 
     def step(self, peak, full_scale, saturated):
@@ -65,10 +67,10 @@ class Search:
             is needed; the attributes `gain`, `led_mA` and `exposure_us` are its settings.
         """
         level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
-        if _LOW <= level < _HIGH:
+        if self._low <= level < _HIGH:
             return DONE
         self._tries -= 1
-        if level < _LOW:
+        if level < self._low:
             return self._brighter(max(level, 1)) if self._tries else TOO_DARK
         return self._darker(saturated) if self._tries else TOO_BRIGHT
 
@@ -92,7 +94,7 @@ class Search:
     def _darker(self, saturated):
         if saturated and self.gain > 0:
             self.gain -= 1
-        elif self.led_mA > LED_MIN_MA:
+        elif self.led_mA > self._led_min_mA:
             factor = _FULL // 2 if saturated else _AIM
             wanted_mA = actual_mA(self.led_mA * factor // _FULL)
             self.led_mA = max(LED_MIN_MA, min(self.led_mA - 2, wanted_mA))

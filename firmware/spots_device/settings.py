@@ -47,20 +47,29 @@ class BoardSettings:
 
     Parameters
     ----------
-    led_max_mA : int
-        Maximum current of the board's LED in mA.
+    board : object
+        Module board_config, or an object with ``LED_MAX_MA``, the maximum current of the board's
+        LED in mA (int). Optional: ``STRIP_LED``, one of `light.LEDS`, and ``STRIP_LED_PIN``, which
+        ``led=gpio`` needs.
 
     Attributes
     ----------
     values : dict
-        Values by name: an int for each name in `LIMITS`, and ``plan``, a tuple of the names of
-        six diodes.
+        Values by name: an int for each name in `LIMITS`; ``plan``, a tuple of the names of six
+        diodes; ``led``, one of `light.LEDS`; ``dark``, the stored dark frame of an LED that is
+        always on: gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples, or empty.
     """
 
-    def __init__(self, led_max_mA):
-        self.led_max_mA = led_max_mA
+    def __init__(self, board):
+        self._board = board
+        self.led_max_mA = board.LED_MAX_MA
         self.values = {name: limits[2] for name, limits in LIMITS.items()}
         self.values["plan"] = DEFAULT_PLAN
+        self.values["dark"] = []
+        self.values["led"] = "ldr"
+        self._led = getattr(board, "STRIP_LED", "ldr")
+        if self._led != "ldr":
+            self.change(["led=" + self._led])
 
     def change(self, words):
         """Change settings; on an error no setting changes.
@@ -88,18 +97,24 @@ class BoardSettings:
             if name == "plan":
                 checked[name] = tuple(text.split(","))
                 smux_map(checked[name])
+            elif name == "led" or name == "dark":
+                checked[name] = text
             elif name in LIMITS:
                 checked[name] = self._number(name, text)
             else:
                 raise ValueError(
                     "no setting is called '%s'; use one of %s"
-                    % (name, ", ".join(sorted(LIMITS) + ["plan"]))
+                    % (name, ", ".join(sorted(LIMITS) + ["led", "plan"]))
                 )
         if "exposure_us" in checked:
             nearest = exposure.registers(checked["exposure_us"])
             checked["exposure_us"] = exposure.actual_us(*nearest)
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
+        if self.values["led"] != "ldr" or "led" in checked or "dark" in checked:
+            from .light import settle  # rare
+
+            settle(checked, self.values, self._board)
         self.values.update(checked)
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
@@ -107,13 +122,19 @@ class BoardSettings:
         """Return the settings as a dict for a reply; ``plan`` is a list."""
         reply = dict(self.values)
         reply["plan"] = list(reply["plan"])
+        del reply["dark"]  # its sums are those of ``get``
         return reply
 
     def lines(self):
         """Return all settings as a list of assignments for `change`."""
-        return ["%s=%d" % (name, self.values[name]) for name in sorted(LIMITS)] + [
-            "plan=" + ",".join(self.values["plan"])
-        ]
+        values = self.values
+        lines = ["%s=%d" % (name, values[name]) for name in sorted(LIMITS)]
+        lines.append("plan=" + ",".join(values["plan"]))
+        if values["led"] != self._led:
+            lines.append("led=" + values["led"])
+        if values["dark"]:
+            lines.append("dark=" + ",".join(map(str, values["dark"])))
+        return lines
 
     def _number(self, name, text):
         low, high, _ = LIMITS[name]

@@ -47,6 +47,8 @@ class Strip:
     ----------
     conditions : calibration.Conditions or None
         What readings are taken with; None before the first start.
+    lit_flags : int
+        `decode.DARK_SUBTRACTED`, or 0 as long as an LED that is always on has no dark frame.
     baseline : dark.Baseline
         Its `floor` is taken off a reading: six sums over `Decode.dark_samples` samples.
     """
@@ -70,6 +72,7 @@ class Strip:
         self._sums = array("i", bytes(4 * CHANNELS))
         self._samples = self._flags = 0
         self._state = _UNKNOWN
+        self.lit_flags = DARK_SUBTRACTED
         self._idle_us = 0
         self._missed = 0
         self._search = None
@@ -112,7 +115,11 @@ class Strip:
 
     def configure(self):
         """Apply settings that need no restart of the sensor."""
-        self._dark.schedule(self.sensor.exposure_us, self.settings.values["dark_every"])
+        values = self.settings.values
+        if values["led"] == "always":
+            self._dark.schedule(0, 0)
+        else:
+            self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
 
     def streams(self):
         """Return the names of the frames that are streamed."""
@@ -138,7 +145,8 @@ class Strip:
         from .search import Search  # rare, and large
 
         s = self.settings.values
-        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], self.settings.led_max_mA)
+        led_max_mA = self.settings.led_max_mA if s["led"] == "ldr" else 0
+        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], led_max_mA)
         self._on_search = done
         self._dark.request()
 
@@ -161,7 +169,7 @@ class Strip:
             self._framer.gap()
         dark = self._dark
         if dark.age_us < dark.every_us:
-            dark.age_us += sensor.exposure_us
+            dark.age_us += dark.exposure_us
         if self._state == _LIT:
             if sensor.steady:
                 self._take_lit(sensor)
@@ -191,7 +199,7 @@ class Strip:
         sums = self._sums
         samples = self._samples
         lasted_us = samples * sensor.exposure_us
-        flags |= DARK_SUBTRACTED if sensor.led_on else LED_OFF
+        flags |= self.lit_flags if sensor.led_on else LED_OFF
         decode = self.decode
         baseline = self.baseline
         if samples != baseline.samples and sensor.led_on:
@@ -224,16 +232,27 @@ class Strip:
 
     def _begin(self, gain, led_mA, exposure_us):
         sensor = self.sensor
-        sensor.start(self.settings.values["plan"], gain, exposure_us, led_mA)
+        values = self.settings.values
+        led = values["led"]
+        if sensor.led == "gpio" != led:
+            sensor.gpio(False)
+        sensor.led = led
+        sensor.start(values["plan"], gain, exposure_us, led_mA)
         self.conditions = Conditions(
             self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
         self._missed = 0
         self._framer.gap()
-        self._dark.request()
         self.configure()
-        self.baseline.forget()
+        self._dark.request()
         self._state = _UNKNOWN
+        self.lit_flags = DARK_SUBTRACTED
+        if led == "always":
+            self._state = _LIT
+            stored = values["dark"]
+            if not self._dark.use(stored[:2] == [gain, sensor.exposure_us] and stored[2:]):
+                self.lit_flags = 0
+        self.baseline.forget()
         self._samples = self._flags = 0
 
     def _start_blink(self, sensor):
@@ -264,6 +283,10 @@ class Strip:
         sensor.check()
         self._state = _RISING
         if self._on_dark and not self._dark.wanted:  # else it was requested meanwhile
+            if not self._dark.exposure_us:
+                frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
+                self.settings.values["dark"] = frame
+                self.lit_flags = DARK_SUBTRACTED
             done, self._on_dark = self._on_dark, None
             done()
 

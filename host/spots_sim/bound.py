@@ -41,6 +41,7 @@ class Bound:
     def __init__(
         self, sensor: SensorFile, plan, gain: int, exposure_us, led_mA, average=1, change=NONE
     ):
+        led_mA = sensor.led.current_mA(led_mA)
         optics = Optics(sensor, change, sensor.temperature.led_K_per_mA * led_mA)  # warm LED
         self._sensor = sensor
         self._optics = optics

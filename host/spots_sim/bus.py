@@ -173,6 +173,17 @@ class I2CBus:
         """
         return sda
 
+    def light(self, level: int) -> None:
+        """Set the pin of the board that switches the strip's LED, where a pin does.
+
+        Parameters
+        ----------
+        level : int
+            1 for on, 0 for off.
+        """
+        self.chip.advance(self.clock.now_us())
+        self.chip.switch_light(bool(level))
+
     def refuse(self) -> None:
         """Advance the clock by an address without acknowledge, and raise OSError(ENODEV)."""
         self._spend(2, 1)

@@ -163,6 +163,11 @@ class AS7341:
         while self._start is not None and now_us >= self._end():
             self._complete(self._end())
 
+    def switch_light(self, on: bool) -> None:
+        """Switch an LED that this chip does not drive, as ``light.switch(on)``."""
+        self._collect(self._now)
+        self._light.switch(on)
+
     # Registers.
 
     def _bank1_selected(self) -> bool:

@@ -145,11 +145,13 @@ class CPythonBoard:
         self._package = _load(self._folder)
         app, as7341 = (sys.modules[f"{self._package}.{name}"] for name in ("app", "as7341"))
         clock = self._requests
+        sensor = as7341.AS7341(_Sensor(clock), clock)
+        sensor.gpio = clock.light
         self._app = app.BoardApp(
             self._config,
             f"cpython {platform.python_version()}",
             self._id,
-            as7341.AS7341(_Sensor(clock), clock),
+            sensor,
             clock,
             _Serial(self._port),
             _UsbDevice(clock, self._usb),
@@ -210,6 +212,9 @@ class _Requests:
         if off_us is not None:
             raise PowerLostError(off_us)
         return transfer(*arguments)
+
+    def light(self, on: bool) -> None:
+        self.ask(self.bus.light, on)
 
     def ticks_us(self) -> int:
         return int(self.bus.clock.now_us() * self._rate) % _TICKS

@@ -24,7 +24,7 @@ from .lockstep import LockstepLink
 from .runtimes import headline
 from .scenario import Scenario
 from .score import Score
-from .stage import calibrate
+from .stage import calibrate, set_led
 from .virtual import VIRTUAL, open_virtual
 
 FIVEBAR = "fivebar"
@@ -177,6 +177,7 @@ def open_fast(
     link = FaultyLink(bare, faults) if faults else bare
     board = Board(Tap(link, lambda data, now_s: digest.update(data)))
     try:
+        set_led(board, file)
         prepare(board, calibration)
     except BaseException:
         board.close()

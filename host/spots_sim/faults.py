@@ -282,6 +282,9 @@ class FaultyBus:
             self._sda_free_us = 0.0
         return 0
 
+    def light(self, level: int) -> None:
+        self.bus.light(level)
+
     def _meet(self) -> float | None:
         # Raises an error, or returns the place of a wrong bit (0 to 1 of the transfer), or None.
         now_us = self.clock.now_us()

@@ -5,12 +5,13 @@ Every key is validated. The comments in ``data/*.toml`` name the source of each 
 
 from __future__ import annotations
 
+import json
 import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
@@ -70,6 +71,13 @@ class Led(_SimulationFile):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
+    # How it is wired: `spots_device.light.LEDS`. The chip sets the current of `ldr` alone.
+    wired: Literal["ldr", "gpio", "always"] = "ldr"
+    fixed_mA: Positive = 20.0
+
+    def current_mA(self, driver_mA: float) -> float:
+        """Return the current of the LED while it is on; `driver_mA` is what the chip was set to."""
+        return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
 class Dye(_SimulationFile):
@@ -389,9 +397,8 @@ def to_toml(sensor: SensorFile) -> str:
     return "\n".join(lines + sections) + "\n"
 
 
-def _assignment(name: str, value: float | bool) -> str:
-    # Python's text of a number is valid TOML; that of a bool needs lower case.
-    return f"{name} = {str(value).lower()}"
+def _assignment(name: str, value: float | bool | str) -> str:
+    return f"{name} = {json.dumps(value)}"  # such a value is the same in TOML
 
 
 def load_change(name: str | Path) -> Change:

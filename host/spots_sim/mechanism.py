@@ -196,6 +196,7 @@ class JointScenario:
     """
 
     still = False
+    unplugged = False
 
     def __init__(self, time_s, place_mm, bend_deg, force_mN: float, again: bool = False):
         self._time_s, self._place_mm, self._bend_deg = time_s, place_mm, bend_deg

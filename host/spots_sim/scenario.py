@@ -68,6 +68,7 @@ class Scenario:
     """
 
     still = False
+    unplugged = False
 
     def __init__(self, file: ScenarioFile):
         self._file = file
@@ -148,6 +149,8 @@ class Held:
         above 0 for a finger.
     still : bool
         True: nothing moves during an exposure.
+    unplugged : bool
+        True: an LED that is always on has no power.
     """
 
     still = True
@@ -158,6 +161,7 @@ class Held:
         self.bend_deg = 0.0
         self.changed = NONE
         self.tremor = 0.0
+        self.unplugged = False
 
     def pose(self, time_s: float) -> Pose:
         return Pose(self.strain, self.bend_deg)

@@ -81,6 +81,8 @@ def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0
                 data = bus.read(a, c)
             case protocol.LINES:
                 data = bytes((bus.lines(a, b),))
+            case protocol.LIGHT:
+                bus.light(a)
             case protocol.HID:
                 usb.offer(a, request[4:])
             case protocol.HOST:

@@ -24,6 +24,7 @@ from .lockstep import LockstepLink
 from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
 from .rig import Rig
+from .stage import set_led
 
 PATH, EXPOSURE_US = "sust", 30_000  # defaults
 START_S = 2.0  # begin of a motion: the boards are open and stream before that
@@ -148,6 +149,7 @@ class Simulation:
                 on_s = _APART * i * exposure_us * 1e-6
                 link = LockstepLink(sensor, scenario, s, started_s=on_s)
                 self.boards.append(opened.enter_context(Board(link)))
+                set_led(self.boards[-1], sensor)
                 prepare(self.boards[-1], strip.lines)
             self._opened = opened.pop_all()
 
@@ -230,6 +232,7 @@ class Endless:
         )
         board = Board(PacedLink(link, self._epoch_s))
         try:
+            set_led(board, self._sensor)
             prepare(board, self._strips[joint].lines)
         except BaseException:
             board.close()

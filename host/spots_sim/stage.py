@@ -40,8 +40,11 @@ class Stage:
         self.sensor = sensor
         self.held = Held()
         self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=_WARM_S))
+        if sensor.led.wired != "ldr":
+            self.board.command("set led=" + sensor.led.wired)
         if settings:
             self.board.command("set " + settings)
+        self.take_dark()
         self.reader = SpectrumReader(self.board)
 
     def __enter__(self) -> Stage:
@@ -73,7 +76,15 @@ class Stage:
         self.release()
         if exposure_us is not None:
             self.board.command(f"set exposure_us={exposure_us}")
+        self.take_dark()
         self.reader.set_up()
+
+    def take_dark(self) -> None:
+        """Unplug an LED that is always on while its dark frame is taken."""
+        if self.sensor.led.wired == "always":
+            self.held.unplugged = True
+            self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
+            self.held.unplugged = False
 
     def press(self, position_um: float, force_mN: float) -> None:
         """Press the strip until the next call of `press` or `release`.
@@ -159,7 +170,6 @@ class Stage:
         return high_mN
 
 
-@lru_cache(maxsize=8)
 def calibrate(sensor: SensorFile) -> tuple[str, ...]:
     """Search the exposure of a simulated sensor and calibrate it; return the calibration lines.
 
@@ -168,8 +178,33 @@ def calibrate(sensor: SensorFile) -> tuple[str, ...]:
     SpotsError
         If the sensor's readings do not allow a calibration.
     """
+    return _calibrated(sensor)[0]
+
+
+def set_led(board: Board, sensor: SensorFile) -> None:
+    """Set a board as the LED of its strip is wired, with the dark frame that `calibrate` took.
+
+    Parameters
+    ----------
+    board : Board
+    sensor : SensorFile
+        The strip.
+    """
+    if sensor.led.wired != "ldr":
+        board.command("set " + _calibrated(sensor)[1])
+
+
+@lru_cache(maxsize=8)
+def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
+    """Return the lines of a calibration and the settings of the LED that it was made with."""
     with Stage(sensor) as stage:
         stage.expose()
         along, pressed = stage.along(), stage.pressed()
         noise = Noise.of(along, pressed)
-        return tuple(fit({0: along}, pressed, noise, stage.reader.conditions))
+        lines = tuple(fit({0: along}, pressed, noise, stage.reader.conditions))
+        led = "led=" + sensor.led.wired
+        if sensor.led.wired == "always":
+            state = stage.board.command("get")
+            numbers = state["gain"], state["exposure_us"], *state["dark"]
+            led += " dark=" + ",".join(map(str, numbers))
+        return lines, led

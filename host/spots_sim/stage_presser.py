@@ -7,6 +7,7 @@ import numpy as np
 from spots.calibrate.presser import LEAST_MARGIN
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
+from spots.link.board import Board
 
 from .stage import Stage
 
@@ -36,6 +37,9 @@ class StagePresser:
 
     def release(self) -> None:
         self._stage.release()
+
+    def dark(self, board: Board) -> None:
+        self._stage.take_dark()
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         low_mN, high_mN = 1.0, wanted.force_mN

@@ -30,7 +30,7 @@ from spots.link.serial_link import SerialLink
 from .files import ScenarioFile, SensorFile, load
 from .linkage_demo import endless, run
 from .runtimes import is_cpython
-from .stage import Stage, calibrate
+from .stage import Stage, calibrate, set_led
 from .stage_presser import StagePresser
 from .vm import micropython_command
 
@@ -123,6 +123,7 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
         stage.held.changed = sensor.change
     if made is not None and made.board == stage.reader.conditions.board:
         stage.board.command("set " + settings(made))
+        stage.take_dark()
         stage.reader.set_up()
     length_um = 1000 * (options.length_mm or sensor.length_mm)
     return Setup(stage.reader, StagePresser(stage), guide, made_with, length_um, out)
@@ -206,7 +207,8 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     if seed < 0:
         raise SpotsError(f"the seed must be a whole number from 0, not {seed}")
 
-    calibration = calibrate(load(SensorFile, sensor))
+    file = load(SensorFile, sensor)
+    calibration = calibrate(file)
     start, end = start_simulator(sensor, scenario, seed)
     try:
         board = _opened(start["port"])
@@ -215,6 +217,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         raise
     board.when_closed(end)
     try:
+        set_led(board, file)
         prepare(board, calibration)
     except BaseException:
         board.close()

@@ -60,6 +60,7 @@ class World:
         self._led_K = 0.0  # at this time
         self._led_us = 0.0
         self._optics_at = lru_cache(_KEPT)(partial(Optics, sensor))
+        self._pin_on = False
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
         """Return the counts at gain 1x by diode that an ideal converter would make.
@@ -69,7 +70,8 @@ class World:
         start_us, end_us : float
             Bounds of the integration, in us of simulated time.
         led_mA : float
-            LED current, in mA; 0 for a dark frame.
+            Current of the chip's LED driver, in mA; 0 for off. Only an LED that is wired to it
+            has that current.
 
         Returns
         -------
@@ -77,6 +79,7 @@ class World:
             Counts by name of the diode.
         """
         duration_us = end_us - start_us
+        led_mA = self._strip_mA(led_mA)
         steps = 1 if self._scenario.still else math.ceil(duration_us / _STEP_US)
         step_us = duration_us / steps
         self._warm(end_us, led_mA)
@@ -90,6 +93,15 @@ class World:
             rates *= self._optics.source_uW_cm2(led_mA) * self._led_level(start_us, duration_us)
         rates += self._optics.ambient(self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6))
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
+
+    def switch(self, on: bool) -> None:
+        """Set the board's pin, which switches the LED if ``led.wired`` is ``gpio``."""
+        self._pin_on = on
+
+    def _strip_mA(self, driver_mA: float) -> float:
+        wired = self._sensor.led.wired
+        dark = {"ldr": False, "gpio": not self._pin_on, "always": self._scenario.unplugged}
+        return 0.0 if dark[wired] else self._sensor.led.current_mA(driver_mA)
 
     def outside(self, start_us: float, end_us: float) -> float:
         """Return the mean irradiance of ambient light.

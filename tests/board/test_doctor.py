@@ -1,5 +1,7 @@
 """`spots doctor` on the light: an LED that is not wired never passes, in whatever room."""
 
+import re
+
 import pytest
 from boards import virtual_board
 from sensors import replaced
@@ -28,7 +30,7 @@ def test_an_led_that_is_not_wired_never_passes(room, pressed):
     assert [finding.ok for finding in asked] == [True]
     assert "press firmly" in asked[0].text
     assert not verdict.ok
-    assert "check the LED's wires" in verdict.text
+    assert "check the wire from LDR" in verdict.text
 
 
 @pytest.mark.parametrize("room", ["default", "daylight"])
@@ -49,6 +51,27 @@ def test_a_press_passes_at_once(room):
     assert "% of full scale" in verdict.text
 
 
+@pytest.mark.parametrize("kind", ["gpio", "always"])
+@pytest.mark.parametrize("wired", [True, False])
+def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
+    sensor = load(SensorFile, kind)
+    with Stage(sensor if wired else replaced(sensor, led=UNWIRED)) as stage:
+        stage.press(NEAR_UM, 8_000)
+        *_, verdict = light_of(stage)
+    assert verdict.ok is wired
+    if not wired:
+        assert {"gpio": "STRIP_LED_PIN", "always": "its supply"}[kind] in verdict.text
+        assert "LDR" not in verdict.text
+
+
+def test_an_led_that_is_always_on_needs_its_dark_frame_first():
+    with Stage(load(SensorFile, "always")) as stage:
+        stage.board.command("set gain=5")
+        (verdict,) = light_of(stage)
+    assert not verdict.ok
+    assert "spots dark" in verdict.text
+
+
 def test_a_press_that_comes_when_it_is_asked_for_passes():
     with Stage(load(SensorFile, "default")) as stage:
         found = []
@@ -66,6 +89,25 @@ def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
         verdict = light_of(stage)[-1]
     assert not verdict.ok
     assert "spots command auto" in verdict.text
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "average", "ok"), [(10_000, 1, True), (2_400, 1, False), (2_400, 8, False)]
+)
+def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average, ok):
+    made = rig(busy_us=lambda free_bytes: 2_400.0)
+    made.press(2.0, 8_000)
+    made.board.command(f"set exposure_us={exposure_us} average={average}")
+    made.settle(1.0)
+    (rate,) = [found for found in examine_board(made.board) if found.check == "rate"]
+    assert rate.ok is ok
+    if not ok:
+        assert "misses" in rate.text
+        wanted_us = int(re.search(r"set exposure_us=(\d+)", rate.text)[1])
+        made.board.command(f"set exposure_us={wanted_us}")
+        made.settle(1.0)
+        (rate,) = [found for found in examine_board(made.board) if found.check == "rate"]
+        assert rate.ok
 
 
 def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):

@@ -4,6 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
+from sensors import replaced
 
 from spots.link.frames import Decoder, Text, Touch
 from spots_device.decode import DROPPED
@@ -160,6 +161,43 @@ def test_an_exposure_too_short_for_the_board_gives_what_it_can_and_counts_the_re
     assert reply["missed"] - before == pytest.approx(lost, rel=0.15, abs=20)
     if actual_us < 2_000:
         assert np.mean([bool(touch.flags & DROPPED) for touch in touches]) > 0.2
+
+
+def counted(made):
+    """Send ``get``; return the touches before its reply, what was missed then, and what was made.
+
+    The simulated chip knows how many samples it made: no board does.
+    """
+    made.link.write(b"get\n")
+    touches = 0
+    while True:
+        for frame in made._decoder.feed(made.link.read(0.001)):
+            touches += isinstance(frame, Touch)
+            if isinstance(frame, Text) and frame.content.get("re") == "get":
+                return touches, frame.content["missed"], made.link.chip.samples
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize(
+    ("exposure_us", "busy_us", "error_percent"),
+    [(2_780, 300, 2), (2_780, 2_200, -3), (2_780, 2_500, 2), (1_500, 1_900, -3), (1_000, 3_000, 3)],
+)
+def test_what_the_chip_made_was_taken_or_missed(sensor, board, exposure_us, busy_us, error_percent):
+    chip = {"clock_error_percent": error_percent}
+    costs_us = [300]
+    made = Slow(replaced(sensor, converter=chip), lambda free_bytes: costs_us[-1], board=board)
+    with contextlib.closing(made.link):
+        made.run(1.5)  # at 10 ms, where the board learns how fast the chip's oscillator is
+        costs_us.append(busy_us)
+        made.say("stream touch")
+        made.say(f"set exposure_us={exposure_us}")
+        made.run(1.0)
+        _, missed, samples = counted(made)
+        touches = len(made.touches(4.0))
+        more, missed_then, samples_then = counted(made)
+    assert touches + more + missed_then - missed == pytest.approx(
+        samples_then - samples, rel=0.002, abs=4
+    )
 
 
 def test_the_reply_to_set_has_the_rate_to_expect(slow):

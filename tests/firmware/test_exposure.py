@@ -96,6 +96,31 @@ def test_the_exposure_is_lengthened_only_when_gain_and_led_are_spent():
         assert made.exposure_us == 10_000 or (made.gain, made.led_mA) == (10, LED_MAX_MA)
 
 
+@given(st.floats(-6.5, -0.5), st.integers(0, 10), st.sampled_from([2780, 10_000, 400_000]))
+def test_light_that_cannot_be_set_is_fitted_by_gain_and_exposure(exponent, gain, exposure_us):
+    class Fixed(Strip):
+        def read(self, search):
+            search.led_mA += 20
+            seen = super().read(search)
+            search.led_mA -= 20
+            return seen
+
+    strip = Fixed(10**exponent)
+    made = Search(gain, 0, exposure_us, 0)
+    outcome = exposure.AGAIN
+    while outcome == exposure.AGAIN:
+        outcome = made.step(*strip.read(made))
+        assert made.led_mA == 0
+    peak, full_scale, saturated = strip.read(made)
+    if outcome == exposure.DONE:
+        assert not saturated
+        assert 0.42 <= peak / full_scale <= 0.9
+    elif outcome == exposure.TOO_DARK:
+        assert (made.gain, made.exposure_us) == (exposure.GAIN_MAX, exposure.MAX_US)
+    else:
+        assert made.gain == 0
+
+
 def test_no_light_is_too_dark_and_all_light_too_bright():
     assert search(Strip(0))[0] == exposure.TOO_DARK
     assert search(Strip(100))[0] == exposure.TOO_BRIGHT

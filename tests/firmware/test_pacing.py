@@ -36,6 +36,12 @@ class Run:
         self.slacks_us = []
         self.pacing.start(SmallInt(self.now % WRAP), nominal_us)
 
+    def restart(self, nominal_us, true_us):
+        """Sample with another period from now on, on the same oscillator."""
+        self.true_us, self.taken, self.samples = true_us, 0, []
+        self.origin = self.now + 15_000
+        self.pacing.start(SmallInt(self.now % WRAP), nominal_us)
+
     def poll(self, late_us=0):
         wait_us = Clock.ticks_diff(self.pacing.due, self.now % WRAP)
         self.now += max(0, int(wait_us)) + late_us
@@ -135,6 +141,27 @@ def test_a_loop_of_any_speed_reads_what_it_can_and_counts_the_rest(
     assert len(run.samples) >= 0.9 * least * ended
     assert len({index for index, _ in run.samples}) == len(run.samples)
     assert len(run.samples) + run.pacing.missed == pytest.approx(ended, rel=0.04)
+
+
+@pytest.mark.parametrize("nominal_us", [1_000, 1_500, 2_780])
+@pytest.mark.parametrize("busy_us", [100, 900, 1_800, 2_700, 5_000])
+@pytest.mark.parametrize("error_percent", [-5, -2, 2, 5])
+def test_what_the_chip_made_was_taken_or_missed(nominal_us, busy_us, error_percent):
+    rate = 1 + error_percent / 100
+    run = Run(10_000, 10_000 * rate)
+    while len(run.samples) < 100:  # here the loop is fast enough to learn the chip's own time
+        run.poll()
+    run.restart(nominal_us, nominal_us * rate)
+    rng = random.Random(1)
+    first, taken, before = None, 0, 0
+    while run.taken < 10_000:
+        run.poll(late_us=rng.choice([0] * 199 + [15_000]))
+        run.now += busy_us
+        if first is None and len(run.samples) > 20:
+            first, taken, before = run.taken, len(run.samples), run.pacing.missed
+    made = run.taken - first
+    counted = len(run.samples) - taken + run.pacing.missed - before
+    assert counted == pytest.approx(made, rel=0.002, abs=3)
 
 
 def test_a_sample_of_a_loop_that_is_too_slow_ended_within_the_slack():

@@ -1,14 +1,15 @@
 """Settings are taken whole or not at all, and a save survives a cut of power at every step."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 
 from spots_device import settings
 
 
-def made():
-    return settings.BoardSettings(led_max_mA=100)
+def made(**config):
+    return settings.BoardSettings(SimpleNamespace(LED_MAX_MA=100, **config))
 
 
 def test_defaults_are_within_their_own_limits():
@@ -41,9 +42,16 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("plan=F1,F2,F3,F4,F5,F9", "F9"),
         (
             "colour=red",
-            "use one of average, .*gamepad, keys, led_mA, strain_ppm, watchdog, plan",
+            "use one of average, .*gamepad, keys, led_mA, strain_ppm, watchdog, led, plan",
         ),
         ("", "use one of"),
+        ("led=torch", "ldr, gpio, always"),
+        ("led=gpio", "STRIP_LED_PIN"),
+        ("dark=1", "six sums"),
+        ("dark=9,10000,1,2,3,4,5", "six sums"),
+        ("dark=9,10000,1,2,3,4,5,-6", "six sums"),
+        ("dark=11,10000,1,2,3,4,5,6", "six sums"),
+        ("dark=9,10000,1,2,3,4,5,x", "six sums"),
     ],
 )
 def test_a_bad_setting_is_named_and_nothing_is_taken(word, says):
@@ -63,6 +71,36 @@ def test_no_current_is_allowed_for_it_means_off():
     fresh = made()
     fresh.change(["led_mA=0"])
     assert fresh.values["led_mA"] == 0
+
+
+@pytest.mark.parametrize("led", ["gpio", "always"])
+def test_an_led_that_the_sensor_does_not_drive_has_no_current(led):
+    fresh = made(STRIP_LED_PIN=15)
+    fresh.change(["led=" + led])
+    assert fresh.values["led_mA"] == 0
+    fresh.change(["led_mA=20"])
+    assert fresh.values["led_mA"] == 0
+    fresh.change(["led=ldr"])
+    assert fresh.values["led_mA"] == 20
+
+
+def test_a_board_file_chooses_the_led_and_settings_of_before_load():
+    fresh = made(STRIP_LED="gpio", STRIP_LED_PIN=15)
+    fresh.change(["exposure_us=10000", "gain=9", "led_mA=20"])
+    assert (fresh.values["led"], fresh.values["led_mA"]) == ("gpio", 0)
+
+
+def test_a_dark_frame_belongs_to_its_channels_and_is_saved():
+    fresh = made()
+    fresh.change(["led=always", "dark=9,10000,1,2,3,4,5,6"])
+    assert fresh.values["dark"] == [9, 10_000, 1, 2, 3, 4, 5, 6]
+    again = made()
+    again.change(fresh.lines())
+    assert again.values == fresh.values
+    again.change(["plan=F3,F4,F5,F6,F7,F8"])
+    assert again.values["dark"]
+    again.change(["plan=F1,F4,F5,F6,F7,F8"])
+    assert again.values["dark"] == []
 
 
 def test_what_was_saved_is_loaded(tmp_path):

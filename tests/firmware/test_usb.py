@@ -6,6 +6,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from spots_device.frame import Framer, Time32
 from spots_device.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, with_report_id
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
@@ -180,6 +181,7 @@ class Port:
     def __init__(self):
         self.us = (1 << 30) - 1000  # about to wrap
         self.read_from, self.heard, self.got, self.waits = True, b"", 0, 0
+        self.claims_all = False
         self.stdin = self.stdout = SimpleNamespace(buffer=self)
         self.poll = lambda: self
         self.register = lambda stream, event: None
@@ -193,7 +195,7 @@ class Port:
         if not self.read_from:
             self.us += 500_000
             self.waits += 1
-            return 0
+            return size if self.claims_all else 0
         self.got += 1
         return size
 
@@ -227,6 +229,23 @@ def test_micropython_waits_ever_more_rarely_for_a_host_that_does_not_read(serial
     for _ in range(10):
         port.us += 10_000
         assert ours.write(b"x", 1)
+
+
+def test_micropython_counts_what_a_port_took_but_never_sent(serial):
+    ours, port = serial
+    port.claims_all = True  # as MicroPython's does, whatever became of the bytes
+    clock = SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda end, start: end - start)
+    framer = Framer(ours, Time32(clock))
+    framer.text(b"{}")
+    assert framer.dropped == 0
+    port.read_from = False
+    for lost in (1, 2):  # the second one within the pause
+        framer.text(b"{}")
+        assert framer.dropped == lost
+    port.read_from, port.heard = True, b"?"
+    ours.read()
+    framer.text(b"{}")
+    assert framer.dropped == 2
 
 
 def test_micropython_answers_a_host_that_says_something_at_once(serial):

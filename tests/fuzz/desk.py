@@ -79,6 +79,8 @@ class _Sensor:
         self.pacing = SimpleNamespace(missed=0)
         self.counts = array("i", bytes(4 * 6))
         self.retries = self.complete = 0
+        self.led = "ldr"
+        self.gpio = lambda on: None
         self.steady, self.saturated = True, False
 
     def start(self, plan, gain, exposure_us, led_mA):

@@ -13,6 +13,7 @@ import math
 import tempfile
 import zlib
 from pathlib import Path
+from types import SimpleNamespace
 
 from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
@@ -159,7 +160,7 @@ def settings_file(data: bytes) -> None:
             texts = [line for line in data[1:].decode().split("\n") if line]
             lines = [*data[1:].split(b"\n"), b"crc " + settings.checksum(texts).encode(), b""]
     path = str(_file("settings.txt", b"\n".join(lines)))
-    fresh = settings.BoardSettings(led_max_mA=100)
+    fresh = settings.BoardSettings(SimpleNamespace(LED_MAX_MA=100))
     before = dict(fresh.values)
     try:
         fresh.change(settings.load_lines(path))

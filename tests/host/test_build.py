@@ -62,6 +62,16 @@ def test_viper_is_for_boards_whose_machine_code_is_known(said, tmp_path, monkeyp
         device_of("odd")
 
 
+@pytest.mark.parametrize("led", ['STRIP_LED = "torch"', 'STRIP_LED = "gpio"'])
+def test_an_led_that_no_board_has_is_refused(led, tmp_path, monkeypatch):
+    (tmp_path / "odd").mkdir()
+    text = f'title = "Odd"\nruntime = "circuitpython"\n[device]\n{led}\n'
+    (tmp_path / "odd" / "board.toml").write_text(text)
+    monkeypatch.setattr(staging, "BOARDS", tmp_path)
+    with pytest.raises(SpotsError, match=r"odd/board\.toml: STRIP_LED is one of ldr, gpio, always"):
+        device_of("odd")
+
+
 def test_the_modules_of_a_pico_stay_small(tmp_path):
     files = files_of(build("pico", tmp_path))
     assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 64 * 1024
@@ -164,10 +174,25 @@ def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
     # Physical pins: 1 to 20 down the left side with USB up, 21 to 40 up the right side.
     for name in ("pico", "pico2"):
         wiring = device_of(name).wiring
-        for pin in ("power", "ground", "sda", "scl"):
+        for pin in ("power", "ground", "sda", "scl", "led", "supply"):
             number = int(wiring[pin].rpartition("pin ")[2])
             drawn = ["left", number] if number <= 20 else ["right", 41 - number]
             assert wiring["drawn"][pin] == drawn
         picture = (DOCS / f"wiring-{name}.svg").read_text(encoding="utf-8")
         for pin, x in (("6", 72), ("7", 72), ("36", 218), ("38", 218)):
             assert re.search(rf'<text x="{x}"[^>]*>[^<]*pin {pin}<', picture)
+
+
+@pytest.mark.parametrize(("led", "pins"), [("gpio", ("9", "40")), ("always", ("40",))])
+def test_the_wiring_of_other_leds_is_drawn_with_their_pins(led, pins):
+    for name in ("pico", "pico2"):
+        picture = (DOCS / f"wiring-{name}-{led}.svg").read_text(encoding="utf-8")
+        assert all(f"pin {pin}<" in picture for pin in (*pins, "6", "7", "36", "38"))
+        assert "LDR" not in picture
+    assert "LDR" in (DOCS / "wiring-pico.svg").read_text(encoding="utf-8")
+
+
+def test_every_board_names_the_pin_of_a_strips_led():
+    for device in map(device_of, board_names()):
+        assert "STRIP_LED_PIN" in device.device
+        assert device.name.startswith("virtual") or device.wiring["led"]

@@ -19,8 +19,8 @@ def entry_points(**chosen):
     return [one for one in every(**chosen) if not one.value.startswith("spots_sim")]
 metadata.entry_points = entry_points
 """
-COMMANDS = "ports boards build flash erase doctor command monitor serve keys keyboard wearable "
-COMMANDS += "controller twin calibrate record replay info export publish subscribe"
+COMMANDS = "ports boards build flash erase doctor dark command monitor serve keys keyboard "
+COMMANDS += "wearable controller twin calibrate record replay info export publish subscribe"
 
 
 @pytest.fixture(scope="module")

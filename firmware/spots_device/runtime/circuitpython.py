@@ -303,12 +303,27 @@ def main():
     scl = getattr(board, board_config.SCL_PIN)
     sda = getattr(board, board_config.SDA_PIN)
     sensor = AdafruitSensor(scl, sda, board_config.I2C_HZ, clock)
+    sensor.gpio = _strip_led(board_config)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
     # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt the end of a run,
     # which is then repeated.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
     run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
+
+
+def _strip_led(board_config):
+    """Return what switches the strip's LED by a pin; that is an output from its first use on."""
+    pin = None
+
+    def switch(on):
+        nonlocal pin
+        if pin is None:
+            pin = digitalio.DigitalInOut(getattr(board, board_config.STRIP_LED_PIN))
+            pin.switch_to_output()
+        pin.value = on
+
+    return switch
 
 
 def _watchdog():
@@ -333,7 +348,7 @@ def _sleep_ms(ms):
 
 
 def _stored_settings(board_config):
-    settings = BoardSettings(board_config.LED_MAX_MA)
+    settings = BoardSettings(board_config)
     try:
         settings.change(load_lines(SETTINGS_FILE))
     except ValueError:

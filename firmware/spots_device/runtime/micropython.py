@@ -106,8 +106,8 @@ class StdioSerial:
                     sent = self._out.write(buffer, size) == size
                 except OSError:
                     sent = False
-                self._took(began)
-                return sent
+                # MicroPython returns the size also if it gave up waiting and dropped the bytes.
+                return self._took(began) and sent
         return False
 
     def read(self):
@@ -127,9 +127,10 @@ class StdioSerial:
         now = time.ticks_us()
         if time.ticks_diff(now, began) < _SLOW_US:
             self._pause_us = 0
-            return
+            return True
         self._pause_us = min(max(2 * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
         self._from = time.ticks_add(now, self._pause_us)
+        return False
 
 
 class MachineUsb:
@@ -212,7 +213,10 @@ def main():
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
     usb = MachineUsb(board_config) if board_config.USB_HID else None
-    app = BoardApp(board_config, runtime, uid, AS7341(bus, time), time, StdioSerial(), usb)
+    sensor = AS7341(bus, time)
+    # The pin is an output from its first use on.
+    sensor.gpio = lambda on: machine.Pin(board_config.STRIP_LED_PIN, machine.Pin.OUT, value=on)
+    app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
     app.interrupt_at = micropython.kbd_intr
     run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from ..link.board import Board
+from .dark import take_dark
 from .guide import Guide
 from .presses import FIRM_MN
 from .session import Wanted
@@ -42,6 +44,9 @@ class Presser(Protocol):
 
     def release(self) -> None:
         """End it."""
+
+    def dark(self, board: Board) -> None:
+        """Take the dark frame of an LED that is always on, and touch nothing meanwhile."""
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         """Find a force, as small as may be, under which every channel sees light there.
@@ -101,6 +106,9 @@ class PersonPresser:
 
     def release(self) -> None:
         self._guide.say("release")
+
+    def dark(self, board: Board) -> None:
+        take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         place = f"{wanted.place_um / 1000:.1f} mm"

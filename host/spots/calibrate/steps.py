@@ -133,7 +133,8 @@ def _settle(setup: Setup, options: argparse.Namespace) -> None:
         setup.reader.set_up("plan=" + options.plan)
     if not session.points and not options.keep_settings:
         _auto(setup)
-    if not wanted_plan:
+    # Of an LED that is always on, each plan would need a dark frame of its own.
+    if not wanted_plan and setup.reader.info["led"] != "always":
         _choose(setup)
 
 
@@ -143,10 +144,13 @@ def _auto(setup: Setup) -> None:
     setup.guide.want(wanted)
     setup.taker.take(wanted, as_it_is=True)
     found = setup.reader.board.command("auto", timeout_s=60)
+    if found["led"] == "always":
+        setup.presser.release()
+        setup.presser.dark(setup.reader.board)
     setup.reader.set_up()
     setup.taker.release()
-    gain, led_mA, exposure_us = (found[name] for name in ("gain", "led_mA", "exposure_us"))
-    setup.guide.say(f"gain {gain}, LED {led_mA} mA, exposure {exposure_us} us")
+    led = f"{found['led_mA']} mA" if found["led"] == "ldr" else found["led"]
+    setup.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
 
 def _choose(setup: Setup) -> None:

@@ -127,6 +127,16 @@ def rezero(parser: Parser):
     return calls("spots.calibrate.rezero:rezero_command")
 
 
+def dark(parser: Parser):
+    """Take the dark frame of an LED that is always on, while you unplug it.
+
+    example:
+      spots dark
+    """
+    arguments.add_port(parser)
+    return calls("spots.calibrate.dark:dark_command")
+
+
 def erase(parser: Parser):
     """Remove the firmware, its settings and its calibration from a board.
 
@@ -138,7 +148,7 @@ def erase(parser: Parser):
     return calls("spots.deploy.erase:erase", "board", "port", "yes")
 
 
-COMMANDS = ports, boards, build, flash, doctor, calibrate, rezero, erase
+COMMANDS = ports, boards, build, flash, doctor, dark, calibrate, rezero, erase
 
 
 def _add_board(parser: Parser) -> None:

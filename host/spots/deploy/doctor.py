@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from itertools import islice, pairwise
@@ -15,6 +16,7 @@ from ..link.calibrated import next_step
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.ports import no_port, scheme_name
+from ..link.replies import Get
 from ..link.serial_link import SerialLink
 from .place import the_board
 
@@ -26,6 +28,14 @@ _DIM = 0.01  # share of full scale; with less light a position is noise
 _BRIGHTEST = 0.95  # share of full scale
 # Share of the highest rate: transfers and dark frames take time, too.
 _SLOWEST = 0.7
+_RATE_S = 0.5  # of readings, in which the commands before and after them cost little
+_MISSED = 0.15  # share of the samples: more than commands and dark frames cost
+# Wire to check first, by kind of the LED.
+_WIRES = {
+    "ldr": "the wire from LDR to the LED's cathode",
+    "gpio": "the wire to the board's STRIP_LED_PIN",
+    "always": "the LED's supply",
+}
 
 
 class Finding(NamedTuple):
@@ -94,21 +104,30 @@ def examine_board(board: Board) -> Iterator[Finding]:
     yield Finding("sensor", True, "it answers on the bus")
     board.command("stream spectrum")
     reading_s = 1e-6 * state["exposure_us"] * state["average"]
-    spectra = list(islice(board.spectra(1 + 3 * _SPECTRA * reading_s), _SPECTRA))
-    if state["led_mA"]:
-        yield from _light(board, state["full_scale"], reading_s)
-    else:
+    count = max(_SPECTRA, round(_RATE_S / reading_s))
+    missed = board.command("get")["missed"]
+    spectra = list(islice(board.spectra(1 + 3 * count * reading_s), count))
+    missed = max(0, board.command("get")["missed"] - missed)  # it restarts with the sensor
+    if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
+    else:
+        yield from _light(board, state, reading_s)
     board.command("stream off")
-    yield _rate(spectra, reading_s)
+    share = missed / (missed + count * state["average"])
+    yield _missed(state["exposure_us"], share) if share > _MISSED else _rate(spectra, reading_s)
     hello = board.command("hello")
     step = next_step(hello)
     text = f"not yet; {step}" if step else f"a strip of {hello['length_um'] / 1000:g} mm"
     yield Finding("calibrated", True, text)
 
 
-def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]:
-    light, brightest = _lit(board, reading_s)
+def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
+    full_scale = state["full_scale"]
+    try:
+        light, brightest = _lit(board, reading_s)
+    except SpotsError as error:  # an LED that is always on has no dark frame yet
+        yield Finding("light", False, str(error))
+        return
     if light < _DIM * full_scale:
         text = f"none yet: press firmly near the sensor within {_PRESS_WITHIN_S:.0f} s, and hold"
         yield Finding("light", True, text)
@@ -118,10 +137,7 @@ def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]
     text = f"the LED gives {100 * max(light, 0) / full_scale:.1f} % of full scale"
     dim, bright = light < _DIM * full_scale, brightest > _BRIGHTEST * full_scale
     if dim:
-        text += (
-            ": press firmly and run 'spots command auto', or check the LED's wires (its cathode "
-            "belongs to LDR)"
-        )
+        text += f": press firmly and run 'spots command auto', or check {_WIRES[state['led']]}"
     elif bright:
         text += ": press at the sensor's end and run 'spots command auto'"
     yield Finding("light", not dim and not bright, text)
@@ -147,6 +163,13 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int]:
     dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
     least = map(min, zip(*samples))
     return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, samples))
+
+
+def _missed(exposure_us: int, share: float) -> Finding:
+    # What the board needs for a sample, and a little more.
+    longer_us = 100 * math.ceil(0.011 * exposure_us / (1 - share))
+    text = f"the board misses {share:.0%} of the sensor's samples: spots command set "
+    return Finding("rate", False, f"{text}exposure_us={longer_us}")
 
 
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:

@@ -11,6 +11,7 @@ from typing import Literal
 import msgspec
 
 import spots_device
+from spots_device.light import LEDS
 
 from .. import toml
 from ..bounded import read_text
@@ -100,6 +101,12 @@ def device_of(board: str) -> Device:
     if found.viper and (found.runtime != "micropython" or found.march is None):
         raise SpotsError(
             f"boards/{board}/board.toml: viper needs MicroPython and a march; add them"
+        )
+    led = found.device.get("STRIP_LED", "ldr")
+    if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in found.device):
+        raise SpotsError(
+            f"boards/{board}/board.toml: STRIP_LED must be one of {', '.join(LEDS)}, and gpio "
+            "needs a STRIP_LED_PIN"
         )
     return msgspec.structs.replace(found, device={"NAME": board} | found.device)
 

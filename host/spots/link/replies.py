@@ -28,6 +28,7 @@ class Settings(TypedDict):
     average: _Count
     gain: _Number
     led_mA: _Number
+    led: str
     strain_ppm: _Number
     keys: _Number
     gamepad: _Number
@@ -90,6 +91,7 @@ _SETTINGS: dict[str, object] = {
     "plan": [],
     "exposure_us": 1,
     "average": 1,
+    "led": "ldr",
     **dict.fromkeys(("gain", "led_mA", "strain_ppm", "keys", "gamepad"), 0),
 }
 _HELLO: dict[str, object] = {

@@ -186,7 +186,7 @@ def _settings(board: Board) -> dict:
 
 _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um"),
-    *("plan", "gain", "exposure_us", "led_mA", "average", "strain_ppm"),
+    *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
 
 

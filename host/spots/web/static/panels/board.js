@@ -30,7 +30,7 @@ export function board(root) {
       ["calibration", it.id && (it.calibration ?? "none")],
       ["exposure", it.exposure_us && `${it.exposure_us / 1000} ms`],
       ["gain", it.id && `${2 ** (it.gain - 1)}×`],
-      ["LED", it.id && `${it.led_mA} mA`],
+      ["LED", it.id && (it.led_mA || it.led === "ldr" ? `${it.led_mA} mA` : it.led)],
       ["strain", it.strain_ppm ? `${it.strain_ppm / 10000} %` : null],
     ]);
   };

@@ -1,0 +1,58 @@
+"""Settings of an LED that the sensor does not drive. Loaded only where one needs it."""
+
+from . import exposure
+from .decode import DARK_SAMPLES
+from .smux import CHANNELS
+
+# What switches the strip's LED: the sensor's driver, a pin of the board, or nothing.
+LEDS = ("ldr", "gpio", "always")
+NO_DARK = "this LED is always on, and no dark frame is stored for these settings: run spots dark"
+_DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)
+
+
+def settle(changes, values, board):
+    """Complete a change of settings for the LED that they choose.
+
+    Parameters
+    ----------
+    changes : dict
+        Checked but for ``led`` and ``dark``, which are text.
+    values : dict
+        The settings until now, see `settings.BoardSettings`.
+    board : object
+        Module board_config.
+
+    Raises
+    ------
+    ValueError
+        If ``led`` or ``dark`` is invalid, or this board cannot do it.
+    """
+    led = changes.get("led", values["led"])
+    if led not in LEDS:
+        raise ValueError("led must be one of " + ", ".join(LEDS))
+    if led == "gpio" and not hasattr(board, "STRIP_LED_PIN"):
+        raise ValueError("led=gpio needs a STRIP_LED_PIN in board.toml")
+    is_new = led != values["led"]
+    if led != "ldr":
+        # The breakout's own LED, if it has one, stays off.
+        if is_new or "led_mA" in changes:
+            changes["led_mA"] = 0
+    elif is_new and "led_mA" not in changes:
+        changes["led_mA"] = exposure.DEFAULT_LED_MA
+    if "dark" in changes:
+        changes["dark"] = _dark(changes["dark"])
+    elif is_new or changes.get("plan", values["plan"]) != values["plan"]:
+        changes["dark"] = []
+
+
+def _dark(text):
+    try:
+        dark = list(map(int, text.split(","))) if text else []
+        for i in range(len(dark)):
+            if not 0 <= dark[i] <= _DARK_MAX[i]:
+                raise ValueError
+        if len(dark) in (0, len(_DARK_MAX)):
+            return dark
+    except (ValueError, IndexError):
+        pass
+    raise ValueError("dark is a gain, an exposure and six sums, as 'spots dark' stores them")

@@ -1,0 +1,60 @@
+"""``spots dark``: the dark frame of an LED that is always on, taken while it is unplugged."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from spots_device.decode import DARK_SAMPLES
+
+from ..errors import SpotsError
+from ..link.board import Board
+from ..link.connect import open_named
+from .guide import Guide
+
+_TIMEOUT_S = 60.0
+_MOST = 0.05  # of full scale: more is light of the LED or of the room
+
+
+def dark_command(options: argparse.Namespace) -> None:
+    """Run ``spots dark`` with the options that `cli` parsed."""
+    guide = Guide()
+    with open_named(options) as board:
+        dark = take_dark(board, guide.ask)
+    counts = " ".join(f"{sum_ / DARK_SAMPLES:.1f}" for sum_ in dark)
+    guide.say(f"the dark frame is stored on the board: {counts} counts")
+
+
+def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
+    """Have the LED unplugged, take the dark frame at the present settings, and store it.
+
+    Parameters
+    ----------
+    board : Board
+    ask : callable
+        ``ask(text)`` shows what to do and returns once it is done.
+
+    Returns
+    -------
+    list of int
+        Six sums over `spots_device.decode.DARK_SAMPLES` samples.
+
+    Raises
+    ------
+    SpotsError
+        If the board switches its LED itself, or is lost.
+    """
+    state = board.command("get")
+    if state["led"] != "always":
+        raise SpotsError(
+            f"led={state['led']}: the board switches its LED and takes dark frames by itself; for "
+            "an LED that is on with the power: spots command set led=always"
+        )
+    limit = _MOST * DARK_SAMPLES * state["full_scale"]
+    ask("unplug the LED or cover its end, touch nothing, then press Enter: ")
+    while max(dark := board.command("dark off", timeout_s=_TIMEOUT_S)["dark"]) > limit:
+        share = max(dark) / DARK_SAMPLES / state["full_scale"]
+        ask(f"still {share:.0%} of full scale: keep light off the strip, then press Enter: ")
+    ask("plug the LED in again or uncover it, then press Enter: ")
+    board.command("save")
+    return dark
