@@ -27,6 +27,7 @@ def demo(parser: Parser):
     parser.add_argument(
         "--use", help="strip, keyboard, controller, wearable, fivebar; in this terminal"
     )
+    parser.add_argument("--layout", metavar="FILE", help="of --use keyboard; file or name")
     arguments.add_simulation(parser)
     _add_change(parser)
     parser.set_defaults(scenario=None)  # that of the application
@@ -97,10 +98,11 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
         show_page(options.use, options.sensor, options.scenario or "demo", options.seed)
         return
-    from .demo import demo
+    from .demo import KEYBOARD, demo
 
     seconds = options.seconds
-    if seconds is None and not sys.stdout.isatty():
+    scored = options.use == KEYBOARD and options.json  # it ends with its scenario
+    if seconds is None and not scored and not sys.stdout.isatty():
         seconds = 10.0
     summary = demo(
         options.sensor,
@@ -110,6 +112,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
         options.fast,
         options.json,
         options.use or "strip",
+        options.layout,
     )
     if options.json:
         print(json.dumps(summary))
@@ -117,7 +120,10 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise SpotsError for options of the demo that do not go together."""
-    from .demo import FIVEBAR
+    from .demo import FIVEBAR, KEYBOARD
+
+    if options.layout and options.use != KEYBOARD:
+        raise SpotsError("--layout is that of a keyboard: add --use keyboard")
 
     if options.page and (options.seconds or options.json or options.fast):
         raise SpotsError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import partial
 
 from spots.errors import SpotsError
 from spots.keyboard.layout import load as load_layout
@@ -16,7 +17,7 @@ from spots.web.board_feed import BoardReader, finder
 from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
 
-from .demo_applications import play_controller, show_gestures, type_on_board
+from .demo_applications import DEMO_LAYOUT, play_controller, show_gestures, type_on_board
 from .faults import Faults, FaultyLink, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .linkage_demo import demonstrate, endless
@@ -28,6 +29,7 @@ from .stage import calibrate
 from .virtual import VIRTUAL, open_virtual
 
 FIVEBAR = "fivebar"
+KEYBOARD = "keyboard"
 _PAGE_LAYOUT = "digits"
 
 
@@ -39,6 +41,7 @@ def demo(
     fast: bool,
     quiet: bool,
     use: str = "strip",
+    layout: str | None = None,
 ) -> dict:
     """Run the virtual board, show its readings, and return the run in figures.
 
@@ -56,6 +59,8 @@ def demo(
         Show nothing.
     use : str
         A key of `USES`, or `FIVEBAR`: two boards on a linkage with a path of its own.
+    layout : str, optional
+        Of the keyboard, by path or name.
 
     Returns
     -------
@@ -73,6 +78,8 @@ def demo(
         known = ", ".join([*USES, FIVEBAR])
         raise SpotsError(f"there is no demo of '{use}': --use takes one of {known}")
     show, usual = USES[use]
+    if layout:
+        show = partial(_keyboard, layout=layout)
     scenario = scenario or usual
     file = load(ScenarioFile, scenario)
     truth = Scenario(file)
@@ -107,9 +114,16 @@ def _controller(
 
 
 def _keyboard(
-    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+    board: Board,
+    truth: Scenario,
+    started_s: float,
+    seconds: float | None,
+    quiet: bool,
+    layout: str = DEMO_LAYOUT,
 ) -> dict:
-    return _with_link(board, type_on_board(board, seconds, quiet))
+    if seconds is None and quiet:
+        seconds = truth.file.seconds - (board.now_s() - started_s)
+    return _with_link(board, type_on_board(board, truth, started_s, seconds, quiet, layout))
 
 
 def _wearable(
@@ -133,7 +147,7 @@ def _with_link(board: Board, figures: dict) -> dict:
 # each returns the run in figures. With it the scenario that is played if no other is named.
 USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
     "strip": (_strip, "demo"),
-    "keyboard": (_keyboard, "typing"),
+    KEYBOARD: (_keyboard, "typing"),
     "controller": (_controller, "demo"),
     "wearable": (_wearable, "worn"),
 }

@@ -46,12 +46,17 @@ class Pose:
 
 
 class Scenario:
-    """A scenario file, played over and over."""
+    """A scenario file, played over and over.
+
+    Attributes
+    ----------
+    file : ScenarioFile
+    """
 
     still = False
 
     def __init__(self, file: ScenarioFile):
-        self._file = file
+        self.file = file
         self._strain = file.strain or [(0.0, file.strain_percent)]
         self._bend = file.bend or [(0.0, file.bend_deg)]
         self._leak = file.leak or [(0.0, 0.0, 0.0)]
@@ -67,18 +72,18 @@ class Scenario:
 
     def pose(self, time_s: float) -> Pose:
         """Return how the strip lies at `time_s`."""
-        return self._only_pose or self._pose(time_s % self._file.seconds)
+        return self._only_pose or self._pose(time_s % self.file.seconds)
 
     def change(self, time_s: float) -> Change:
         """Return what has changed since the calibration."""
         if not self._moved:
             return NONE
-        phase_s = time_s % self._file.seconds
+        phase_s = time_s % self.file.seconds
         return Change(**{name: _on_lines(v, phase_s)[0] for name, v in self._moved.items()})
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the fingers that touch with any force at `time_s`."""
-        phase_s = time_s % self._file.seconds
+        phase_s = time_s % self.file.seconds
         found = []
         for touch, times in self._down[bisect_right(self._edges, phase_s)]:
             press = _between(touch, bisect_right(times, phase_s), phase_s)
@@ -99,10 +104,10 @@ class Scenario:
         float
             In uW/cm2.
         """
-        ambient = self._file.ambient
+        ambient = self.file.ambient
         if ambient is None:
             return 0.0
-        level = _step(ambient, start_s % self._file.seconds)
+        level = _step(ambient, start_s % self.file.seconds)
         return level * flicker(ambient, start_s, end_s)
 
     def _pose(self, phase_s: float) -> Pose:
