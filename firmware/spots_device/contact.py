@@ -1,26 +1,77 @@
-"""Readings to touches: press, movement, force and release, debounced.
+"""Readings to touches: press, movement, force and release, debounced; one finger after the other.
 
-A press counts after `detect` valid readings in a row, a release after a time (release debounce); an
-untrusted reading neither begins nor ends a touch. A finger whose place jumps is the next finger:
-with two on the strip the reading belongs to neither. Integers only; allocates nothing.
+One reading of six channels cannot tell two fingers from one between them, but time can: nearly
+every finger is alone for some readings. While more than one may be there, nothing is pressed:
+
+====  =====  ==================================================================================
+from  to     when
+====  =====  ==================================================================================
+UP    DOWN   `detect` readings in a row agree on a place, or on a steady motion
+UP    TWO    they did not for 40 ms: fingers that came together, none of their places known
+DOWN  DOWN   the place is that of the finger, or the finger slides
+DOWN  TWO    otherwise; the finger is where it was one reading *earlier*
+TWO   DOWN   the place rests where the first finger was: the second one has left
+TWO   DOWN   it rests elsewhere and the first one has left: its light fell before or was seen to,
+             or there never was the light of two
+TWO   UP     the light has gone
+====  =====  ==================================================================================
+
+A release counts after a time (release debounce). Integers only; allocates nothing.
 """
+
+try:
+    from micropython import const
+except ImportError:
+    const = int  # on the host
+
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
+# Of a reading with two fingers: never trusted, and both bits if its spectrum would fit one press.
+TWO_FIT = MISFIT | TOO_DARK
+_BLIND = NOT_CALIBRATED | SATURATED
 # Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits, so that it
 # wraps where they do.
 TICK_US = 1024
 TICKS = 1 << 22
 
-_UP = 0
-_DOWN = 1
-_SPENT = 2  # what lies there must be lifted before it makes another touch
+_UP = const(0)
+_DOWN = const(1)
+_SPENT = const(2)  # what lies there must be lifted before it makes another touch
+_TWO = const(3)
+
+# Standard deviation of a place in um times the light in counts: that of the converter's noise at
+# the far end of a strip of 85 mm.
+_NOISE = const(90_000)
+_REST_UM = const(250)  # from reading to reading, of a place that rests
+_SAME_UM = const(450)  # from the mean place of a finger that is there
+_BACK_UM = const(900)  # from the finger that was alone before
+_SLIDE_UM = const(520)  # a tick, of a finger that slides
+_SLIDE_LIGHT = const(9000)  # a tick; brightness, Q20 of log2
+_TOGETHER_T = const(39)  # readings that agree on nothing for so long are fingers that came together
+_REST_T = const(12)
+_MOVED_UM = const(1500)
+_SEEN_T = const(24)  # two fingers are seen together within
+_RECENT_T = const(29)
+# Shares of light as differences of brightness.
+_FALLEN = const(772_000)  # 0.6
+_DIPPED = const(435_000)  # 0.75
+_LOST = const(337_000)  # 0.8
+_MORE = const(171_000)  # 1.12
+_EVEN = const(74_000)  # 1.05
 
 
 def elapsed(since, now):
     """Return the ticks from one time to a later one."""
     return (now - since) & (TICKS - 1)
+
+
+def _counts(brightness):
+    """Return light in sixteenths of a count, within 6 %, of a brightness."""
+    if brightness <= 0:
+        return 16
+    return ((1 << 20 | brightness & 0xFFFFF) >> 12 << (brightness >> 20)) >> 4
 
 
 class Contact:
@@ -29,7 +80,7 @@ class Contact:
     Parameters
     ----------
     sink : object
-        ``down(x_um, t)``, ``at(x_um, t)`` for every further reading that can be trusted,
+        ``down(x_um, t)``, ``at(x_um, t)`` for every further reading of that finger alone,
         ``firm(t)`` once when it gets that hard, ``up(t)``, ``next(x_um, t)`` for another finger
         in the place of this one, ``stuck()`` for one that does not move for long.
 
@@ -43,10 +94,17 @@ class Contact:
         self._sink = sink
         self._layout = None
         self._state = _SPENT
-        self._seen = 0  # readings in a row that may begin a touch
-        self._x_um = self._x_seen_um = 0
+        self._known = False  # in TWO: whether the first finger's place is known, and its key down
+        self._seen = 0  # readings in a row that agree
+        self._x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
+        self._b = self._b_before = self._b_seen = self._top = 0
+        self._b_since = 0
+        self._length_um = 0
+        self._t = self._top_t = self._began = self._since = 0
         self._leaving = False
-        self._left = self._down = self._still = 0
+        self._left = self._still = 0
+        self._dipped = self._odd = False
+        self._peak = self._x_peak_um = self._least = 0
         self._firm = False
         self._rest_um = self._rest_mN = 0
         self.force_mN = 0
@@ -54,11 +112,20 @@ class Contact:
     @property
     def touched(self):
         """Whether a finger is down."""
-        return self._state == _DOWN
+        return self._state == _DOWN or (self._state == _TWO and self._known)
 
-    def set_layout(self, layout):
-        """Use these limits; what lies on the strip must be lifted before it makes a touch."""
+    @property
+    def two(self):
+        """Whether more than one finger may be there."""
+        return self._state == _TWO
+
+    def set_layout(self, layout, length_um):
+        """Use these limits on a strip of this length, 0 if that is not known.
+
+        What lies on the strip must be lifted before it makes a touch.
+        """
         self._layout = layout
+        self._length_um = length_um
         self.spend()
 
     def spend(self):
@@ -67,27 +134,39 @@ class Contact:
         self._seen = 0
         self._leaving = False
 
-    def take(self, flags, position_um, force_mN, t):
-        """Take a reading, at time `t` in ticks."""
+    def take(self, flags, position_um, force_mN, brightness, t):
+        """Take a reading, at time `t` in ticks; `brightness` is Q20 of log2."""
         if flags & LED_OFF:
             return  # the LED was off: neither a touch nor the end of one
         layout = self._layout
         if not flags & TOUCHING or (force_mN < layout.release_mN and not flags & DOUBTFUL):
-            self._seen = 0
             self._lift(t)
             return
-        self._leaving = False
-        if flags & DOUBTFUL:
+        if self._leaving:
+            self._leaving = False
+            self._dipped = True
+        if flags & _BLIND:
             self._seen = 0
             return
-        self.force_mN = force_mN
-        if self._state == _UP:
-            self._press(position_um, force_mN, t)
-        else:
-            self._follow(position_um, force_mN, t)
+        fits = not flags & MISFIT or flags & TWO_FIT == TWO_FIT
+        state = self._state
+        if fits:
+            self.force_mN = force_mN
+            if layout.stuck_t and state and self._rests(position_um, force_mN, t):
+                self._state = _SPENT
+                self._sink.stuck()
+                return
+        if state == _DOWN:
+            self._follow(fits, position_um, force_mN, brightness, t)
+        elif state == _UP:
+            self._press(fits, position_um, force_mN, brightness, t)
+        elif state == _TWO:
+            self._part(fits, position_um, force_mN, brightness, t)
+        self._t = t
 
     def _lift(self, t):
         if self._state == _UP:
+            self._seen = 0
             return
         if not self._leaving:
             self._leaving = True
@@ -95,55 +174,210 @@ class Contact:
         if elapsed(self._left, t) < self._layout.release_t:
             return
         self._leaving = False
-        down, self._state = self._state == _DOWN, _UP
+        down, self._state = self.touched, _UP
+        self._seen = 0
         if down:
             self._sink.up(t)
 
-    def _press(self, x_um, force_mN, t):
+    # No finger is down.
+
+    def _press(self, fits, x_um, force_mN, brightness, t):
         layout = self._layout
         if force_mN < layout.press_mN:
             self._seen = 0
             return
-        if self._seen and abs(x_um - self._x_seen_um) > layout.jump_um:
-            self._seen = 0  # of two fingers, or a spark
-        self._x_seen_um = x_um
-        self._seen += 1
+        moved_um = x_um - self._x_seen_um
+        if not self._seen:
+            self._began = self._since = t
+            self._x_um = x_um
+            self._peak = 0
+            self._seen = 1
+        elif fits and self._seen > 0 and abs(moved_um) < self._slack_um(brightness) * 5 >> 2:
+            self._seen += 1
+        else:
+            steady = self._step_um and abs(moved_um - self._step_um) < self._slack_um(brightness)
+            if (
+                fits
+                and steady
+                and abs(moved_um) <= _SLIDE_UM * min(elapsed(self._t, t), _TOGETHER_T)
+            ):
+                self._seen = layout.detect  # it came down sliding
+            else:
+                self._seen = 1
+                self._x_um = x_um
+                if elapsed(self._began, t) >= _TOGETHER_T:
+                    self._known = False
+                    self._mix(x_um, brightness, t)
+                    return
+        # A motion is judged by three readings.
+        self._step_um = moved_um if self._seen == 1 and elapsed(self._began, t) else 0
+        if not fits:
+            self._step_um = 0
+            self._seen = -1
+        self._note(x_um, brightness)
         if self._seen >= layout.detect:
-            self._begin(x_um, force_mN, t)
+            self._begin(x_um, force_mN, brightness, t)
             self._sink.down(x_um, t)
             self._harden(force_mN, t)
 
-    def _begin(self, x_um, force_mN, t):
+    # One finger is down.
+
+    def _begin(self, x_um, force_mN, brightness, t):
         self._state = _DOWN
         self._seen = 0
-        self._x_um = x_um
+        self._dipped = False
+        self._x_um = self._x_before_um = x_um
+        self._b = self._b_before = self._top = brightness
+        self._top_t = t
+        self._x_seen_um = x_um
         self._firm = False
         self._rest_um = x_um
         self._rest_mN = force_mN
         self._still = t
 
-    def _follow(self, x_um, force_mN, t):
-        layout = self._layout
-        if layout.stuck_t and self._rests(x_um, force_mN, t):
-            self._state = _SPENT
-            self._sink.stuck()
+    def _follow(self, fits, x_um, force_mN, brightness, t):
+        off_um = x_um - self._x_um
+        same = fits and -_SAME_UM < off_um < _SAME_UM
+        if not same:
+            noise_um = _NOISE * 16 // _counts(brightness)
+            same = fits and abs(off_um) < 4 * noise_um
+            ticks = min(elapsed(self._t, t), _TOGETHER_T)
+            if (
+                not fits
+                or self._dipped
+                or (
+                    not same
+                    and (
+                        abs(x_um - self._x_seen_um) > _SLIDE_UM * ticks + 3 * noise_um
+                        or abs(brightness - self._b) > _SLIDE_LIGHT * ticks
+                    )
+                )
+            ):
+                self._known = True
+                self._x_um = self._x_before_um
+                falls = min(self._b, brightness) < self._top - _FALLEN
+                self._dipped = self._dipped or falls
+                self._b = self._b_before
+                self._mix(x_um, brightness, t)
+                self._part(fits, x_um, force_mN, brightness, t)
+                return
+        self._dipped = False
+        self._x_before_um = self._x_um
+        self._b_before = self._b
+        self._b = brightness
+        self._x_seen_um = x_um
+        self._x_um = self._x_um + (off_um >> 1) if same else x_um
+        if brightness >= self._top or elapsed(self._top_t, t) > _RECENT_T:
+            self._top = brightness
+            self._top_t = t
+        self._sink.at(x_um, t)
+        if not self._firm:
+            self._harden(force_mN, t)
+
+    # More than one may be.
+
+    def _mix(self, x_um, brightness, t):
+        self._state = _TWO
+        self._began = t
+        self._seen = -1
+        self._odd = False
+        self._peak = self._least = brightness
+        self._x_peak_um = x_um
+
+    def _part(self, fits, x_um, force_mN, brightness, t):
+        if brightness >= self._peak:
+            self._peak = brightness
+            self._x_peak_um = x_um
+        if brightness < self._least:
+            self._least = brightness
+        moved_um = x_um - self._x_seen_um
+        seen = self._seen
+        if seen >= 0 and fits and self._is_steady(moved_um, brightness):
+            self._seen = min(seen + 1, 99)
+        else:
+            self._seen = 0
+            self._since = t
+            self._b_since = brightness
+            self._odd = self._odd or not fits
+        self._note(x_um, brightness)
+        seen = self._seen
+        if not seen or elapsed(self._since, t) * (seen + 1) < _REST_T * seen:
             return
-        if self._state == _SPENT:
-            return
-        if abs(x_um - self._x_um) > layout.jump_um:
-            if self._seen and abs(x_um - self._x_seen_um) > layout.jump_um:
-                self._seen = 0
-            self._x_seen_um = x_um
-            self._seen += 1
-            if self._seen >= layout.detect:
-                self._begin(x_um, force_mN, t)
-                self._sink.next(x_um, t)
+        if not self._known:
+            # They came together: one has left when light was lost and the place moved. Or it was
+            # one, under a light that has gone.
+            if (brightness < self._peak - _LOST and abs(x_um - self._x_peak_um) > _MOVED_UM) or (
+                self._odd and elapsed(self._since, t) >= _TOGETHER_T
+            ):
+                self._begin(x_um, force_mN, brightness, t)
+                self._sink.down(x_um, t)
                 self._harden(force_mN, t)
             return
-        self._seen = 0
-        self._x_um = x_um
-        self._sink.at(x_um, t)
-        self._harden(force_mN, t)
+        off_um = x_um - self._x_um
+        if abs(off_um) < max(_BACK_UM, 4 * (_NOISE * 16 // _counts(brightness))):
+            firm = self._firm
+            self._begin(x_um, force_mN, brightness, t)
+            self._firm = firm
+            self._sink.at(x_um, t)
+        elif self._has_left(off_um, brightness, t):
+            self._begin(x_um, force_mN, brightness, t)
+            self._sink.next(x_um, t)
+            self._harden(force_mN, t)
+
+    def _has_left(self, off_um, brightness, t):
+        """Return whether the first finger is gone from a light that rests elsewhere."""
+        first = self._b
+        if self._dipped or self._least < min(first, brightness) - _DIPPED:
+            return True
+        if self._peak < first + _MORE and elapsed(self._began, t) >= _SEEN_T:
+            return True  # there never was the light of two
+        if abs(brightness - self._b_since) > _DIPPED:
+            return True  # of two, one that presses harder or lifts moves the place
+        alone = _counts(first)
+        peak = _counts(self._peak)
+        light = _counts(brightness)
+        if self._is_alone(off_um, brightness, alone, light):
+            return True
+        if light >= peak - alone // 5:
+            return False
+        # Light was lost, and the place went away from the first finger meanwhile.
+        away_um = self._x_um + off_um - self._x_peak_um
+        if off_um < 0:
+            away_um = -away_um
+        return away_um > (abs(off_um) >> 5) * ((alone << 4) // peak) // 10
+
+    def _is_alone(self, off_um, brightness, alone, light):
+        """Return whether a light that rests lies farther off than two at rest could shift it.
+
+        The first would have 0.6 of its light or more, and the second would lie within the strip.
+        Light near the sensor counts up to four times as much.
+        """
+        if self._seen < 2 or not self._length_um or abs(brightness - self._b_since) > _EVEN:
+            return False
+        first = alone * 154 // light  # of 256 parts, what the first one would have
+        if first >= 256:
+            return True
+        weight = 16
+        length_um = self._length_um
+        reach_um = min(max(self._x_um, 0), length_um)
+        if off_um < 0:
+            weight += 48 * (reach_um >> 6) // (length_um >> 6)
+        else:
+            reach_um = length_um - reach_um
+        second = (256 - first) * weight
+        share = (second << 10) // (second + (first << 4))
+        return abs(off_um) > (reach_um >> 10) * share + _SAME_UM
+
+    def _is_steady(self, moved_um, brightness):
+        return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
+
+    def _slack_um(self, brightness):
+        # Between two readings, by the darker one's noise.
+        return max(_REST_UM, _NOISE * 56 // _counts(min(brightness, self._b_seen)))
+
+    def _note(self, x_um, brightness):
+        self._x_seen_um = x_um
+        self._b_seen = brightness
 
     def _harden(self, force_mN, t):
         if not self._firm and force_mN >= self._layout.firm_mN and self._state == _DOWN:

@@ -58,7 +58,7 @@ class Keypad:
         self._layout = layout
         # Shares are in thousandths: a thousandth of a strip this long is so many micrometres.
         self._length_mm = max(1, length_um // 1000)
-        self.contact.set_layout(layout)
+        self.contact.set_layout(layout, length_um)
 
     def tick(self, t):
         """Run the deadlines up to time `t`; call it after every reading."""

@@ -4,6 +4,8 @@ The settings choose; a board without USB HID sends keys as frames alone. What is
 loaded, which saves memory.
 """
 
+from .decode import MISFIT, TOO_DARK, TOUCHING
+
 # USB interface, and the setting that wants it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
 # HID usage pages as in layout.py, which is loaded only where it is used.
@@ -37,6 +39,8 @@ class Uses:
 
     Attributes
     ----------
+    two : bool
+        Whether the last reading may be of two fingers.
     fault : str or None
         Why the USB interfaces that were wanted at start are not there.
     """
@@ -47,7 +51,7 @@ class Uses:
         self._time = time
         self._usb = usb
         self._sensor = 0
-        self._rests = False
+        self._rests = self.two = False
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
@@ -99,14 +103,20 @@ class Uses:
     def take(self, sensor, decode):
         """Take a reading; return whether what lies there has rested too long to be a finger.
 
-        Allocates nothing.
+        Marks it as untrusted while there may be two fingers. Allocates nothing.
         """
         self._sensor = sensor
-        self._rests = False
+        self._rests = self.two = False
         if self._keys_on:
             t = self._time.high << 6 | self._time.low >> 10
-            self._keypad.take(decode.flags, decode.position_um, decode.force_mN, t)
+            self._keypad.take(
+                decode.flags, decode.position_um, decode.force_mN, decode.brightness, t
+            )
             self._keypad.tick(t)
+            if decode.flags & TOUCHING and self._keypad.contact.two:
+                self.two = True
+                # Both bits where this spectrum alone would fit one press, see contact.py.
+                decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
         if self._gamepad_on:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
         return self._rests
