@@ -1,7 +1,8 @@
 """Readings to touches: press, movement, force and release, debounced; one finger after the other.
 
 One reading of six channels cannot tell two fingers from one between them, but time can: nearly
-every finger is alone for some readings. While more than one may be there, nothing is pressed:
+every finger is alone for some readings. While more than one may be there, no place between them
+counts:
 
 ====  =====  ==================================================================================
 from  to     when
@@ -11,8 +12,9 @@ UP    TWO    they did not for 40 ms: fingers that came together, none of their p
 DOWN  DOWN   the place is that of the finger, or the finger slides
 DOWN  TWO    otherwise; the finger is where it was one reading *earlier*
 TWO   DOWN   the place rests where the first finger was: the second one has left
-TWO   DOWN   it rests elsewhere and the first one has left: its light fell before or was seen to,
-             or there never was the light of two
+TWO   DOWN   it rests elsewhere, and the first one has left: its light fell before, or was seen to
+             fall, or there never was the light of two, or two could not seem to lie there
+TWO   TWO    with the first at rest, several readings agree where the second is (second.py)
 TWO   UP     the light has gone
 ====  =====  ==================================================================================
 
@@ -25,7 +27,10 @@ except ImportError:
     const = int  # on the host
 
 
+from array import array
+
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
+from .second import locate, power
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Of a reading with two fingers: never trusted, and both bits if its spectrum would fit one press.
@@ -41,13 +46,14 @@ _DOWN = const(1)
 _SPENT = const(2)  # what lies there must be lifted before it makes another touch
 _TWO = const(3)
 
+_DECAY = const(288)  # of a usual dye, see second.py
 # Standard deviation of a place in um times the light in counts: that of the converter's noise at
-# the far end of a strip of 85 mm.
+# the far end of a strip of 85 mm; it grows with the square of the length.
 _NOISE = const(90_000)
+_NOISE_UM = const(20_000)  # at most
 _REST_UM = const(250)  # from reading to reading, of a place that rests
 _SAME_UM = const(450)  # from the mean place of a finger that is there
 _BACK_UM = const(900)  # from the finger that was alone before
-_SLIDE_UM = const(520)  # a tick, of a finger that slides
 _SLIDE_LIGHT = const(9000)  # a tick; brightness, Q20 of log2
 _TOGETHER_T = const(39)  # readings that agree on nothing for so long are fingers that came together
 _REST_T = const(12)
@@ -60,6 +66,20 @@ _DIPPED = const(435_000)  # 0.75
 _LOST = const(337_000)  # 0.8
 _MORE = const(171_000)  # 1.12
 _EVEN = const(74_000)  # 1.05
+_MATCH = const(210_000)  # 1.15
+# Of a second finger that is found beside the first.
+_NEAR_UM = const(2000)
+_MATCH_UM = const(800)
+_AGREE_UM = const(600)
+_SURE_UM = const(2500)
+_GUESSES = const(2)
+_OTHER = const(150_000)  # 1.1
+_SOON_T = const(78)
+# Of a third.
+_GROWN = const(116_000)  # 1.08
+_BOTH = const(397_000)  # 1.3
+_SINGLE = const(419_000)  # 1.32
+_ALONE_T = const(28)
 
 
 def elapsed(since, now):
@@ -68,10 +88,8 @@ def elapsed(since, now):
 
 
 def _counts(brightness):
-    """Return light in sixteenths of a count, within 6 %, of a brightness."""
-    if brightness <= 0:
-        return 16
-    return ((1 << 20 | brightness & 0xFFFFF) >> 12 << (brightness >> 20)) >> 4
+    """Return light in sixteenths of a count of a brightness."""
+    return max(power(brightness) >> 6, 1)
 
 
 class Contact:
@@ -82,7 +100,10 @@ class Contact:
     sink : object
         ``down(x_um, t)``, ``at(x_um, t)`` for every further reading of that finger alone,
         ``firm(t)`` once when it gets that hard, ``up(t)``, ``next(x_um, t)`` for another finger
-        in the place of this one, ``stuck()`` for one that does not move for long.
+        in the place of this one, ``stuck()`` for one that does not move for long. Where the
+        length of the strip is known also ``second(x_um, slack_um, t)`` for another finger beside
+        this one, which returns whether it is used, and ``left(second, t)`` once that one or,
+        else, the first one has left.
 
     Attributes
     ----------
@@ -98,9 +119,15 @@ class Contact:
         self._seen = 0  # readings in a row that agree
         self._x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
         self._b = self._b_before = self._b_seen = self._top = 0
-        self._b_since = 0
+        self._b_since = self._b_level = self._level = 0
         self._length_um = 0
         self._t = self._top_t = self._began = self._since = 0
+        self._even = self._even_before = self._second = self._third = False
+        self._low = 0
+        self._noise = _NOISE
+        self._guesses = self._x_second_um = self._b_second = 0
+        self._slack_second_um = 0
+        self._found = array("i", bytes(12))
         self._leaving = False
         self._left = self._still = 0
         self._dipped = self._odd = False
@@ -119,13 +146,18 @@ class Contact:
         """Whether more than one finger may be there."""
         return self._state == _TWO
 
-    def set_layout(self, layout, length_um):
-        """Use these limits on a strip of this length, 0 if that is not known.
+    def set_layout(self, layout, length_um=0):
+        """Use these limits on a strip of this length.
 
+        With 0 for the length one finger is expected: what moves is a slide, however its light
+        changes, and readings that do not fit one press do not count.
         What lies on the strip must be lifted before it makes a touch.
         """
         self._layout = layout
         self._length_um = length_um
+        # The light that tells places apart falls along a strip, and a long one needs a weak dye.
+        share = min(max(length_um, 0), 600_000) * 3 // 1000
+        self._noise = max(share * share * 18 // 13, _NOISE)
         self.spend()
 
     def spend(self):
@@ -149,6 +181,8 @@ class Contact:
             self._seen = 0
             return
         fits = not flags & MISFIT or flags & TWO_FIT == TWO_FIT
+        if not fits and not self._length_um:
+            return
         state = self._state
         if fits:
             self.force_mN = force_mN
@@ -192,15 +226,16 @@ class Contact:
             self._x_um = x_um
             self._peak = 0
             self._seen = 1
-        elif fits and self._seen > 0 and abs(moved_um) < self._slack_um(brightness) * 5 >> 2:
+        elif (
+            fits
+            and self._seen > 0
+            and abs(moved_um)
+            < (self._slack_um(brightness) * 5 >> 2 if self._length_um else layout.jump_um)
+        ):
             self._seen += 1
         else:
             steady = self._step_um and abs(moved_um - self._step_um) < self._slack_um(brightness)
-            if (
-                fits
-                and steady
-                and abs(moved_um) <= _SLIDE_UM * min(elapsed(self._t, t), _TOGETHER_T)
-            ):
+            if fits and steady and abs(moved_um) <= layout.jump_um:
                 self._seen = layout.detect  # it came down sliding
             else:
                 self._seen = 1
@@ -228,6 +263,7 @@ class Contact:
         self._dipped = False
         self._x_um = self._x_before_um = x_um
         self._b = self._b_before = self._top = brightness
+        self._even = self._even_before = False
         self._top_t = t
         self._x_seen_um = x_um
         self._firm = False
@@ -239,7 +275,7 @@ class Contact:
         off_um = x_um - self._x_um
         same = fits and -_SAME_UM < off_um < _SAME_UM
         if not same:
-            noise_um = _NOISE * 16 // _counts(brightness)
+            noise_um = self._noise_um(brightness)
             same = fits and abs(off_um) < 4 * noise_um
             ticks = min(elapsed(self._t, t), _TOGETHER_T)
             if (
@@ -248,22 +284,27 @@ class Contact:
                 or (
                     not same
                     and (
-                        abs(x_um - self._x_seen_um) > _SLIDE_UM * ticks + 3 * noise_um
-                        or abs(brightness - self._b) > _SLIDE_LIGHT * ticks
+                        abs(x_um - self._x_seen_um) > self._layout.jump_um
+                        or (self._length_um and abs(brightness - self._b) > _SLIDE_LIGHT * ticks)
                     )
                 )
             ):
                 self._known = True
                 self._x_um = self._x_before_um
-                falls = min(self._b, brightness) < self._top - _FALLEN
-                self._dipped = self._dipped or falls
+                last = min(self._b, brightness)
+                self._dipped = self._dipped or last < self._top - _FALLEN
+                risen = self._b - self._b_before
+                self._even = risen > -_EVEN and (self._even_before or risen < _EVEN)
                 self._b = self._b_before
                 self._mix(x_um, brightness, t)
+                self._least = last
                 self._part(fits, x_um, force_mN, brightness, t)
                 return
         self._dipped = False
         self._x_before_um = self._x_um
         self._b_before = self._b
+        self._even_before = self._even
+        self._even = -_EVEN < brightness - self._b < _EVEN
         self._b = brightness
         self._x_seen_um = x_um
         self._x_um = self._x_um + (off_um >> 1) if same else x_um
@@ -280,28 +321,47 @@ class Contact:
         self._state = _TWO
         self._began = t
         self._seen = -1
-        self._odd = False
-        self._peak = self._least = brightness
+        self._odd = self._second = self._third = False
+        self._guesses = 0
+        self._peak = self._least = self._low = brightness
         self._x_peak_um = x_um
 
     def _part(self, fits, x_um, force_mN, brightness, t):
+        # Light of two that was lost and grows again, or grows after a rest: a third has come.
+        if (
+            self._low < self._peak - _LOST
+            and brightness > self._low + _GROWN
+            and self._peak > self._b + _BOTH
+        ) or (
+            self._seen > 0 and brightness > self._b_seen + _GROWN and self._b_seen > self._b + _MORE
+        ):
+            self._third = True
         if brightness >= self._peak:
-            self._peak = brightness
+            self._peak = self._low = brightness
             self._x_peak_um = x_um
-        if brightness < self._least:
-            self._least = brightness
+        self._low = min(brightness, self._low)
+        self._least = min(brightness, self._least)
         moved_um = x_um - self._x_seen_um
         seen = self._seen
         if seen >= 0 and fits and self._is_steady(moved_um, brightness):
             self._seen = min(seen + 1, 99)
+            self._level += 1
+            if abs(brightness - self._b_level) > _EVEN:
+                self._level = 0
+                self._b_level = brightness
         else:
             self._seen = 0
             self._since = t
-            self._b_since = brightness
-            self._odd = self._odd or not fits
+            self._b_since = self._b_level = brightness
+            self._level = 0
+            if not fits:
+                self._seen = -1
+                self._odd = True
         self._note(x_um, brightness)
+        if self._known and self._length_um and self._locate(fits, x_um, force_mN, brightness, t):
+            return
         seen = self._seen
-        if not seen or elapsed(self._since, t) * (seen + 1) < _REST_T * seen:
+        if seen < 1 or elapsed(self._since, t) * (seen + 1) < _REST_T * seen:
             return
         if not self._known:
             # They came together: one has left when light was lost and the place moved. Or it was
@@ -314,29 +374,97 @@ class Contact:
                 self._harden(force_mN, t)
             return
         off_um = x_um - self._x_um
-        if abs(off_um) < max(_BACK_UM, 4 * (_NOISE * 16 // _counts(brightness))):
+        if abs(off_um) < max(_BACK_UM, 4 * (self._noise_um(brightness))):
             firm = self._firm
             self._begin(x_um, force_mN, brightness, t)
             self._firm = firm
+            if self._second:
+                self._second = False
+                self._sink.left(True, t)
             self._sink.at(x_um, t)
         elif self._has_left(off_um, brightness, t):
+            if self._second and abs(x_um - self._x_second_um) < _NEAR_UM:
+                self._remain(x_um, force_mN, brightness, t)
+                return
             self._begin(x_um, force_mN, brightness, t)
+            if self._second:
+                self._second = False
+                self._sink.left(True, t)
             self._sink.next(x_um, t)
             self._harden(force_mN, t)
 
+    def _locate(self, fits, x_um, force_mN, brightness, t):
+        """Look for a second finger beside the first one; return whether that one remained alone."""
+        found = self._found
+        if self._second and fits:
+            slack_um = max(_MATCH_UM, self._slack_um(brightness))
+            if (
+                abs(x_um - self._x_second_um) < slack_um
+                and abs(brightness - self._b_second) < _MATCH
+            ):
+                self._remain(x_um, force_mN, brightness, t)
+                return True
+        if self._dipped or self._third or not self._even:
+            return False
+        if brightness < self._peak - _EVEN or elapsed(self._began, t) > _SOON_T:
+            self._even = False  # the first one may be leaving
+            return False
+        noise_um = self._noise_um(brightness)
+        if not locate(found, _DECAY, self._x_um, self._b, x_um, brightness, noise_um):
+            if not self._second:
+                self._guesses = 0
+            return False
+        at_um = found[0]
+        slack_um = found[1]
+        if self._second:
+            if abs(at_um - self._x_second_um) < _NEAR_UM:
+                self._b_second = found[2]
+            return False
+        if not -_NEAR_UM < at_um < self._length_um + _NEAR_UM:
+            self._guesses = 0
+            return False
+        if not self._guesses or abs(at_um - self._x_second_um) > _AGREE_UM + (
+            slack_um + self._slack_second_um >> 1
+        ):
+            self._guesses = 1
+        elif abs(found[2] - self._b_second) > _OTHER:
+            self._guesses += 1  # with another share of the light, so it is no blend of others
+        elif self._guesses == 1:
+            return False
+        self._x_second_um = at_um
+        self._slack_second_um = slack_um
+        self._b_second = found[2]
+        if self._guesses >= _GUESSES and slack_um < _SURE_UM:
+            self._second = self._sink.second(at_um, 2 * slack_um, t)
+        return False
+
+    def _remain(self, x_um, force_mN, brightness, t):
+        """The first finger has left the second."""
+        self._second = False
+        self._begin(x_um, force_mN, brightness, t)
+        self._sink.left(False, t)
+        self._harden(force_mN, t)
+
     def _has_left(self, off_um, brightness, t):
         """Return whether the first finger is gone from a light that rests elsewhere."""
+        if abs(brightness - self._b_since) > _DIPPED:
+            return True  # of two, one that presses harder or lifts moves the place
         first = self._b
+        if self._third:
+            # Only what is too little light for two, for long.
+            return (
+                elapsed(self._since, t) >= _ALONE_T
+                and brightness < self._peak - _LOST
+                and brightness < first + _SINGLE
+            )
         if self._dipped or self._least < min(first, brightness) - _DIPPED:
             return True
         if self._peak < first + _MORE and elapsed(self._began, t) >= _SEEN_T:
             return True  # there never was the light of two
-        if abs(brightness - self._b_since) > _DIPPED:
-            return True  # of two, one that presses harder or lifts moves the place
         alone = _counts(first)
         peak = _counts(self._peak)
         light = _counts(brightness)
-        if self._is_alone(off_um, brightness, alone, light):
+        if self._is_alone(off_um, alone, light):
             return True
         if light >= peak - alone // 5:
             return False
@@ -346,13 +474,13 @@ class Contact:
             away_um = -away_um
         return away_um > (abs(off_um) >> 5) * ((alone << 4) // peak) // 10
 
-    def _is_alone(self, off_um, brightness, alone, light):
+    def _is_alone(self, off_um, alone, light):
         """Return whether a light that rests lies farther off than two at rest could shift it.
 
         The first would have 0.6 of its light or more, and the second would lie within the strip.
         Light near the sensor counts up to four times as much.
         """
-        if self._seen < 2 or not self._length_um or abs(brightness - self._b_since) > _EVEN:
+        if self._level < 2 or not self._length_um:
             return False
         first = alone * 154 // light  # of 256 parts, what the first one would have
         if first >= 256:
@@ -371,9 +499,12 @@ class Contact:
     def _is_steady(self, moved_um, brightness):
         return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
 
+    def _noise_um(self, brightness):
+        return min(self._noise * 16 // _counts(brightness), _NOISE_UM)
+
     def _slack_um(self, brightness):
         # Between two readings, by the darker one's noise.
-        return max(_REST_UM, _NOISE * 56 // _counts(min(brightness, self._b_seen)))
+        return max(_REST_UM, self._noise * 56 // _counts(min(brightness, self._b_seen)))
 
     def _note(self, x_um, brightness):
         self._x_seen_um = x_um
