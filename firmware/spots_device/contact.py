@@ -75,6 +75,7 @@ _SURE_UM = const(2500)
 _GUESSES = const(2)
 _OTHER = const(150_000)  # 1.1
 _SOON_T = const(78)
+_LEVEL = const(2)
 # Of a third.
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
@@ -126,7 +127,8 @@ class Contact:
         self._low = 0
         self._noise = _NOISE
         self._guesses = self._x_second_um = self._b_second = 0
-        self._slack_second_um = 0
+        self._x_guess_um = self._b_guess = self._slack_guess_um = 0
+        self._fades = False
         self._found = array("i", bytes(12))
         self._leaving = False
         self._left = self._still = 0
@@ -321,7 +323,7 @@ class Contact:
         self._state = _TWO
         self._began = t
         self._seen = -1
-        self._odd = self._second = self._third = False
+        self._odd = self._second = self._third = self._fades = False
         self._guesses = 0
         self._peak = self._least = self._low = brightness
         self._x_peak_um = x_um
@@ -395,7 +397,6 @@ class Contact:
 
     def _locate(self, fits, x_um, force_mN, brightness, t):
         """Look for a second finger beside the first one; return whether that one remained alone."""
-        found = self._found
         if self._second and fits:
             slack_um = max(_MATCH_UM, self._slack_um(brightness))
             if (
@@ -404,39 +405,57 @@ class Contact:
             ):
                 self._remain(x_um, force_mN, brightness, t)
                 return True
-        if self._dipped or self._third or not self._even:
-            return False
-        if brightness < self._peak - _EVEN or elapsed(self._began, t) > _SOON_T:
-            self._even = False  # the first one may be leaving
-            return False
+        if brightness < self._peak - _EVEN:
+            self._fades = True  # the first one may be leaving
+        late = elapsed(self._began, t) > _SOON_T
+        if self._second:
+            # The second one rests: a third may come beside it.
+            if self._fades:
+                self._guess(self._x_second_um, self._b_second, x_um, brightness, t)
+        elif self._even and not (late or self._fades or self._third or self._dipped):
+            self._guess(self._x_um, self._b, x_um, brightness, t)
+        return False
+
+    def _guess(self, x1_um, b1, x_um, brightness, t):
+        """Estimate the finger beside one at rest; press its key once several readings agree."""
+        found = self._found
         noise_um = self._noise_um(brightness)
-        if not locate(found, _DECAY, self._x_um, self._b, x_um, brightness, noise_um):
-            if not self._second:
-                self._guesses = 0
-            return False
+        if not locate(found, _DECAY, x1_um, b1, x_um, brightness, noise_um):
+            self._guesses = 0
+            return
         at_um = found[0]
         slack_um = found[1]
-        if self._second:
-            if abs(at_um - self._x_second_um) < _NEAR_UM:
-                self._b_second = found[2]
-            return False
-        if not -_NEAR_UM < at_um < self._length_um + _NEAR_UM:
+        if not -_NEAR_UM < at_um < self._length_um + _NEAR_UM or (
+            self._second and abs(at_um - self._x_um) < _NEAR_UM + slack_um
+        ):
             self._guesses = 0
-            return False
-        if not self._guesses or abs(at_um - self._x_second_um) > _AGREE_UM + (
-            slack_um + self._slack_second_um >> 1
+            return
+        if not self._guesses or abs(at_um - self._x_guess_um) > _AGREE_UM + (
+            slack_um + self._slack_guess_um >> 1
         ):
             self._guesses = 1
-        elif abs(found[2] - self._b_second) > _OTHER:
+        elif abs(found[2] - self._b_guess) > _OTHER:
             self._guesses += 1  # with another share of the light, so it is no blend of others
         elif self._guesses == 1:
-            return False
-        self._x_second_um = at_um
-        self._slack_second_um = slack_um
-        self._b_second = found[2]
-        if self._guesses >= _GUESSES and slack_um < _SURE_UM:
-            self._second = self._sink.second(at_um, 2 * slack_um, t)
-        return False
+            return
+        self._x_guess_um = at_um
+        self._slack_guess_um = slack_um
+        self._b_guess = found[2]
+        if self._guesses < _GUESSES or slack_um > _SURE_UM:
+            return
+        if self._second:
+            # So the first one has gone, and the second takes its place.
+            self._sink.left(False, t)
+            self._x_um = x1_um
+            self._b = b1
+            self._began = t
+            self._fades = self._third = False
+            self._peak = brightness
+            self._x_peak_um = x_um
+        self._second = self._sink.second(at_um, 2 * slack_um, t)
+        if self._second:
+            self._x_second_um = at_um
+            self._b_second = found[2]
 
     def _remain(self, x_um, force_mN, brightness, t):
         """The first finger has left the second."""
@@ -464,7 +483,7 @@ class Contact:
         alone = _counts(first)
         peak = _counts(self._peak)
         light = _counts(brightness)
-        if self._is_alone(off_um, alone, light):
+        if self._is_alone(self._x_um + off_um, brightness):
             return True
         if light >= peak - alone // 5:
             return False
@@ -474,27 +493,19 @@ class Contact:
             away_um = -away_um
         return away_um > (abs(off_um) >> 5) * ((alone << 4) // peak) // 10
 
-    def _is_alone(self, off_um, alone, light):
-        """Return whether a light that rests lies farther off than two at rest could shift it.
+    def _is_alone(self, x_um, brightness):
+        """Return whether no second finger on the strip could shift a light that rests so far.
 
-        The first would have 0.6 of its light or more, and the second would lie within the strip.
-        Light near the sensor counts up to four times as much.
+        The first one would have 0.6 of its light or more.
         """
-        if self._level < 2 or not self._length_um:
+        if self._level < _LEVEL or not self._length_um:
             return False
-        first = alone * 154 // light  # of 256 parts, what the first one would have
-        if first >= 256:
+        found = self._found
+        first = self._b - _FALLEN
+        if not locate(found, _DECAY, self._x_um, first, x_um, brightness, 0):
             return True
-        weight = 16
-        length_um = self._length_um
-        reach_um = min(max(self._x_um, 0), length_um)
-        if off_um < 0:
-            weight += 48 * (reach_um >> 6) // (length_um >> 6)
-        else:
-            reach_um = length_um - reach_um
-        second = (256 - first) * weight
-        share = (second << 10) // (second + (first << 4))
-        return abs(off_um) > (reach_um >> 10) * share + _SAME_UM
+        slack_um = _NEAR_UM + found[1]
+        return not -slack_um < found[0] < self._length_um + slack_um
 
     def _is_steady(self, moved_um, brightness):
         return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
