@@ -59,7 +59,6 @@ _TOGETHER_T = const(39)  # readings that agree on nothing for so long are finger
 _REST_T = const(12)
 _MOVED_UM = const(1500)
 _SEEN_T = const(24)  # two fingers are seen together within
-_RECENT_T = const(29)
 # Shares of light as differences of brightness.
 _FALLEN = const(772_000)  # 0.6
 _DIPPED = const(435_000)  # 0.75
@@ -119,11 +118,11 @@ class Contact:
         self._known = False  # in TWO: whether the first finger's place is known, and its key down
         self._seen = 0  # readings in a row that agree
         self._x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
-        self._b = self._b_before = self._b_seen = self._top = 0
+        self._b = self._b_before = self._b_oldest = self._b_seen = 0
         self._b_since = self._b_level = self._level = 0
         self._length_um = 0
-        self._t = self._top_t = self._began = self._since = 0
-        self._even = self._even_before = self._second = self._third = False
+        self._t = self._began = self._since = 0
+        self._even = self._second = self._third = False
         self._low = 0
         self._noise = _NOISE
         self._guesses = self._x_second_um = self._b_second = 0
@@ -264,9 +263,8 @@ class Contact:
         self._seen = 0
         self._dipped = False
         self._x_um = self._x_before_um = x_um
-        self._b = self._b_before = self._top = brightness
-        self._even = self._even_before = False
-        self._top_t = t
+        self._b = self._b_before = brightness
+        self._b_oldest = 0
         self._x_seen_um = x_um
         self._firm = False
         self._rest_um = x_um
@@ -275,47 +273,45 @@ class Contact:
 
     def _follow(self, fits, x_um, force_mN, brightness, t):
         off_um = x_um - self._x_um
-        same = fits and -_SAME_UM < off_um < _SAME_UM
-        if not same:
-            noise_um = self._noise_um(brightness)
-            same = fits and abs(off_um) < 4 * noise_um
-            ticks = min(elapsed(self._t, t), _TOGETHER_T)
-            if (
-                not fits
-                or self._dipped
-                or (
-                    not same
-                    and (
-                        abs(x_um - self._x_seen_um) > self._layout.jump_um
-                        or (self._length_um and abs(brightness - self._b) > _SLIDE_LIGHT * ticks)
-                    )
-                )
-            ):
-                self._known = True
-                self._x_um = self._x_before_um
-                last = min(self._b, brightness)
-                self._dipped = self._dipped or last < self._top - _FALLEN
-                risen = self._b - self._b_before
-                self._even = risen > -_EVEN and (self._even_before or risen < _EVEN)
-                self._b = self._b_before
-                self._mix(x_um, brightness, t)
-                self._least = last
-                self._part(fits, x_um, force_mN, brightness, t)
-                return
-        self._dipped = False
+        if fits and -_SAME_UM < off_um < _SAME_UM:
+            off_um >>= 1
+        elif self._is_next(fits, off_um, x_um, brightness, t):
+            self._part(fits, x_um, force_mN, brightness, t)
+            return
         self._x_before_um = self._x_um
-        self._b_before = self._b
-        self._even_before = self._even
-        self._even = -_EVEN < brightness - self._b < _EVEN
-        self._b = brightness
+        self._x_um += off_um
         self._x_seen_um = x_um
-        self._x_um = self._x_um + (off_um >> 1) if same else x_um
-        if brightness >= self._top or elapsed(self._top_t, t) > _RECENT_T:
-            self._top = brightness
-            self._top_t = t
+        self._b_oldest = self._b_before
+        self._b_before = self._b
+        self._b = brightness
+        if self._dipped:
+            self._dipped = False
         self._sink.at(x_um, t)
         if not self._firm:
             self._harden(force_mN, t)
+
+    def _is_next(self, fits, off_um, x_um, brightness, t):
+        """Return whether a reading that is off may be of more than this finger."""
+        if fits and not self._dipped:
+            if abs(off_um) < 4 * self._noise_um(brightness):
+                return False
+            ticks = min(elapsed(self._t, t), _TOGETHER_T)
+            if abs(x_um - self._x_seen_um) <= self._layout.jump_um and (
+                not self._length_um or abs(brightness - self._b) <= _SLIDE_LIGHT * ticks
+            ):
+                return False
+        before = self._b_before
+        risen = self._b - before
+        last = min(self._b, brightness)
+        self._even = risen > -_EVEN and (risen < _EVEN or abs(before - self._b_oldest) < _EVEN)
+        if last < max(self._b, before, self._b_oldest) - _FALLEN:
+            self._dipped = True
+        self._known = True
+        self._x_um = self._x_before_um
+        self._b = before
+        self._mix(x_um, brightness, t)
+        self._least = last
+        return True
 
     # More than one may be.
 

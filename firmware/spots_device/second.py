@@ -65,11 +65,14 @@ def locate(found, decay, x1_um, first, x_um, brightness, noise_um):
         # Newton's step for away = off * (1 + ratio(away)).
         change = (off_um >> 2) * ratio >> 8
         slope = max(1024 - ((change >> 4) * (decay * 45) >> 16), 256)
-        away_um += (off_um + change - away_um >> 2) * 4096 // slope
+        step_um = (off_um + change - away_um >> 2) * 4096 // slope
+        away_um += step_um
         if not -_FAR_UM < away_um < _FAR_UM:
             return False
         bend = decay * away_um >> 14
         lost = ((bend * bend >> 8) * (share * (256 - share) >> 8) >> 8) * 69
+        if -64 < step_um < 64:
+            break
     if abs(away_um) < _NEAR_UM:
         return False
     lever = (256 - share) * light // other
