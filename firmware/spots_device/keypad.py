@@ -49,6 +49,7 @@ class Keypad:
         self.take = self.contact.take
         self._layout = None
         self._length_mm = 0
+        self._second = self._second_row = 0  # what a second finger holds
         self._state = _IDLE
         self._clear()
 
@@ -58,7 +59,7 @@ class Keypad:
         self._layout = layout
         # Shares are in thousandths: a thousandth of a strip this long is so many micrometres.
         self._length_mm = max(1, length_um // 1000)
-        self.contact.set_layout(layout)
+        self.contact.set_layout(layout, length_um)
 
     def tick(self, t):
         """Run the deadlines up to time `t`; call it after every reading."""
@@ -74,6 +75,7 @@ class Keypad:
 
     def release(self):
         """Release all; a finger that is still there presses nothing until it was lifted."""
+        self._release_second()
         self._release_held()
         self._state = _IDLE
         self._clear()
@@ -138,6 +140,7 @@ class Keypad:
             self._press(self._action(FIRM))
 
     def up(self, t):
+        self._release_second()
         if self._state == _OPEN and self._row >= 0:
             self._tapped, self._tapped_at = t, self._row
             if self._action(DOUBLE):
@@ -167,7 +170,56 @@ class Keypad:
             self._press(self._action(TAP))
         self._give_back(held)
 
+    def second(self, x_um, slack_um, t):
+        """Press the key of a second finger if that is certain; return whether it was pressed."""
+        if self._once >= 0 or self._second or self._state == _IDLE or self._state == _SLIDING:
+            return False
+        first = self._row
+        layer = self._row_layer
+        row = self._find(x_um, _NONE)
+        self._row_layer = layer
+        keys = self._layout.keys
+        if (
+            row < 0
+            or row == first
+            or (keys[row + LOW] and x_um - slack_um < keys[row + LOW] * self._length_mm)
+            or (keys[row + HIGH] < 1000 and x_um + slack_um > keys[row + HIGH] * self._length_mm)
+        ):
+            return False
+        self._row = row
+        plain = not self._wait() and self._is_plain()
+        self._row = first
+        action = keys[row + TAP]
+        if not plain or action >> 20 < KEYBOARD or action == self._held:
+            return False
+        if self._state == _OPEN and first >= 0:
+            # What the first key is has to be known now.
+            if not self._action(HOLD):
+                self._press(self._action(TAP))
+            elif self._layout.flavour == HOLD_PREFERRED:
+                self._press(self._action(HOLD))
+            else:
+                return False
+            if action == self._held:
+                return False
+        self._second = action
+        self._second_row = row
+        self._key(action >> 20, action & 0xFFF, action >> 12 & 0xFF, True)
+        return True
+
+    def left(self, second, t):
+        """Release the key of one of two fingers: of the second, or of the first."""
+        if second:
+            self._release_second()
+            return
+        self._release_held()
+        self._state = _PRESSED
+        self._held = self._second
+        self._second = 0
+        self._row = self._second_row
+
     def stuck(self):
+        self._release_second()
         self._release_held()
         self._state = _IDLE
         self._stuck()
@@ -247,6 +299,11 @@ class Keypad:
             self._give_back(self._held)
             self._state = _IDLE
             self._held = 0
+
+    def _release_second(self):
+        if self._second:
+            self._give_back(self._second)
+            self._second = 0
 
     def _give_back(self, action):
         kind = action >> 20

@@ -210,12 +210,15 @@ class Strip:
             self._idle_us = 0
         elif self._idle_us < IDLE_US:
             self._idle_us += lasted_us
-        if self._odd_light.take(flags, sums, samples, lasted_us, self._dark.age_us):
-            self._dark.request()
         self._time.set(self._add(sensor.complete, -(lasted_us >> 1)))
+        uses = self._uses
+        rests = uses.take(self.index, decode)
         if self.stream_touch:
             self._framer.touch(self.index, decode)
-        rests = self._uses.take(self.index, decode)
+        # Two fingers are no lamp, as a rule: the strip goes blind for a dark frame.
+        odd_us = lasted_us >> 3 if uses.two else lasted_us
+        if self._odd_light.take(flags, sums, samples, odd_us, self._dark.age_us):
+            self._dark.request()
         if self.settings.values["baseline"]:
             if not flags & LED_OFF:
                 baseline.follow(sums, samples, self._idle_us, rests)
@@ -225,7 +228,7 @@ class Strip:
             if samples > 1:
                 for i in range(CHANNELS):
                     sums[i] = (sums[i] + (samples >> 1)) // samples
-            self._framer.spectrum(self.index, flags, sensor.gain, sums)
+            self._framer.spectrum(self.index, decode.flags, sensor.gain, sums)
         self._samples = self._flags = 0
 
     # What happens rarely.

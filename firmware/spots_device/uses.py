@@ -4,6 +4,8 @@ A board without USB HID sends keys as frames only. Modules of disabled functions
 which saves memory.
 """
 
+from .decode import MISFIT, TOO_DARK, TOUCHING
+
 # Name of each USB interface, and the setting that enables it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
 # HID usage pages as in layout.py, which is imported only if a layout is used.
@@ -39,6 +41,8 @@ class Uses:
 
     Attributes
     ----------
+    two : bool
+        Whether the last reading may be of two fingers.
     fault : str or None
         Sentence that says why the USB interfaces could not be opened at start, or None.
     """
@@ -49,7 +53,7 @@ class Uses:
         self._time = time
         self._usb = usb
         self._sensor = 0
-        self._rests = False
+        self._rests = self.two = False
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
@@ -121,6 +125,8 @@ class Uses:
     def take(self, sensor, decode):
         """Process a reading. Allocates nothing.
 
+        Marks the reading as untrusted while there may be two fingers.
+
         Parameters
         ----------
         sensor : int
@@ -134,11 +140,17 @@ class Uses:
             True if the touch has not moved for so long that it cannot be a finger.
         """
         self._sensor = sensor
-        self._rests = False
+        self._rests = self.two = False
         if self._keys_on:
             t = self._time.high << 6 | self._time.low >> 10
-            self._keypad.take(decode.flags, decode.position_um, decode.force_mN, t)
+            self._keypad.take(
+                decode.flags, decode.position_um, decode.force_mN, decode.brightness, t
+            )
             self._keypad.tick(t)
+            if decode.flags & TOUCHING and self._keypad.contact.two:
+                self.two = True
+                # Both bits where this spectrum alone would fit one press, see contact.py.
+                decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
         if self._gamepad_on:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
         return self._rests

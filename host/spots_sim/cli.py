@@ -27,6 +27,9 @@ def demo(parser: Parser):
     parser.add_argument(
         "--use", help="application: strip, keyboard, controller, wearable or fivebar"
     )
+    parser.add_argument(
+        "--layout", metavar="FILE", help="key layout of --use keyboard: a file or a name"
+    )
     arguments.add_simulation(parser)
     _add_change(parser)
     parser.set_defaults(scenario=None)  # the default depends on the application
@@ -99,10 +102,11 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
         show_page(options.use, options.sensor, options.scenario or "demo", options.seed)
         return
-    from .demo import demo
+    from .demo import KEYBOARD, demo
 
     seconds = options.seconds
-    if seconds is None and not sys.stdout.isatty():
+    scored = options.use == KEYBOARD and options.json  # it ends with its scenario
+    if seconds is None and not scored and not sys.stdout.isatty():
         seconds = 10.0
     summary = demo(
         options.sensor,
@@ -112,6 +116,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
         options.fast,
         options.json,
         options.use or "strip",
+        options.layout,
     )
     if options.json:
         print(json.dumps(summary))
@@ -119,7 +124,10 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise SpotsError for options of the demo that exclude each other."""
-    from .demo import FIVEBAR
+    from .demo import FIVEBAR, KEYBOARD
+
+    if options.layout and options.use != KEYBOARD:
+        raise SpotsError("--layout needs a keyboard: add --use keyboard")
 
     if options.page and (options.seconds or options.json or options.fast):
         raise SpotsError(

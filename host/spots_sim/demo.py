@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import partial
 
 from spots.errors import SpotsError
 from spots.keyboard.layout import load as load_layout
@@ -15,7 +16,7 @@ from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
 
 from . import browser
-from .demo_applications import play_controller, show_gestures, type_on_board
+from .demo_applications import DEMO_LAYOUT, play_controller, show_gestures, type_on_board
 from .faults import Faults, FaultyLink, of_scenario
 from .files import ScenarioFile, SensorFile, load
 from .link_wrapper import Tap
@@ -28,6 +29,7 @@ from .stage import calibrate, set_led
 from .virtual import VIRTUAL, open_virtual
 
 FIVEBAR = "fivebar"
+KEYBOARD = "keyboard"
 _PAGE_LAYOUT = "digits"
 
 
@@ -39,6 +41,7 @@ def demo(
     fast: bool,
     quiet: bool,
     use: str = "strip",
+    layout: str | None = None,
 ) -> dict:
     """Run the virtual board, show its readings, and return the figures of the run.
 
@@ -58,6 +61,8 @@ def demo(
         True to print nothing.
     use : str
         Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
+    layout : str, optional
+        Key layout of the application `keyboard`: a path or a name.
 
     Returns
     -------
@@ -75,6 +80,8 @@ def demo(
         known = ", ".join([*USES, FIVEBAR])
         raise SpotsError(f"there is no demo of '{use}': use one of {known} with --use")
     show, usual = USES[use]
+    if layout:
+        show = partial(_keyboard, layout=layout)
     scenario = scenario or usual
     file = load(ScenarioFile, scenario)
     truth = Scenario(file)
@@ -109,9 +116,16 @@ def _controller(
 
 
 def _keyboard(
-    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+    board: Board,
+    truth: Scenario,
+    started_s: float,
+    seconds: float | None,
+    quiet: bool,
+    layout: str = DEMO_LAYOUT,
 ) -> dict:
-    return _with_link(board, type_on_board(board, seconds, quiet))
+    if seconds is None and quiet:
+        seconds = truth.file.seconds - (board.now_s() - started_s)
+    return _with_link(board, type_on_board(board, truth, started_s, seconds, quiet, layout))
 
 
 def _wearable(
@@ -136,7 +150,7 @@ def _with_link(board: Board, figures: dict) -> dict:
 # returns the figures of the run.
 USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
     "strip": (_strip, "demo"),
-    "keyboard": (_keyboard, "typing"),
+    KEYBOARD: (_keyboard, "typing"),
     "controller": (_controller, "demo"),
     "wearable": (_wearable, "worn"),
 }

@@ -23,6 +23,7 @@ from spots.wearable.wearable import Mapping, play
 
 from .controller_score import ControllerScore
 from .scenario import Scenario
+from .typing_score import TypingScore
 from .typing_view import picture
 from .typist import TypedText
 
@@ -73,7 +74,14 @@ def play_controller(
     return score.summary()
 
 
-def type_on_board(board: Board, seconds: float | None, quiet: bool) -> dict:
+def type_on_board(
+    board: Board,
+    truth: Scenario,
+    started_s: float,
+    seconds: float | None,
+    quiet: bool,
+    layout_name: str = DEMO_LAYOUT,
+) -> dict:
     """Let the board be the keyboard, show what it types, and return the run in figures.
 
     The same engine runs here on the same readings, and its events are compared.
@@ -82,25 +90,34 @@ def type_on_board(board: Board, seconds: float | None, quiet: bool) -> dict:
     ----------
     board : Board
         A calibrated one.
+    truth : Scenario
+        The fingers that the keys are compared with.
+    started_s : float
+        Host time of the scenario's time 0.
     seconds : float or None
         End after this time of the link's clock; no limit if None.
     quiet : bool
         Whether nothing is shown.
+    layout_name : str, optional
+        Of the keys, by path or name.
 
     Returns
     -------
     dict
+        With what `TypingScore.summary` returns.
 
     Raises
     ------
     SpotsError
         If the board is lost.
     """
-    layout = load_layout(DEMO_LAYOUT)
+    layout = load_layout(layout_name)
     typed, here, there = TypedText(), _Events(), _Events()
     push(board, layout)
     engine = KeyEngine(layout, length_of(board), here)
     board.command("stream touch")
+    length_mm = engine.length_um / 1000
+    score = TypingScore(truth.file, layout, length_mm, board.now_s() - started_s)
     console = Console()
     drawing = console.is_terminal and not quiet
     pace, touch = Pace(), None
@@ -113,6 +130,8 @@ def type_on_board(board: Board, seconds: float | None, quiet: bool) -> dict:
                 elif isinstance(frame, Key):
                     there.key(*frame[3:7])
                     typed.key(*frame[3:7])
+                    now_s = board.now_s() - started_s
+                    score.key(frame.page, frame.usage, frame.pressed, now_s)
                     if frame.pressed and not drawing and not quiet:
                         print((typed.text.splitlines() or [""])[-1], flush=True)
                 if drawing and pace.due(board.now_s()):
@@ -124,6 +143,7 @@ def type_on_board(board: Board, seconds: float | None, quiet: bool) -> dict:
         "presses": typed.presses,
         "keys_down": len(typed.down),
         "host_agrees": here.events == there.events,
+        **score.summary(board.now_s() - started_s),
     }
 
 

@@ -64,14 +64,14 @@ class Scenario:
     Parameters
     ----------
     file : ScenarioFile
-        Validated scenario file.
+        Validated scenario file; also an attribute.
     """
 
     still = False
     unplugged = False
 
     def __init__(self, file: ScenarioFile):
-        self._file = file
+        self.file = file
         self._strain = file.strain or [(0.0, file.strain_percent)]
         self._bend = file.bend or [(0.0, file.bend_deg)]
         self._leak = file.leak or [(0.0, 0.0, 0.0)]
@@ -87,18 +87,18 @@ class Scenario:
 
     def pose(self, time_s: float) -> Pose:
         """Return strain, bend and leak of the strip at `time_s`."""
-        return self._only_pose or self._pose(time_s % self._file.seconds)
+        return self._only_pose or self._pose(time_s % self.file.seconds)
 
     def change(self, time_s: float) -> Change:
         """Return the change of the sensor since the calibration, at `time_s`."""
         if not self._moved:
             return NONE
-        phase_s = time_s % self._file.seconds
+        phase_s = time_s % self.file.seconds
         return Change(**{name: _on_lines(v, phase_s)[0] for name, v in self._moved.items()})
 
     def presses(self, time_s: float) -> list[Press]:
         """Return the fingers with a force above 0 at `time_s`."""
-        phase_s = time_s % self._file.seconds
+        phase_s = time_s % self.file.seconds
         found = []
         for touch, times in self._down[bisect_right(self._edges, phase_s)]:
             press = _between(touch, bisect_right(times, phase_s), phase_s)
@@ -119,10 +119,10 @@ class Scenario:
         float
             Irradiance in uW/cm2.
         """
-        ambient = self._file.ambient
+        ambient = self.file.ambient
         if ambient is None:
             return 0.0
-        level = _step(ambient, start_s % self._file.seconds)
+        level = _step(ambient, start_s % self.file.seconds)
         return level * flicker(ambient, start_s, end_s)
 
     def _pose(self, phase_s: float) -> Pose:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -185,6 +186,112 @@ def _action_of(character: str) -> int:
         character, modifiers = unshifted[character], 2
     page, usage = usage_of(_CHARACTERS.get(character, character))
     return lines_of.action(page, usage, modifiers)
+
+
+@dataclass(frozen=True)
+class Hands:
+    """How people type, as published.
+
+    Attributes
+    ----------
+    dwell_s, dwell_sd_s : float
+        How long a finger is there. Dhakal et al., Observations on Typing from 136 Million
+        Keystrokes, CHI 2018, doi 10.1145/3173574.3174220: 116 ms, standard deviation 24 ms, much
+        the same at any speed; fast typists press the next key before they release the last one.
+    spread : float
+        Standard deviation of the logarithm of the time from key to key, so that 12 % of touches
+        overlap the last one at 60 words a minute, and half of them at 100.
+    force_mN, force_spread : float
+        Median of the largest force, and standard deviation of its logarithm: 4.1 to 7.0 times what
+        keys of 0.28 N need, 2.2 to 3.5 times what keys of 0.83 N need (Effects of key stiffness
+        on force and the development of fatigue while typing, Am. Ind. Hyg. Assoc. J. 57, 849,
+        1996, doi 10.1080/15428119691014549).
+    ramp_s : tuple of float
+        Least and longest rise and fall; *assumed*, as are the next ones.
+    same_s, least_s : float
+        The least time from one touch of a finger to its next one, and from key to key.
+    apart_mm : float
+        Two fingers do not fit closer together.
+    roll_mm : float
+        Standard deviation of what a finger rolls while it is down.
+    """
+
+    dwell_s: float = 0.116
+    dwell_sd_s: float = 0.024
+    spread: float = 0.40
+    force_mN: float = 2000.0
+    force_spread: float = 0.35
+    ramp_s: tuple[float, float] = (0.012, 0.03)
+    same_s: float = 0.03
+    least_s: float = 0.03
+    apart_mm: float = 8.0
+    roll_mm: float = 0.15
+
+
+def fast_typing(
+    layout: KeyLayout,
+    words_per_min: float,
+    touches: int,
+    length_mm: float,
+    seed: int = 0,
+    start_s: float = 3.0,
+    hands: Hands = Hands(),
+) -> ScenarioFile:
+    """Return the scenario of a person who types random keys at a speed, with rollover.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+        The taps of its first layer are typed.
+    words_per_min : float
+        Of five keys each.
+    touches : int
+        How many.
+    length_mm : float
+        Of the strip.
+    seed : int
+        Of the text and of the person's variation.
+    start_s : float
+        When the first finger comes; up to one exposure of 10 ms later, as the seed says.
+    hands : Hands, optional
+
+    Returns
+    -------
+    ScenarioFile
+        It ends half a second after the last finger.
+    """
+    rng = np.random.default_rng(seed)
+    keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
+    spread = np.log1p((hands.dwell_sd_s / hands.dwell_s) ** 2) ** 0.5
+    mean_s = 12.0 / words_per_min
+    due_s = now_s = start_s + rng.uniform(0.0, 0.01)
+    fingers: list[Finger] = []
+    for _ in range(touches):
+        key = keys[rng.integers(len(keys))]
+        middle, half = (key.low + key.high) / 2, 0.4 * (key.high - key.low)
+        x_mm = length_mm * (middle + half * np.clip(rng.normal(0, 0.5), -1, 1))
+        for other in fingers[-6:]:
+            # A finger lifts before it comes down again, and no two are on one place.
+            if abs(other.points[-1][1] - x_mm) < hands.apart_mm:
+                now_s = max(now_s, other.points[-1][0] + hands.same_s)
+        rise_s, fall_s = rng.uniform(*hands.ramp_s, 2)
+        dwell_s = hands.dwell_s * np.exp(spread * rng.normal() - spread**2 / 2)
+        force_mN = hands.force_mN * np.exp(hands.force_spread * rng.normal())
+        force_mN = float(np.clip(force_mN, 800, 6000))
+        rolled_mm = x_mm + rng.normal(0, hands.roll_mm)
+        full_s = now_s + max(rise_s + 0.01, dwell_s - fall_s)
+        points = [
+            (now_s, x_mm, 0.0),
+            (now_s + rise_s, x_mm, force_mN),
+            (full_s, rolled_mm, force_mN),
+            (full_s + fall_s, rolled_mm, 0.0),
+        ]
+        fingers.append(Finger(points=[tuple(map(float, point)) for point in points]))
+        # Who had to wait for a finger catches up.
+        due_s += mean_s * np.exp(hands.spread * rng.normal() - hands.spread**2 / 2)
+        now_s = max(now_s + hands.least_s, due_s)
+    end_s = max(finger.points[-1][0] for finger in fingers)
+    return ScenarioFile(seconds=end_s + 0.5, touch=fingers)
 
 
 def typing(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from spots_device.contact import TICKS
 from spots_device.decode import TOO_DARK, TOUCHING
 from spots_device.keypad import Keypad
@@ -52,7 +54,9 @@ class Desk:
         """One reading."""
         t = self._number(self.now_ms * 1000 // 1024 % TICKS)
         number = self._number
-        self.pad.take(number(flags), number(x_um), number(force_mN), t)
+        # 0.4 counts a millinewton, as on the default strip.
+        brightness = round(math.log2(max(0.4 * int(force_mN), 1)) * (1 << 20))
+        self.pad.take(number(flags), number(x_um), number(force_mN), number(brightness), t)
         self.pad.tick(t)
         self.now_ms += READING_MS
 

@@ -76,7 +76,7 @@ def test_a_finger_on_a_border_is_one_key():
     for keys in (THREE, ("layer 0 0", key(0, 330, letter(A)), key(330, 1000, letter(B)))):
         desk = Desk(*keys)
         for i in range(50):
-            desk.press(33 + (-1) ** i * 0.4, 10)
+            desk.press(33 + (-1) ** i * 0.1, 10)
         desk.lift()
         assert len(desk.events) == 2
 
@@ -138,3 +138,102 @@ def test_without_a_limit_a_finger_may_rest():
     desk = Desk(*THREE)
     desk.press(10, 100_000)
     assert (desk.rests, desk.events) == (0, [(A, True)])
+
+
+def together(desk, first, second, milliseconds, flags=TOUCHING):
+    """Hold two fingers (place in mm, force in mN): their light comes from between them."""
+    (a_mm, a_mN), (b_mm, b_mN) = first, second
+    desk.press((a_mm * a_mN + b_mm * b_mN) / (a_mN + b_mN), milliseconds, a_mN + b_mN, flags)
+
+
+def rollover(desk, doubt=0):
+    """Let a second finger come before the first one leaves."""
+    desk.press(10, 60)
+    for force_mN in (300, 800, 1000):
+        together(desk, (10, 1000), (80, force_mN), 10, TOUCHING | doubt)
+    together(desk, (10, 1000), (80, 1000), 20, TOUCHING | doubt)
+    for force_mN in (900, 500, 100):
+        together(desk, (10, force_mN), (80, 1000), 10, TOUCHING | doubt)
+
+
+@pytest.mark.parametrize("doubt", [0, MISFIT])
+def test_of_two_fingers_no_key_between_them_is_pressed(doubt):
+    desk = Desk(*THREE)
+    rollover(desk, doubt)
+    assert desk.events == [(A, True)]
+    assert desk.pad.contact.two
+    desk.press(80, 20)
+    assert desk.events == [*clicks(A), (C, True)]
+    desk.lift()
+    assert desk.events == clicks(A, C)
+
+
+def test_two_fingers_that_rest_press_nothing_for_as_long_as_they_do():
+    desk = Desk(*THREE)
+    desk.press(10, 60)
+    for force_mN in (300, 800, 1000):
+        together(desk, (10, 1000), (80, force_mN), 10)
+    together(desk, (10, 1000), (80, 1000), 3000)
+    assert desk.events == [(A, True)]
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_a_second_finger_that_leaves_first_leaves_the_key_of_the_first_down():
+    desk = Desk(*THREE)
+    desk.press(10, 60)
+    for force_mN in (500, 1000, 1000, 400):
+        together(desk, (10, 1000), (80, force_mN), 10)
+    desk.press(10, 100)
+    assert desk.events == [(A, True)]
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_fingers_that_came_together_press_nothing_until_one_is_alone():
+    desk = Desk(*THREE)
+    for force_mN in (400, 700, 1000, 800, 1200, 900, 1100):
+        together(desk, (10, 1400 - force_mN // 2), (80, force_mN), 10)
+    assert desk.events == []
+    desk.press(80, 20, 900)
+    assert desk.events == [(C, True)]
+
+
+def test_fingers_that_leave_together_press_nothing():
+    desk = Desk(*THREE)
+    desk.press(10, 60)
+    for force_mN in (300, 800, 1000, 900, 800):
+        together(desk, (10, 1000), (80, force_mN), 10)
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_a_touch_that_lifts_for_one_reading_is_the_next_finger_where_it_returns():
+    desk = Desk(*THREE)
+    desk.press(10, 60)
+    desk.lift(10)
+    desk.press(80, 20)
+    assert desk.events == [*clicks(A), (C, True)]
+
+
+def test_readings_that_a_board_has_marked_give_the_same_keys():
+    desk = Desk(*THREE)
+    seen = []
+    take = desk.pad.take
+
+    def marked(flags, *reading):
+        take(flags, *reading)
+        two = flags & TOUCHING and desk.pad.contact.two
+        mark = (MISFIT if flags & MISFIT else MISFIT | TOO_DARK) if two else 0
+        seen.append((flags | mark, *reading))
+
+    desk.pad.take = marked
+    for doubt in (0, MISFIT):
+        rollover(desk, doubt)
+        desk.press(80, 40)
+        desk.lift()
+    again = Desk(*THREE)
+    for reading in seen:
+        again.pad.take(*reading)
+        again.pad.tick(reading[-1])
+    assert again.events == desk.events == clicks(A, C, A, C)

@@ -421,3 +421,64 @@ def test_an_interrupt_in_a_release_does_not_hide_that_a_key_is_down():
     desk.pad.release()
     desk.pad.release()
     assert desk.events == clicks(A)
+
+
+THREE_KEYS = (
+    "layer 0 0",
+    key(0, 300, letter(A)),
+    key(350, 650, letter(B)),
+    key(700, 1000, letter(C)),
+)
+
+
+def two_fingers(*lines):
+    """Return a desk with a finger at 10 mm, and one at 80 mm that presses its key."""
+    desk = Desk(*lines)
+    desk.press(10)
+    assert desk.pad.second(80_000, 2_000, 0)
+    return desk
+
+
+def test_two_fingers_hold_two_keys():
+    desk = two_fingers(*THREE_KEYS)
+    assert desk.events == [(A, True), (C, True)]
+    desk.pad.left(True, 0)
+    assert desk.events == [(A, True), *clicks(C)]
+    desk.lift()
+    assert desk.events == [(A, True), *clicks(C), (A, False)]
+
+
+def test_the_key_of_the_second_finger_stays_down_when_the_first_leaves():
+    desk = two_fingers(*THREE_KEYS)
+    desk.pad.left(False, 0)
+    assert desk.events == [(A, True), (C, True), (A, False)]
+    desk.lift()
+    assert desk.events == [(A, True), (C, True), (A, False), (C, False)]
+
+
+@pytest.mark.parametrize("how", ["up", "release", "stuck"])
+def test_both_keys_are_released_together(how):
+    desk = two_fingers(*THREE_KEYS)
+    if how == "up":
+        desk.lift()
+    else:
+        getattr(desk.pad, how)()
+    assert sorted(desk.events[2:]) == [(A, False), (C, False)]
+
+
+def test_a_second_finger_near_a_border_or_on_the_same_key_presses_nothing():
+    desk = Desk(*THREE_KEYS)
+    desk.press(10)
+    for x_um, slack_um in ((71_000, 1_500), (64_000, 1_500), (67_500, 100), (20_000, 1_000)):
+        assert not desk.pad.second(x_um, slack_um, 0)
+    assert desk.events == [(A, True)]
+
+
+def test_a_second_finger_takes_the_layer_of_a_key_that_is_held():
+    desk = layers(MOMENTARY)
+    desk.press(20)
+    assert desk.pad.second(80_000, 2_000, 0)
+    desk.pad.left(True, 0)
+    assert desk.events == clicks(B)
+    desk.lift()
+    assert desk.events == clicks(B)

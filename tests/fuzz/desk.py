@@ -196,11 +196,11 @@ class Fingers:
             for _ in range(rng.choice((2, 4, 30, 90))):
                 x_um = min(max(x_um + speed_um, 0), _LENGTH_UM)
                 t = (t + 10) % TICKS
-                pad.take(flags, x_um, force_mN, t)
+                pad.take(flags, x_um, force_mN, 8 << 20, t)
                 pad.tick(t)
             for _ in range(rng.choice((0, 2, 8, 60))):
                 t = (t + 10) % TICKS
-                pad.take(TOO_DARK, 0, 0, t)
+                pad.take(TOO_DARK, 0, 0, 0, t)
                 pad.tick(t)
         pad.release()
 

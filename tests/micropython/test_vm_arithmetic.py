@@ -214,9 +214,9 @@ def a_finger(rng):
     def read(flags, x_um, force_mN):
         nonlocal t
         t = (t + 10) % contact.TICKS
-        readings.append((flags, x_um, force_mN, t))
+        readings.append((flags, x_um, force_mN, (force_mN.bit_length() << 20) + 1000 * force_mN, t))
 
-    for _ in range(12):
+    for _ in range(9):
         x_um = rng.randint(-500, 85_500)
         drift_um = rng.choice((0, 0, rng.randint(-40, 40), rng.randint(-3000, 3000)))
         force_mN = rng.choice((500, 1500, 5000))

@@ -79,7 +79,7 @@ class Gestures:
 
     def __init__(self):
         self._contact = Contact(self)
-        self._contact.set_layout(Layout([*_TUNING, *default_lines()]))
+        self._contact.set_layout(Layout([*_TUNING, *default_lines()]), 0)
         self._found: list[Gesture] = []
         self._now_s = 0.0
         self._heard_s: float | None = None
@@ -107,7 +107,8 @@ class Gestures:
             self._heard_s = now_s
         self._now_s = touch.time_s
         t = touch.t_us // TICK_US % TICKS
-        self._contact.take(touch.flags & ~DROPPED, touch.position_um, touch.force_mN, t)
+        flags = touch.flags & ~DROPPED
+        self._contact.take(flags, touch.position_um, touch.force_mN, touch.brightness_q20, t)
         if self._tap and not self._path and self._now_s - self._tap.time_s > _AGAIN_S:
             self._report_tap()
         found, self._found = self._found, []

@@ -171,9 +171,9 @@ def keypad(cases, results):
         events = case[1]
         readings = case[2]
         events.begin(results, i * width, width)
-        for j in range(0, len(readings), 4):
-            events.now = t = readings[j + 3]
-            pad.take(readings[j], readings[j + 1], readings[j + 2], t)
+        for j in range(0, len(readings), 5):
+            events.now = t = readings[j + 4]
+            pad.take(readings[j], readings[j + 1], readings[j + 2], readings[j + 3], t)
             pad.tick(t)
         pad.release()
 

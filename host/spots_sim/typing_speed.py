@@ -1,0 +1,78 @@
+"""How many keys are wrong when somebody types fast: ``python -m spots_sim.typing_speed 60 100``."""
+
+from __future__ import annotations
+
+import argparse
+
+from spots.keyboard.layout import load as load_layout
+
+from .demo import open_fast
+from .demo_applications import type_on_board
+from .files import SensorFile, load
+from .scenario import Scenario
+from .typist import fast_typing
+
+_COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
+
+
+def typed(words_per_min: float, touches: int, seed: int, sensor: str = "default") -> dict:
+    """Type random digits on a virtual board in simulated time.
+
+    Parameters
+    ----------
+    words_per_min : float
+    touches : int
+        How many.
+    seed : int
+        Of text, hands and noise.
+    sensor : str, optional
+        A file, by path or name.
+
+    Returns
+    -------
+    dict
+        As `demo_applications.type_on_board` returns it.
+    """
+    length_mm = load(SensorFile, sensor).length_mm
+    file = fast_typing(load_layout("digits"), words_per_min, touches, length_mm, seed)
+    truth = Scenario(file)
+    board, _ = open_fast(sensor, truth, seed)
+    with board:
+        return type_on_board(board, truth, 0.0, file.seconds - board.now_s(), True, "digits")
+
+
+def added(runs: list[dict]) -> dict:
+    """Return the counts of several runs together, and the worst latencies.
+
+    Parameters
+    ----------
+    runs : list of dict
+        What `typed` returned; one at least.
+
+    Returns
+    -------
+    dict
+        With ``error_percent``: wrong, missed and extra keys in a hundred touches.
+    """
+    total = {name: sum(run[name] for run in runs) for name in _COUNTS}
+    off = total["wrong"] + total["missed"] + total["extra"]
+    late = {p: max(run["latency_ms"][p] for run in runs) for p in ("p50", "p99")}
+    return {**total, "error_percent": round(100 * off / total["touches"], 2), "latency_ms": late}
+
+
+def main() -> None:
+    """Print the figures for each speed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("words_per_min", type=float, nargs="+")
+    parser.add_argument("--touches", type=int, default=150, help="a seed (150)")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--sensor", default="default")
+    options = parser.parse_args()
+    for speed in options.words_per_min:
+        seeds = range(options.seeds)
+        runs = [typed(speed, options.touches, seed, options.sensor) for seed in seeds]
+        print(f"{speed:g} words a minute: {added(runs)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

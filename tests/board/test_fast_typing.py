@@ -1,0 +1,72 @@
+"""People who type with rollover: what share of keys is wrong, and how late a key comes.
+
+`python -m spots_sim.typing_speed 40 60 80 100` measures the same on ten times as many touches.
+"""
+
+import pytest
+
+from spots_sim.demo import open_fast
+from spots_sim.demo_applications import type_on_board
+from spots_sim.files import Finger, ScenarioFile
+from spots_sim.scenario import Scenario
+from spots_sim.typing_speed import added, typed
+
+# By words a minute: errors in a hundred touches, keys of no finger, latency in ms. About twice
+# what is measured on many touches.
+LIMITS = {60: (1.0, 0, 110), 80: (3.0, 1, 120), 100: (9.0, 2, 160)}
+SEEDS = {60: (21,), 80: (21,), 100: (21, 22)}
+
+
+@pytest.mark.parametrize("words_per_min", LIMITS)
+def test_fast_typing_is_understood(words_per_min):
+    percent, no_finger, late_ms = LIMITS[words_per_min]
+    runs = [typed(words_per_min, 100, seed) for seed in SEEDS[words_per_min]]
+    figures = added(runs)
+    print(words_per_min, figures)
+    assert figures["error_percent"] <= percent
+    assert figures["no_finger"] <= no_finger
+    assert figures["stuck"] == 0
+    assert figures["latency_ms"]["p50"] <= 30
+    assert figures["latency_ms"]["p99"] <= late_ms
+    assert all(run["host_agrees"] and not run["keys_down"] for run in runs)
+
+
+def at(key):
+    """Return the middle of a key of ten, in mm."""
+    return 8.5 * ("1234567890".index(key) + 0.5)
+
+
+def finger(key, begins_s, ends_s, force_mN=2000):
+    x_mm = at(key)
+    points = [(begins_s, 0), (begins_s + 0.02, force_mN), (ends_s - 0.02, force_mN), (ends_s, 0)]
+    return Finger(points=[(3.0 + time_s, x_mm, force) for time_s, force in points])
+
+
+def play(*fingers):
+    seconds = max(finger.points[-1][0] for finger in fingers) + 0.5
+    truth = Scenario(ScenarioFile(seconds=seconds, touch=list(fingers)))
+    board, _ = open_fast("default", truth, 5)
+    with board:
+        return type_on_board(board, truth, 0.0, seconds - board.now_s(), True, "digits")
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
+def test_rollover_types_what_was_touched(phase_s):
+    text = "75310864297531"
+    fingers = [
+        finger(key, phase_s + 0.09 * i, phase_s + 0.09 * i + 0.12) for i, key in enumerate(text)
+    ]
+    figures = play(*fingers)
+    assert figures["typed"] == text
+
+
+@pytest.mark.parametrize("second", "2580")
+def test_a_second_finger_is_a_second_key_while_the_first_one_rests(second):
+    figures = play(finger("4", 0.0, 2.0), finger(second, 0.5, 0.7), finger(second, 1.0, 1.2))
+    assert figures["typed"] == "4" + 2 * second
+    assert figures["extra"] == figures["missed"] == figures["stuck"] == 0
+
+
+def test_two_fingers_that_rest_are_two_keys():
+    figures = play(finger("3", 0.0, 3.0), finger("9", 0.5, 3.0))
+    assert (figures["typed"], figures["keys_down"]) == ("39", 0)

@@ -1,0 +1,86 @@
+"""What people type, and how it is scored."""
+
+import json
+
+import numpy as np
+import pytest
+
+from spots.keyboard.layout import load
+from spots_sim.demo import demo
+from spots_sim.files import Finger, ScenarioFile
+from spots_sim.typing_score import TypingScore
+from spots_sim.typist import fast_typing
+
+DIGITS = load("digits")
+LENGTH_MM = 85.0
+ONE, TWO, THREE, NINE = 30, 31, 32, 38
+
+
+def at(began_s, usage, held_s=0.1):
+    x_mm = 8.5 * (usage - ONE + 0.5)
+    return Finger(
+        points=[(began_s, x_mm, 0), (began_s + 0.01, x_mm, 2e3), (began_s + held_s, 5, 0)]
+    )
+
+
+def scored(*presses, fingers, to_s=9.5):
+    """Return the figures of presses by (time, usage), each down for 50 ms unless it is None."""
+    score = TypingScore(ScenarioFile(seconds=10, touch=fingers), DIGITS, LENGTH_MM, 0.5)
+    for time_s, usage, *held_s in presses:
+        score.key(7, usage, True, time_s)
+        if held_s != [None]:
+            score.key(7, usage, False, time_s + 0.05)
+    return score.summary(to_s)
+
+
+def counts(figures):
+    return {name: n for name, n in figures.items() if name != "latency_ms" and n}
+
+
+def test_a_key_belongs_to_the_finger_whose_key_and_time_fit():
+    fingers = [at(1.0, ONE), at(1.06, THREE), at(2.0, ONE)]
+    figures = scored((1.02, ONE), (1.27, THREE), (2.03, ONE), fingers=fingers)
+    assert counts(figures) == {"touches": 3, "right": 3}
+    assert figures["latency_ms"] == {"p50": 30.0, "p90": 174.0, "p99": 206.4}
+
+
+def test_a_key_between_two_fingers_is_wrong_and_of_no_finger():
+    figures = scored((1.02, ONE), (1.1, TWO), fingers=[at(1.0, ONE), at(1.06, THREE)])
+    assert counts(figures) == {"touches": 2, "right": 1, "wrong": 1, "no_finger": 1}
+
+
+def test_a_key_twice_is_extra_and_of_a_finger():
+    figures = scored((1.02, ONE), (1.1, ONE), fingers=[at(1.0, ONE)])
+    assert counts(figures) == {"touches": 1, "right": 1, "extra": 1}
+
+
+def test_a_key_too_late_is_missed_and_extra():
+    figures = scored((1.23, ONE), fingers=[at(1.0, ONE)])
+    assert counts(figures) == {"touches": 1, "missed": 1, "extra": 1, "no_finger": 1}
+
+
+def test_a_key_that_stays_down_is_stuck():
+    assert scored((1.02, ONE, None), fingers=[at(1.0, ONE)])["stuck"] == 1
+    assert scored((1.02, ONE, None), fingers=[at(1.0, ONE)], to_s=1.3)["stuck"] == 0
+
+
+@pytest.mark.parametrize(("words_per_min", "overlap"), [(60, 0.12), (100, 0.5)])
+def test_people_overlap_as_published(words_per_min, overlap):
+    file = fast_typing(DIGITS, words_per_min, 2000, LENGTH_MM, seed=1)
+    pairs = list(zip(file.touch, file.touch[1:]))
+    share = np.mean([b.points[0][0] < a.points[-1][0] for a, b in pairs])
+    assert share == pytest.approx(overlap, abs=0.06)
+    assert 12 * 2000 / file.seconds == pytest.approx(words_per_min, rel=0.05)
+
+
+def test_the_demo_scores_a_scenario(tmp_path):
+    path = tmp_path / "two.toml"
+    path.write_text(
+        "seconds = 5.0\n"
+        "[[touch]]\npoints = [[3.0, 4.0, 0], [3.02, 4.0, 2000], [3.1, 4.0, 2000], [3.12, 4.0, 0]]\n"
+        "[[touch]]\npoints = [[4.0, 80.0, 0], [4.02, 80.0, 2000], [4.1, 80.0, 2000], [4.12, 80, 0]]"
+    )
+    figures = demo("default", str(path), 3, None, True, True, "keyboard", "digits")
+    assert figures["typed"] == "10"
+    assert json.loads(json.dumps(figures))["latency_ms"]["p99"] <= 35
+    assert (figures["touches"], figures["right"], figures["host_agrees"]) == (2, 2, True)
