@@ -122,12 +122,14 @@ class Calibration:
         )
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
 
-    def mismatch(self, conditions):
+    def mismatch(self, conditions, mains_hz=0):
         """Return why this calibration is invalid for readings taken so, or None.
 
         Parameters
         ----------
         conditions : Conditions
+        mains_hz : int
+            The setting. Other than 0, the exposure may be another: see module `rescale`.
         """
         made = self.conditions
         if conditions.board != made.board:
@@ -137,7 +139,8 @@ class Calibration:
             )
         if conditions.plan != made.plan:
             return "the calibration was made with channels " + " ".join(made.plan)
-        if conditions != made:
+        exposure_us = made.exposure_us if mains_hz else conditions.exposure_us
+        if (conditions.gain, exposure_us, conditions.led_mA) != made[2:]:
             return (
                 "the calibration was made at gain=%d exposure_us=%d led_mA=%d; "
                 "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
@@ -163,16 +166,17 @@ class CalibrationSlot:
         """Store lines that were checked, or none."""
         self.lines = lines
         self._parsed = None
-        self._strain_ppm = 0
+        self._key = None
 
-    def choose(self, conditions, strain_ppm):
+    def choose(self, conditions, strain_ppm, mains_hz=0):
         """Find the calibration to use.
 
         Parameters
         ----------
         conditions : Conditions
             Of the readings.
-        strain_ppm : int
+        strain_ppm, mains_hz : int
+            The settings.
 
         Returns
         -------
@@ -183,15 +187,20 @@ class CalibrationSlot:
         if not self.lines:
             return None, None
         try:
-            if self._parsed is None or self._strain_ppm != strain_ppm:
+            at = strain_ppm, mains_hz and conditions.exposure_us
+            if self._parsed is None or self._key != at:
                 self._parsed = None  # room for the next one
-                self._parsed = Calibration(self.lines, strain_ppm)
-                self._strain_ppm = strain_ppm
+                parsed = Calibration(self.lines, strain_ppm)
+                if mains_hz and conditions.exposure_us != parsed.conditions.exposure_us:
+                    from .rescale import rescale  # rare
+
+                    rescale(parsed, conditions.exposure_us)
+                self._parsed, self._key = parsed, at
         except CalibrationError as error:
             return None, str(error)
         except MemoryError:
             return None, "no memory is left for the calibration: save and reboot"
-        why_not = self._parsed.mismatch(conditions)
+        why_not = self._parsed.mismatch(conditions, mains_hz)
         return (None, why_not) if why_not else (self._parsed, None)
 
 

@@ -175,7 +175,7 @@ class Commands:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults and what was missed
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
-                          baseline, dark_every, keys, gamepad, watchdog
+                          baseline, dark_every, mains_hz, keys, gamepad, watchdog
       auto                search gain and LED current while you press firmly
       dark                take a dark frame
       rest                take the present light as the baseline

@@ -26,6 +26,7 @@ LIMITS = {
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
     "dark_every": (0, 10_000, 0),  # one dark sample in so many, also while touched; 0 for none
+    "mains_hz": (0, 60, 0),  # of lamps: 50 or 60; 0 for none
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
@@ -64,7 +65,7 @@ class BoardSettings:
     def change(self, words):
         """Apply assignments such as ``gain=9``; atomic, unchanged on error.
 
-        Exposure and LED current become what the chip makes of them.
+        Exposure and LED current become what the chip makes of them, and what `mains_hz` asks for.
 
         Returns
         -------
@@ -89,9 +90,12 @@ class BoardSettings:
                     "no setting is called '%s'; there are %s"
                     % (name, ", ".join(sorted(LIMITS) + ["plan"]))
                 )
-        if "exposure_us" in checked:
-            nearest = exposure.registers(checked["exposure_us"])
-            checked["exposure_us"] = exposure.actual_us(*nearest)
+        mains_hz = checked.get("mains_hz", self.values["mains_hz"])
+        if mains_hz not in (0, 50, 60):
+            raise ValueError("mains_hz must be 50 or 60, or 0 for no lamps")
+        if "exposure_us" in checked or "mains_hz" in checked:
+            exposure_us = checked.get("exposure_us", self.values["exposure_us"])
+            checked["exposure_us"] = exposure.choose(exposure_us, mains_hz)
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         self.values.update(checked)

@@ -20,6 +20,7 @@ FORCES = 30
 NEAR_UM = 2000.0  # where the light is brightest, with the whole finger on the strip
 _WIDTH_MM = 4.0
 _WARM_S = 120.0  # a person would let the LED warm up, too
+_OSCILLATOR_S = 5.0  # in which a board measures the oscillator of its sensor
 _SEARCH_TIMEOUT_S = 600.0
 
 
@@ -33,13 +34,18 @@ class Stage:
     seed : int
         Of the noise.
     settings : str
-        What to `set` first, such as ``exposure_us=100000``.
+        What to `set` first, such as ``exposure_us=100000``. Under flickering lamps `mains_hz` is
+        set before.
     """
 
     def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
         self.sensor = sensor
         self.held = Held()
         self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=_WARM_S))
+        if sensor.mains_hz:
+            self.board.command(f"set mains_hz={sensor.mains_hz}")
+            for _ in self.board.frames(_OSCILLATOR_S):
+                pass
         if settings:
             self.board.command("set " + settings)
         self.reader = SpectrumReader(self.board)

@@ -41,7 +41,7 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("plan=F1,F2,F3,F4,F5,F9", "F9"),
         (
             "colour=red",
-            "there are average, .*gamepad, keys, led_mA, strain_ppm, watchdog, plan",
+            "there are average, .*gamepad, keys, led_mA, mains_hz, strain_ppm, watchdog, plan",
         ),
         ("", "there are"),
     ],
