@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spots_device.calibration import Calibration
 from spots_device.decode import TOO_DARK
 
 from .bound import Bound
@@ -213,16 +214,17 @@ def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
     series = {name: np.array(values) for name, values in columns.items()}
     if rig.average > 1:
         series["pair"], snr = _of_one_sample(rig, rng, pair, x_um)
-    response = pair.log_ratio(rig.along[0].counts)
+    along = rig.along[0]
+    response = pair.log_ratio(along.counts)
     channels = [rig.conditions.plan[i] for i in pair.channels]
     run.series["position"] = series | {
         "x_um": x_um,
-        "along_um": rig.along[0].position_um,
+        "along_um": along.position_um,
         "log_ratio": response,
         "channels": channels,
     }
     run.summary["position"] = {
-        "r2": _r2(rig.along[0].position_um, response),
+        "r2": _r2(along.position_um, along.logs @ np.array(Calibration(rig.lines).coarse)),
         "resolution_um": _mean(series["resolution"]),
         "accuracy_um": _mean(series["accuracy"]),
         "bound_um": _mean(series["bound"]),

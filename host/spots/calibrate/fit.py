@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from spots_device.calibration import ONE_Q13, Conditions
+from spots_device.calibration import ONE_Q13, WEIGHT_SUM_MAX, Conditions
 from spots_device.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
@@ -23,6 +23,7 @@ _KNOTS = 9  # of a segment
 _OVERLAP = 0.25  # of a segment, that its table reaches into its neighbours
 _CURVE_DEGREE = 7
 _FORCE_KNOTS = 72
+_FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # of the weights' absolute values
 PLACES_MIN = 12
 FORCES_MIN = 10
 # Where a touch begins: the position is good to this at the worst place of the strip.
@@ -169,6 +170,11 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
     weighted = design * information[:, None]
     force, position = np.linalg.solve(design.T @ weighted, weighted.T)
     position *= 2 / np.abs(position).sum()
+    # Where all channels decay nearly alike, weights that cancel the decay are large. The board has a
+    # limit; up to there they cancel a part, and the table of offsets has the rest.
+    brightest, size = information / information.sum(), np.abs(force).sum()
+    if size > _FORCE_SUM_MAX:
+        force = brightest + (force - brightest) * (_FORCE_SUM_MAX - 1) / (size - 1)
     # The board multiplies a step of the contrast by one of the position: where both are long, the
     # contrast is made smaller. What it loses in resolution it had too much.
     knot_um = np.ptp(part) * (1 + 2 * _OVERLAP) / (_KNOTS - 1)

@@ -44,7 +44,6 @@ _CHOOSE_PLACES = 9
 _DARK_SHARE = 0.85
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARKS = 4  # of marks: at a long exposure one dark frame has few samples
 
 
 @dataclass(frozen=True)
@@ -240,7 +239,7 @@ def _forces(setup: Setup, count: int) -> None:
 def _marks(setup: Setup) -> None:
     """Press what a re-zero will press again, when all else is known."""
     setup.guide.say("dark frames: touch nothing")
-    setup.reader.set_up(darks=DARKS)
+    setup.reader.set_up()
     setup.guide.begin("marks for a re-zero", len(MARKS), setup.plan(), setup.length_um)
     for share in MARKS:
         place_um = round(share * setup.length_um, -2)
