@@ -170,8 +170,8 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
     weighted = design * information[:, None]
     force, position = np.linalg.solve(design.T @ weighted, weighted.T)
     position *= 2 / np.abs(position).sum()
-    # Where all channels decay nearly alike, weights that cancel the decay are large. The board has a
-    # limit; up to there they cancel a part, and the table of offsets has the rest.
+    # Where all channels decay nearly alike, weights that cancel the decay are large. Up to the
+    # board's limit they cancel a part, and the table of offsets has the rest.
     brightest, size = information / information.sum(), np.abs(force).sum()
     if size > _FORCE_SUM_MAX:
         force = brightest + (force - brightest) * (_FORCE_SUM_MAX - 1) / (size - 1)

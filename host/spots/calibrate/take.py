@@ -90,7 +90,7 @@ class Taker:
             except BadPressError as bad:
                 trouble = f"{wanted}: {bad}"
             self._guide.say(f"{trouble}; press again")
-            if wanted.kind != "joint":  # whose indenter stays on the strip
+            if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()
         raise SpotsError(f"{trouble}; {self.given_up}")
 

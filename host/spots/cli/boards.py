@@ -119,6 +119,9 @@ def rezero(parser: Parser):
         "--quick", action="store_true", help="press the middle mark only; not for a bleached dye"
     )
     parser.add_argument(
+        "--joint", action="store_true", help="turn the joint to its two end stops and a middle stop"
+    )
+    parser.add_argument(
         "--presses", type=arguments.presses, default=1, help="how often to press each mark"
     )
     parser.add_argument(
