@@ -116,13 +116,13 @@ def _spectra(board: Board, seconds: float) -> Iterator[Spectrum]:
 
 
 def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]:
-    light, brightest = _lit(board, reading_s)
+    light, brightest, fits = _lit(board, reading_s)
     if light < _DIM * full_scale:
         text = f"none yet: press firmly near the sensor within {_PRESS_WITHIN_S:.0f} s, and hold"
         yield Finding("light", True, text)
         end_s = board.now_s() + _PRESS_WITHIN_S
         while light < _DIM * full_scale and board.now_s() < end_s:
-            light, brightest = _lit(board, reading_s)
+            light, brightest, fits = _lit(board, reading_s)
     text = f"{100 * max(light, 0) / full_scale:.1f} % of full scale are the LED's"
     if light < _DIM * full_scale:
         text += ": press firmly and run spots command auto, or check the LED's wires, LDR is its "
@@ -131,10 +131,15 @@ def _light(board: Board, full_scale: int, reading_s: float) -> Iterator[Finding]
         yield Finding("light", False, text + ": press at the sensor's end, spots command auto")
     else:
         yield Finding("light", True, text)
+    if not fits:
+        text = "the press fits the calibration worse than when it was made; re-zero is advised: "
+        yield Finding("fit", False, text + "spots rezero")
 
 
-def _lit(board: Board, reading_s: float) -> tuple[float, int]:
-    """Return the counts that the LED adds in the best channel, and the largest raw count.
+def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
+    """Return the counts that the LED adds in the best channel, the largest raw count, and the fit.
+
+    The fit is False if no sample fits one press of the calibration, see `decode.MISFIT`.
 
     The room's light changes, and a press guides it, too. So what counts as the LED's is only what
     every lit sample has more than the dark frames before and after it.
@@ -142,17 +147,19 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int]:
     before = board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
     begun_s = board.now_s() + reading_s / 2
     lit = (
-        spectrum.counts
+        spectrum
         for spectrum in _spectra(board, 1 + 3 * _LIT * reading_s)
         if spectrum.time_s >= begun_s and not spectrum.flags & decode.LED_OFF
     )
     samples = list(islice(lit, _LIT))
     after = board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
     if not samples:
-        return 0, 0
+        return 0, 0, True
     dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
-    least = map(min, zip(*samples))
-    return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, samples))
+    counts = [spectrum.counts for spectrum in samples]
+    least = map(min, zip(*counts))
+    fits = not all(spectrum.flags & decode.MISFIT for spectrum in samples)
+    return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, counts)), fits
 
 
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
