@@ -31,6 +31,7 @@ _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of what fits 31 bits, for bends and for strain
+_TOLERANCE_MIN = 12  # Q12; an LED cools by 1 or 2 K in a dark frame: 10 um on 85 mm
 _TOLERANCE_MAX = 600  # Q12; light so dim shows no second press anyway
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 
@@ -268,5 +269,6 @@ def _tolerances(along: Presses, rest: Curves, noise, test, brightnesses, firm) -
     for brightness in brightnesses:
         counts = 2.0 ** (logs + (brightness - firm) / ONE_Q20)
         sigma = np.sqrt(noise.log_variance(counts) @ test.astype(float) ** 2).max() / ONE_Q13
-        tolerances.append(min(1 + (off + _MISFIT_SIGMAS * sigma) * 2**12, _TOLERANCE_MAX))
+        tolerance = 1 + (off + _MISFIT_SIGMAS * sigma) * 2**12
+        tolerances.append(min(max(tolerance, _TOLERANCE_MIN), _TOLERANCE_MAX))
     return tolerances

@@ -15,7 +15,7 @@ from ..link.frames import Spectrum
 from .presses import own_variance
 
 _CHANNELS_MIN = 3  # of fewer, the noise that all share cannot be separated
-_DARKS = 4  # averaged: at a long exposure one dark frame has few samples
+_DARK_US = 2_500_000  # of dark frames that are averaged; a LED that is off for longer cools
 _TIMEOUT_S = 10.0  # more than any dark window takes
 
 
@@ -82,7 +82,8 @@ class SpectrumReader:
             self._average = self.info["average"]
             self.board.command("set average=1")
             self.info = self.board.command("hello")
-        dark = [self.board.command("dark", timeout_s=30)["dark"] for _ in range(_DARKS)]
+        darks = max(1, _DARK_US // (DARK_SAMPLES * self.info["exposure_us"]))
+        dark = [self.board.command("dark", timeout_s=30)["dark"] for _ in range(darks)]
         self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
         self.board.command("stream spectrum")
 
