@@ -52,7 +52,7 @@ class Run:
     summary : dict
         The figures, as ``spots characterize --json`` prints them.
     series : dict of dict of arrays
-        By figure, what is drawn in it.
+        Arrays that are drawn, by figure.
     """
 
     summary: dict = field(default_factory=dict)
@@ -74,13 +74,13 @@ def characterize(
     ----------
     sensor : SensorFile
     seed : int
-        Of the noise.
+        Seed of the noise.
     exposure_us, average : int
         Integration time, and how many of them make a reading.
     progress : callable
         Called with each step's name as it begins.
     change : Change
-        Of the strip since its calibration, added to the change in the sensor file.
+        Change of the strip since its calibration, added to the one in the sensor file.
     hand : Hand
         How the user re-zeros the strip after that change.
 
@@ -131,7 +131,7 @@ def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
     rig : Rig
         A calibrated strip.
     seed : int
-        Of where presses are placed.
+        Seed of the places of the presses.
     jittered : int
         Number of presses at each place.
 

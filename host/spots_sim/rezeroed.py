@@ -34,7 +34,7 @@ class Hand:
     marks : int
         0 for no re-zero, 1 for a quick one, 3 for a whole one.
     presses : int
-        Of each mark.
+        Number of presses of each mark.
     error_um : float
         Standard deviation of where a mark is pressed; at the calibration it is exact.
     """
@@ -73,7 +73,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     change : Change
     hand : Hand
     seed : int
-        Of where the marks are pressed.
+        Seed of the errors of the hand.
 
     Returns
     -------

@@ -39,10 +39,13 @@ class Residual(_Struct, kw_only=True):
     Attributes
     ----------
     strain_ppm : int
+        Elongation over length at rest, in millionths.
     position_rms_um : float
+        Root mean square error of the position, in um.
     force_rms_mN : float or None
-        At rest only: forces are not varied under strain.
+        None for a stretched strip: forces are varied at rest only.
     presses : int
+        Number of presses.
     """
 
     strain_ppm: int
@@ -58,7 +61,7 @@ class Joint(_Struct, kw_only=True):
     ----------
     zero_deg, deg_per_um : float
     r2 : float
-        Of the straight line.
+        R squared of the straight line.
     resolution_deg : float
         Standard deviation of a reading at rest.
     accuracy_deg : float
@@ -111,7 +114,7 @@ class Rezero(_Struct, kw_only=True):
     place_um : tuple of float
     shifts : tuple, shape (n, 6)
     drift : str
-        In words.
+        Description of the drift, for example ``dye 1.9 % paler``.
     """
 
     date: datetime

@@ -44,12 +44,12 @@ def fit(
     Parameters
     ----------
     along : dict of int to Presses
-        By strain in ppm, 0 among them: one firm force at places along the whole strip. Places
-        are those on the strip as it is stretched.
+        Presses of one firm force along the whole strip, by strain in ppm; 0 must be among them.
+        Places are measured on the stretched strip.
     pressed : Presses
         Ascending forces, each at the same few places, at no strain.
     noise : Noise
-        Of the sensor at these conditions.
+        Noise of the sensor at these conditions.
     conditions : Conditions
 
     Returns

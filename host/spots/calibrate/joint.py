@@ -18,7 +18,7 @@ def fit_joint(points: list[Point]) -> Joint:
     Parameters
     ----------
     points : list of Point
-        In the order in which they were taken. Every second one makes the line that
+        Points in the order in which they were taken. Every second one makes the line that
         `Joint.accuracy_deg` is the error of at the others.
 
     Raises
@@ -78,7 +78,7 @@ def joint_marks(points: list[Point]) -> Marks:
     Parameters
     ----------
     points : list of Point
-        Of the joint, `ANGLES_MIN` or more on the way up.
+        Points of the joint; `ANGLES_MIN` or more must be on the way up.
     """
     way = sorted((p for p in points if p.direction > 0), key=lambda p: p.angle_deg)
     stops = sorted((way[0], way[len(way) // 2], way[-1]), key=lambda p: p.position_um)

@@ -58,11 +58,11 @@ def rezero(
         Nothing is written to its session or file.
     made : CalibrationFile
     presses : int
-        Of each mark.
+        Number of presses of each mark.
     quick : bool
-        The middle mark alone: right for LED and filters, not for the dye.
+        Whether to press the middle mark only; this corrects LED and filters, not the dye.
     force_mN : float, optional
-        What a scale under the strip shows at each press. With it the force is corrected too.
+        Force of each press in mN, read from a scale; the force is then corrected too.
     joint : bool
         Whether a joint presses the strip at its stops, not a person at the marks.
 

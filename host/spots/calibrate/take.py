@@ -36,7 +36,7 @@ class Taker:
     Attributes
     ----------
     noise : Noise or None
-        Of the sensor, as soon as it is known.
+        Noise of the sensor; None until it is known.
     given_up : str
         What is left of the session after too many bad presses.
     """
@@ -211,7 +211,7 @@ def judge_force(known: Presses, force_mN: float, counts: np.ndarray, noise: Nois
     counts : numpy.ndarray, shape (6,)
         Its dark-subtracted counts.
     noise : Noise
-        Of the sensor.
+        Noise of the sensor.
     window : int
         Samples in a reading.
 
