@@ -44,6 +44,7 @@ _SMUX_WRITE = const(0x10)
 _POWER_UP_US = const(5_000)
 _SMUX_US = const(10_000)
 _AUTO_ZERO_US = const(50_000)
+_STEP_US = const(2)  # exposures have steps of 2.78 us; half a step and a little
 # Time from `start` to the first integration. It is longer than every set-up at 400 kHz, so that
 # recordings do not depend on the driver that sets the chip up.
 _START_US = const(20_000)
@@ -91,13 +92,14 @@ class AS7341:
         self.complete = 0
         self.gain = 0
         self.plan = ()
-        self.exposure_us = 0
+        self.exposure_us = self._chip_us = 0
+        self._speed = 1.0  # of the chip's oscillator
         self.full_scale = 0
         self.led_mA = 0
         self.led_on = False
         self.retries = 0  # failed transfers while sampling; each was repeated
 
-    def start(self, plan, gain, exposure_us, led_mA):
+    def start(self, plan, gain, exposure_us, led_mA, mains_hz=0):
         """Identify the chip, set it up and start sampling; call it again after an error.
 
         Parameters
@@ -110,6 +112,9 @@ class AS7341:
             Integration time in us. The attribute `exposure_us` becomes the nearest possible value.
         led_mA : int
             Current of the LED driver in mA: 0 for off, or 4 to 258.
+        mains_hz : int
+            0: the chip's oscillator, some per cent off, times the exposure. Otherwise the board's
+            clock times it, as far as `pacing` has measured the oscillator.
 
         Raises
         ------
@@ -121,7 +126,12 @@ class AS7341:
         began = self._clock.ticks_us()
         self._identify()
         image = smux_map(plan)
-        atime, astep = exposure.registers(exposure_us)
+        pacing = self.pacing
+        if pacing.sampled:
+            lasted_us = pacing.lasted_us + pacing.longest_us
+            self._speed = 2 * self._chip_us * pacing.sampled / lasted_us
+        wanted_us = round(exposure_us * self._speed) if mains_hz else exposure_us
+        atime, astep = exposure.registers(wanted_us)
         self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
         self._configure(atime, astep, gain, led_mA)
         self._write(_PERS, 0)  # AINT at every sample
@@ -132,7 +142,8 @@ class AS7341:
         self._await_smux()
         self.plan = tuple(plan)
         self.gain = gain
-        self.exposure_us = exposure.actual_us(atime, astep)
+        self._chip_us = exposure.actual_us(atime, astep)
+        self.exposure_us = exposure_us if mains_hz else self._chip_us
         self.full_scale = exposure.full_scale(atime, astep)
         self.led_mA = led_mA
         written = (_PON, atime, 0, gain, astep & 0xFF, astep >> 8)
@@ -152,7 +163,17 @@ class AS7341:
         now = self._clock.ticks_us()
         self._settled = self._clock.ticks_add(now, -self.exposure_us)  # the LED is on already
         self.complete = now
-        self.pacing.start(now, self.exposure_us)
+        self.pacing.start(now, self._chip_us)  # nominal: it learns the oscillator
+
+    def drifted(self):
+        """Return whether samples last longer or shorter than `exposure_us`, as far as is known.
+
+        The next `start` with `mains_hz` corrects that. Allocates nothing if they do not.
+        """
+        pacing = self.pacing
+        expected_us = pacing.sampled * self.exposure_us
+        step_us = pacing.sampled * _STEP_US
+        return not pacing.lasted_us - step_us <= expected_us <= pacing.longest_us + step_us
 
     def stop(self):
         """Stop sampling and switch the LED off."""

@@ -130,13 +130,15 @@ class Calibration:
         )
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
 
-    def mismatch(self, conditions):
+    def mismatch(self, conditions, mains_hz=0):
         """Return why this calibration is invalid for other conditions.
 
         Parameters
         ----------
         conditions : Conditions
             Board and settings of the readings.
+        mains_hz : int
+            The setting. If it is not 0, the exposure may differ: see module `rescale`.
 
         Returns
         -------
@@ -153,7 +155,8 @@ class Calibration:
             return "the calibration was made with plan=%s; set this, or calibrate again" % (
                 ",".join(made.plan)
             )
-        if conditions != made:
+        exposure_us = made.exposure_us if mains_hz else conditions.exposure_us
+        if (conditions.gain, exposure_us, conditions.led_mA) != made[2:]:
             return (
                 "the calibration was made at gain=%d exposure_us=%d led_mA=%d; "
                 "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
@@ -180,9 +183,9 @@ class CalibrationSlot:
         """Store validated lines of a calibration (list of str); an empty list removes it."""
         self.lines = lines
         self._parsed = None
-        self._strain_ppm = 0
+        self._key = None
 
-    def choose(self, conditions, strain_ppm):
+    def choose(self, conditions, strain_ppm, mains_hz=0):
         """Return the stored calibration, parsed for a strain, if it is valid for the readings.
 
         Parameters
@@ -191,6 +194,8 @@ class CalibrationSlot:
             Board and settings of the readings.
         strain_ppm : int
             Strain of the strip in ppm.
+        mains_hz : int
+            Frequency of the mains in Hz, or 0.
 
         Returns
         -------
@@ -203,15 +208,20 @@ class CalibrationSlot:
         if not self.lines:
             return None, None
         try:
-            if self._parsed is None or self._strain_ppm != strain_ppm:
+            key = strain_ppm, mains_hz and conditions.exposure_us
+            if self._parsed is None or self._key != key:
                 self._parsed = None  # frees memory for the new one
-                self._parsed = Calibration(self.lines, strain_ppm)
-                self._strain_ppm = strain_ppm
+                parsed = Calibration(self.lines, strain_ppm)
+                if mains_hz and conditions.exposure_us != parsed.conditions.exposure_us:
+                    from .rescale import rescale  # rare
+
+                    rescale(parsed, conditions.exposure_us)
+                self._parsed, self._key = parsed, key
         except CalibrationError as error:
             return None, str(error)
         except MemoryError:
             return None, "no memory is left for the calibration: save and reboot"
-        why_not = self._parsed.mismatch(conditions)
+        why_not = self._parsed.mismatch(conditions, mains_hz)
         return (None, why_not) if why_not else (self._parsed, None)
 
 

@@ -196,7 +196,7 @@ class Commands:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
-                          baseline, dark_every, keys, gamepad, watchdog, led
+                          baseline, dark_every, mains_hz, keys, gamepad, watchdog, led
       auto                search gain and LED current while you press firmly
       dark                take a dark frame; with 'off' while the LED is unplugged
       rest                take the present light as the baseline

@@ -5,6 +5,8 @@ full scale grows with the exposure as the counts do, so the exposure does not ch
 converter is: gain and LED current do.
 """
 
+from micropython import const
+
 MIN_US = 1_000
 MAX_US = 1_000_000
 DEFAULT_US = 10_000
@@ -17,6 +19,7 @@ DEFAULT_LED_MA = 20
 DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)  # outcomes of a search for a good setting
 
 _STEP_CENTI_US = 278  # one step of integration is 2.78 us
+_HALF_PERIOD = const(500_000)  # of the mains, in us times Hz
 _ASTEP_MAX = 65_534  # 65535 is reserved
 
 
@@ -32,6 +35,22 @@ def registers(exposure_us):
 def actual_us(atime, astep):
     """Return the integration time in us, rounded."""
     return ((atime + 1) * (astep + 1) * _STEP_CENTI_US + 50) // 100
+
+
+def choose(exposure_us, mains_hz):
+    """Return the nearest exposure that can be set.
+
+    Parameters
+    ----------
+    exposure_us : int
+    mains_hz : int
+        50 or 60: the exposure becomes a whole number of half mains periods, in which lamps give
+        the same light each time. 0: what the chip has.
+    """
+    if not mains_hz:
+        return actual_us(*registers(exposure_us))
+    halves = max(1, (exposure_us * mains_hz + _HALF_PERIOD // 2) // _HALF_PERIOD)
+    return (halves * _HALF_PERIOD + mains_hz // 2) // mains_hz
 
 
 def full_scale(atime, astep):

@@ -23,6 +23,9 @@ _FRESH = const(64)  # samples after which a bound may replace a higher one
 _LEARN_US = const(200_000)  # of samples at once: then the bound is good to 0.1 %
 _Q = const(13)  # a sixteenth of the longest period fits a small integer
 _ROUND = const(1 << 12)
+# Samples are measured once their time is known to a 2048th; begun again, to follow temperature.
+_SHARE = const(11)
+_LONG_US = const(60_000_000)
 _RENEW = const(256)  # samples after which the reference moves on, to follow temperature
 
 
@@ -33,6 +36,12 @@ class Pacing:
     ----------
     clock : object
         ``ticks_add(ticks, us)`` and ``ticks_diff(later, earlier)``, as in MicroPython's ``time``.
+
+    Attributes
+    ----------
+    sampled, lasted_us, longest_us : int
+        So many samples lasted so long by the board's clock, at least and at most. 0 samples: that
+        is not measured yet.
     """
 
     def __init__(self, clock):
@@ -42,6 +51,7 @@ class Pacing:
         self.missed = 0  # samples that ended unread, or could not be dated
         self.period_us = 0
         self.slack_us = 0  # how much earlier the last sample may have ended
+        self.sampled = self.lasted_us = self.longest_us = 0
         self._chip_us = 0  # the period as well as it is known; `period_us` is a lower bound
         self.exposure_us = 0  # the period nominally
         self._off = 0  # how much longer the chip's periods are than nominal, as a share, Q13
@@ -53,6 +63,9 @@ class Pacing:
         self._counted = False  # whether `_last` holds
         self._last = 0  # end of the last sample that was counted
         self._reference = 0
+        # The measurement begins at the end of a sample, between these two.
+        self._first = self._began = 0
+        self._taken = 0  # samples from there to the reference
         self._samples = -1  # since the reference; -1 for no reference
 
     def start(self, now, period_us):
@@ -64,6 +77,7 @@ class Pacing:
         self._creep = period_us >> 8
         self.due = self._add(now, self.period_us)
         self.missed = self.slack_us = 0
+        self.sampled = self.lasted_us = self.longest_us = 0
         self._was_early = False
         self._locked = self._doubted = self._counted = False
         self._samples = -1
@@ -107,14 +121,29 @@ class Pacing:
             # The one that ended here ended a little earlier: round.
             self.missed += self._count(now, self._chip_us >> 1) - 1
         if self._samples > 0:
-            bound = self._diff(self._early, self._reference) // self._samples
+            low_us = self._diff(self._early, self._reference)
+            bound = low_us // self._samples
             if bound > self.period_us or self._samples >= _FRESH:
                 self.period_us = self._chip_us = bound
                 if self._samples * bound >= _LEARN_US:
                     self._off = (bound - self.exposure_us << _Q) // self.exposure_us
+            low_us = self._diff(self._early, self._began)
+            high_us = self._diff(now, self._first)
+            if high_us - low_us << _SHARE < high_us:
+                self.sampled = self._taken + self._samples
+                self.lasted_us = low_us
+                self.longest_us = high_us
+        if self._samples < 0 or self._diff(now, self._began) > _LONG_US:
+            self._begin(self._early, now)
         if self._samples < 0 or self._samples >= _RENEW:
+            self._taken += max(0, self._samples)
             self._reference = now
             self._samples = 0
+
+    def _begin(self, first, began):
+        self._first = first
+        self._began = began
+        self._taken = -max(0, self._samples)
 
     def _doubt(self, before, after):
         """Take a sample that no narrow bracket and no lock dates, or None: see `found`."""
@@ -130,6 +159,8 @@ class Pacing:
         self._was_early = False
         if bracketed:
             self._reference = before
+            self._begin(self._early, before)
+            self._taken = 0
             self._samples = 1
             self.due = self._add(before, self.period_us - self._creep)
         else:

@@ -26,6 +26,7 @@ LIMITS = {
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
     "dark_every": (0, 10_000, 0),  # one of so many samples is dark, even while touched; 0: off
+    "mains_hz": (0, 60, 0),  # 50 or 60, the frequency of the lamps' mains; 0: none
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
@@ -74,7 +75,7 @@ class BoardSettings:
     def change(self, words):
         """Change settings; on an error no setting changes.
 
-        Exposure and LED current are rounded to values that the chip supports.
+        Exposure and LED current are rounded to values that the chip and `mains_hz` allow.
 
         Parameters
         ----------
@@ -106,9 +107,12 @@ class BoardSettings:
                     "no setting is called '%s'; use one of %s"
                     % (name, ", ".join(sorted(LIMITS) + ["led", "plan"]))
                 )
-        if "exposure_us" in checked:
-            nearest = exposure.registers(checked["exposure_us"])
-            checked["exposure_us"] = exposure.actual_us(*nearest)
+        mains_hz = checked.get("mains_hz", self.values["mains_hz"])
+        if mains_hz not in (0, 50, 60):
+            raise ValueError("mains_hz must be 50 or 60, or 0 for no lamps")
+        if "exposure_us" in checked or "mains_hz" in checked:
+            exposure_us = checked.get("exposure_us", self.values["exposure_us"])
+            checked["exposure_us"] = exposure.choose(exposure_us, mains_hz)
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         if self.values["led"] != "ldr" or "led" in checked or "dark" in checked:

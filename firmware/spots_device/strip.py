@@ -11,7 +11,7 @@ from micropython import const
 from .calibration import Conditions
 from .dark import Baseline, Dark, OddLight
 from .decode import DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
-from .exposure import AGAIN, DONE
+from .exposure import AGAIN, DONE, choose
 from .kernel import accumulate
 from .smux import CHANNELS
 
@@ -183,6 +183,14 @@ class Strip:
         )
         if due and self._state <= _UNKNOWN:
             self._start_blink(sensor)
+        elif (
+            self._state == _LIT
+            and self.settings.values["mains_hz"]
+            and self._search is None
+            and (dark.always or not self.decode.flags & TOUCHING)
+            and sensor.drifted()
+        ):
+            self.start()
 
     def _take_lit(self, sensor):
         accumulate(self._sums, sensor.counts, self._samples)
@@ -240,7 +248,9 @@ class Strip:
         if sensor.led == "gpio" != led:
             sensor.gpio(False)
         sensor.led = led
-        sensor.start(values["plan"], gain, exposure_us, led_mA)
+        mains_hz = values["mains_hz"]
+        exposure_us = choose(exposure_us, mains_hz)
+        sensor.start(values["plan"], gain, exposure_us, led_mA, mains_hz)
         self.conditions = Conditions(
             self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )

@@ -22,7 +22,7 @@ class Change(msgspec.Struct, **_Struct):
     Attributes
     ----------
     die_nm, phosphor_nm, phosphor_fwhm_nm : float
-        Of the LED's two bells.
+        Shifts of the LED's two bells, and change of the width of the phosphor's.
     bands_nm : float
         Shift of all filters of the sensor.
     blue_share_percent : float
@@ -33,7 +33,7 @@ class Change(msgspec.Struct, **_Struct):
         Relative gain of the reddest channel (680 nm) over the bluest (415 nm), linear in
         wavelength.
     temperature_K : float
-        Of strip, LED and sensor; becomes the others by `Temperature`.
+        Warming of strip, LED and sensor; `Temperature` turns it into the other changes.
     """
 
     die_nm: _Shift = 0.0

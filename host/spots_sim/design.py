@@ -120,7 +120,7 @@ def best(length_mm: float, rate_hz: float) -> Design:
     Parameters
     ----------
     length_mm : float
-        Of the strip.
+        Length of the strip.
     rate_hz : float
         Readings a second.
 

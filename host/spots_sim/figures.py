@@ -75,7 +75,7 @@ def save(figure, path: Path) -> Path:
     figure : matplotlib.figure.Figure
         The figure.
     path : Path
-        Of the PNG file.
+        Path of the PNG file.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 
     columns, rows : int
         How many axes.
     width, height : float
-        Of the figure, in inches.
+        Size of the figure, in inches.
     **options
         As for `matplotlib.figure.Figure.subplots`.
 
@@ -152,9 +152,9 @@ def line(axis, i: int, x, y, name=None, **options) -> None:
     i : int
         Number of the colour and marker.
     x, y : array_like, shape (n,)
-        In the units of the axes.
+        Coordinates in the units of the axes.
     name : str, optional
-        In the legend.
+        Text in the legend.
     **options
         As for `matplotlib.axes.Axes.plot`.
     """

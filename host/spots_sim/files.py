@@ -178,6 +178,13 @@ class SensorFile(_SimulationFile):
     temperature: Temperature = Temperature()
     change: Change = Change()
 
+    @property
+    def mains_hz(self) -> int:
+        """What ``set mains_hz=`` is to be in its surroundings; 0 where no lamp flickers."""
+        around = self.surroundings
+        lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
+        return lamps.get(around.flicker_hz, 0)
+
     def unchanged(self) -> SensorFile:
         """Return a copy without the change since the calibration."""
         return msgspec.structs.replace(self, change=Change())

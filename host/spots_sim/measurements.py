@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spots_device.calibration import Calibration
 from spots_device.decode import TOO_DARK
 
 from .bound import Bound
@@ -51,7 +52,7 @@ class Run:
     summary : dict
         The figures, as ``spots characterize --json`` prints them.
     series : dict of dict of arrays
-        By figure, what is drawn in it.
+        Arrays that are drawn, by figure.
     """
 
     summary: dict = field(default_factory=dict)
@@ -73,13 +74,13 @@ def characterize(
     ----------
     sensor : SensorFile
     seed : int
-        Of the noise.
+        Seed of the noise.
     exposure_us, average : int
         Integration time, and how many of them make a reading.
     progress : callable
         Called with each step's name as it begins.
     change : Change
-        Of the strip since its calibration, added to the change in the sensor file.
+        Change of the strip since its calibration, added to the one in the sensor file.
     hand : Hand
         How the user re-zeros the strip after that change.
 
@@ -130,7 +131,7 @@ def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
     rig : Rig
         A calibrated strip.
     seed : int
-        Of where presses are placed.
+        Seed of the places of the presses.
     jittered : int
         Number of presses at each place.
 
@@ -213,16 +214,17 @@ def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
     series = {name: np.array(values) for name, values in columns.items()}
     if rig.average > 1:
         series["pair"], snr = _of_one_sample(rig, rng, pair, x_um)
-    response = pair.log_ratio(rig.along[0].counts)
+    along = rig.along[0]
+    response = pair.log_ratio(along.counts)
     channels = [rig.conditions.plan[i] for i in pair.channels]
     run.series["position"] = series | {
         "x_um": x_um,
-        "along_um": rig.along[0].position_um,
+        "along_um": along.position_um,
         "log_ratio": response,
         "channels": channels,
     }
     run.summary["position"] = {
-        "r2": _r2(rig.along[0].position_um, response),
+        "r2": _r2(along.position_um, along.logs @ np.array(Calibration(rig.lines).coarse)),
         "resolution_um": _mean(series["resolution"]),
         "accuracy_um": _mean(series["accuracy"]),
         "bound_um": _mean(series["bound"]),

@@ -13,7 +13,7 @@ from spots.calibrate.calibration_file import CalibrationFile, Marks
 from spots.calibrate.guide import Guide
 from spots.calibrate.presses import FIRM_MN, MARKS
 from spots.calibrate.rezero import rezero
-from spots.calibrate.steps import DARKS, Setup
+from spots.calibrate.steps import Setup
 from spots.errors import SpotsError
 
 from .change import Change
@@ -34,7 +34,7 @@ class Hand:
     marks : int
         0 for no re-zero, 1 for a quick one, 3 for a whole one.
     presses : int
-        Of each mark.
+        Number of presses of each mark.
     error_um : float
         Standard deviation of where a mark is pressed; at the calibration it is exact.
     """
@@ -73,7 +73,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     change : Change
     hand : Hand
     seed : int
-        Of where the marks are pressed.
+        Seed of the errors of the hand.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     reader = rig.stage.reader
     setup = Setup(reader, presser, guide, None, rig.stage.length_um, _NOBODY)
     places_um = [share * rig.stage.length_um for share in MARKS]
-    setup.reader.set_up(darks=DARKS)
+    setup.reader.set_up()
     logs = rig.stage.read(places_um, [FIRM_MN], setup.taker.mark_samples).logs
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))

@@ -9,6 +9,7 @@ from spots.calibrate.presses import Noise
 from spots.calibrate.shift import shifted
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
+from spots_device.dark import DARK_EVERY_US, WINDOW_SAMPLES, WINDOWS
 from spots_device.decode import DARK_SAMPLES, LED_OFF
 
 from .change import NONE
@@ -16,6 +17,7 @@ from .files import SensorFile
 from .stage import Stage
 
 _DARK_TIMEOUT_S = 60.0
+_REQUEST_US = 2_000_000  # of a dark frame on request
 
 
 class Rig:
@@ -107,9 +109,18 @@ class Rig:
         self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
         upload(self.board, shifted(self.lines, *self._shift) if self._shift else self.lines)
         self.board.command(f"set average={self.average}")
-        dark = self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)["dark"]
-        self._dark = np.array(dark) / DARK_SAMPLES
+        self._dark = np.array(self._dark_frame()) / DARK_SAMPLES
         self.board.command("stream touch spectrum")
+
+    def _dark_frame(self) -> list[int]:
+        """Return the dark frame of a board that has run for some minutes: its pool is full."""
+        exposure_us = self.conditions.exposure_us
+        self.stage.release()
+        self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
+        missing = WINDOWS - min(WINDOWS, _REQUEST_US // (WINDOW_SAMPLES * exposure_us))
+        for _ in self.board.frames(missing * 1.2e-6 * max(DARK_EVERY_US, 100 * exposure_us)):
+            pass
+        return self.board.command("get")["dark"]
 
     def readings(self, position_um: float, force_mN: float, count: int):
         """Press the strip and return readings that lie completely within the press.

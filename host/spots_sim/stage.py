@@ -20,6 +20,7 @@ FORCES = 30
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
 _WARM_S = 120.0  # the LED is warm before the first press
+_OSCILLATOR_S = 5.0  # time in which a board measures its sensor's oscillator
 _SEARCH_TIMEOUT_S = 600.0
 
 
@@ -33,7 +34,8 @@ class Stage:
     seed : int
         Random seed of the noise.
     settings : str
-        Assignments for the command ``set``, such as ``exposure_us=100000``.
+        Assignments for the command ``set``, such as ``exposure_us=100000``. Under flickering lamps
+        `mains_hz` is set first.
     """
 
     def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
@@ -42,6 +44,10 @@ class Stage:
         self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=_WARM_S))
         if sensor.led.wired != "ldr":
             self.board.command("set led=" + sensor.led.wired)
+        if sensor.mains_hz:
+            self.board.command(f"set mains_hz={sensor.mains_hz}")
+            for _ in self.board.frames(_OSCILLATOR_S):
+                pass
         if settings:
             self.board.command("set " + settings)
         self.take_dark()

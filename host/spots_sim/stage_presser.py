@@ -33,6 +33,8 @@ class StagePresser:
         self._stage.held.strain = strain_ppm * 1e-6
 
     def press(self, wanted: Wanted) -> None:
+        if wanted.kind == "mark" and wanted.angle_deg is not None:
+            wanted = self._turned(wanted.angle_deg, 1)
         self._stage.press(wanted.place_um, wanted.force_mN)
 
     def release(self) -> None:
@@ -57,7 +59,12 @@ class StagePresser:
         joint = self._stage.sensor.joint
         first_um, last_um = np.array(_JOINT_SHARE) * self._stage.length_um
         um_per_deg = np.radians(1) * joint.radius_mm * 1000
-        angle_deg = round(float(share * (last_um - first_um) / um_per_deg), 3)
+        return self._turned(round(float(share * (last_um - first_um) / um_per_deg), 3), direction)
+
+    def _turned(self, angle_deg: float, direction: int) -> Wanted:
+        joint = self._stage.sensor.joint
+        first_um = _JOINT_SHARE[0] * self._stage.length_um
+        um_per_deg = np.radians(1) * joint.radius_mm * 1000
         # The indenter lags behind the joint by half the backlash.
         place_um = first_um + (angle_deg - direction * joint.play_deg / 2) * um_per_deg
         return Wanted(

@@ -114,7 +114,7 @@ class World:
         Returns
         -------
         float
-            In uW/cm2.
+            Irradiance in uW/cm2.
         """
         return self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
 
@@ -162,11 +162,11 @@ def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
     Parameters
     ----------
     sensor : SensorFile
-        Of strip and converter.
+        Description of strip and converter.
     scenario : Scenario or Held
         What happens to the strip.
     seed : int
-        Of the noise.
+        Seed of the noise.
 
     Returns
     -------

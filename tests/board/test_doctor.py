@@ -9,8 +9,10 @@ from sensors import replaced
 from spots.cli import main
 from spots.deploy.doctor import examine_board
 from spots.deploy.staging import stage
+from spots.link.connect import upload
+from spots_sim.change import Change
 from spots_sim.files import SensorFile, load
-from spots_sim.stage import NEAR_UM, Stage
+from spots_sim.stage import NEAR_UM, Stage, calibrate
 
 UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}
 
@@ -108,6 +110,18 @@ def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average
         made.settle(1.0)
         (rate,) = [found for found in examine_board(made.board) if found.check == "rate"]
         assert rate.ok
+
+
+@pytest.mark.parametrize(("change", "fits"), [(Change(), True), (Change(die_nm=1.0), False)])
+def test_a_strip_that_has_drifted_is_to_be_re_zeroed(change, fits):
+    sensor = load(SensorFile, "default")
+    with Stage(sensor) as stage:
+        upload(stage.board, calibrate(sensor))
+        stage.held.changed = change
+        stage.press(NEAR_UM, 8_000)
+        found = [finding for finding in examine_board(stage.board) if finding.check == "fit"]
+    assert [finding.ok for finding in found] == [False] * (not fits)
+    assert all("re-zero advised: run 'spots rezero'" in finding.text for finding in found)
 
 
 def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):

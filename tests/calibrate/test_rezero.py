@@ -355,6 +355,49 @@ def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
         assert [float(number) for number in said.groups()] == pytest.approx([2, 0.9], abs=0.25)
 
 
+def test_a_joint_uses_its_stops(full, sensor, tmp_path):
+    path = tmp_path / "strip.jsonl"
+    path.write_bytes(full.read_bytes())
+    words = ["--session", str(path), "--port", "virtual"]
+    file.save(file.load(full.with_suffix(".toml")), path.with_suffix(".toml"))
+    assert cli.main(["calibrate", "joint", *words]) == 0
+    made = file.load(path.with_suffix(".toml"))
+    marks = made.joint_marks
+    assert make(Session(path)).joint_marks == marks
+    angles = [p.angle_deg for p in Session(path).of("joint")]
+    assert (min(marks.angle_deg), max(marks.angle_deg)) == (min(angles), max(angles))
+    found = {}
+    for rezeroed in (False, True):
+        paler = Change(dye_percent=-3.0, tilt_percent=0.3)
+        with Drifted(sensor, made, path.with_suffix(".toml"), change=paler) as strip:
+            if rezeroed:
+                use(strip.setup, made, rezero(strip.setup, made, joint=True))
+            strip.board.command("stream touch")
+            off_deg = []
+            for share in np.linspace(0.03, 0.97, 12):
+                wanted = strip.setup.presser.turn(1, float(share))
+                strip.setup.presser.press(wanted)
+                begun_s = strip.board.now_s() + 0.02
+                held = [
+                    f.position_um
+                    for f in strip.board.frames(0.5)
+                    if isinstance(f, Touch) and f.time_s > begun_s
+                ]
+                angle_deg = made.joint.zero_deg + made.joint.deg_per_um * np.mean(held)
+                off_deg.append(angle_deg - wanted.angle_deg)
+            found[rezeroed] = np.abs(off_deg).mean()
+    assert found[False] > 1
+    assert found[True] < 0.05
+
+
+def test_a_file_without_marks_of_a_joint_says_what_to_do(made, sensor, tmp_path):
+    with (
+        Drifted(sensor, made, tmp_path / "a.toml") as strip,
+        pytest.raises(SpotsError, match=r"no \[joint_marks\].*spots calibrate joint"),
+    ):
+        rezero(strip.setup, made, joint=True)
+
+
 # ---- all or nothing
 
 

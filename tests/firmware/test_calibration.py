@@ -150,3 +150,10 @@ def test_a_match_says_nothing():
         Calibration(GOOD).mismatch(Conditions("00ff", tuple(GOOD[1].split()[1:]), 9, 10000, 20))
         is None
     )
+
+
+def test_under_lamps_another_exposure_is_no_mismatch_but_another_gain_is():
+    made = Calibration(GOOD)
+    plan = tuple(GOOD[1].split()[1:])
+    assert made.mismatch(Conditions("00ff", plan, 9, 8333, 20), 60) is None
+    assert "gain=9" in made.mismatch(Conditions("00ff", plan, 8, 8333, 20), 60)

@@ -124,3 +124,24 @@ def test_light_that_cannot_be_set_is_fitted_by_gain_and_exposure(exponent, gain,
 def test_no_light_is_too_dark_and_all_light_too_bright():
     assert search(Strip(0))[0] == exposure.TOO_DARK
     assert search(Strip(100))[0] == exposure.TOO_BRIGHT
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "mains_hz", "becomes_us"),
+    [
+        (10_000, 0, 10_000),
+        (10_000, 50, 10_000),
+        (2780, 50, 10_000),
+        (16_000, 50, 20_000),
+        (10_000, 60, 8333),
+        (15_000, 60, 16_667),
+        (100_000, 60, 100_000),
+        (1_000_000, 60, 1_000_000),
+        (1_000_000, 50, 1_000_000),
+    ],
+)
+def test_an_exposure_under_lamps_is_whole_half_periods_of_the_mains(
+    exposure_us, mains_hz, becomes_us
+):
+    assert exposure.choose(exposure_us, mains_hz) == becomes_us
+    assert exposure.choose(becomes_us, mains_hz) == becomes_us

@@ -171,3 +171,19 @@ def test_a_sample_of_a_loop_that_is_too_slow_ended_within_the_slack():
         if run.samples:
             assert 0 <= run.samples[-1][1] <= run.pacing.slack_us
     assert len(run.samples) >= 1_990
+
+
+@pytest.mark.parametrize("nominal_us", [8333, 10_000, 16_667, 100_000])
+@pytest.mark.parametrize("error_percent", [-3, 0, 3])
+def test_the_period_is_measured_to_a_few_hundredths_of_a_per_cent(nominal_us, error_percent):
+    true_us = nominal_us * (1 + error_percent / 100)
+    run = Run(nominal_us, true_us)
+    pacing = run.pacing
+    while not pacing.sampled:
+        run.poll()
+    assert run.taken * true_us < 8e6
+    while len(run.samples) < 900:
+        run.poll()
+        lasted_us, longest_us = int(pacing.lasted_us), int(pacing.longest_us)
+        assert lasted_us - 1 <= pacing.sampled * true_us <= longest_us + 1
+        assert longest_us - lasted_us < longest_us / 2000

@@ -42,7 +42,7 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("plan=F1,F2,F3,F4,F5,F9", "F9"),
         (
             "colour=red",
-            "use one of average, .*gamepad, keys, led_mA, strain_ppm, watchdog, led, plan",
+            "use one of average, .*led_mA, mains_hz, strain_ppm, watchdog, led, plan",
         ),
         ("", "use one of"),
         ("led=torch", "ldr, gpio, always"),

@@ -39,10 +39,13 @@ class Residual(_Struct, kw_only=True):
     Attributes
     ----------
     strain_ppm : int
+        Elongation over length at rest, in millionths.
     position_rms_um : float
+        Root mean square error of the position, in um.
     force_rms_mN : float or None
-        At rest only: forces are not varied under strain.
+        None for a stretched strip: forces are varied at rest only.
     presses : int
+        Number of presses.
     """
 
     strain_ppm: int
@@ -58,7 +61,7 @@ class Joint(_Struct, kw_only=True):
     ----------
     zero_deg, deg_per_um : float
     r2 : float
-        Of the straight line.
+        R squared of the straight line.
     resolution_deg : float
         Standard deviation of a reading at rest.
     accuracy_deg : float
@@ -81,20 +84,24 @@ class Joint(_Struct, kw_only=True):
 
 
 class Marks(_Struct, kw_only=True):
-    """Presses at the end of a calibration, to be repeated when the strip has drifted.
+    """Presses of a calibration that a re-zero repeats.
 
     Attributes
     ----------
     place_um : tuple of float, length 3
-        Ascending.
+        Distance of each mark from the sensor's end, ascending.
     force_mN : float
+        Force of each press; 0 for a joint, whose indenter always presses.
     logs : tuple, shape (3, 6)
         log2 of each channel's dark-subtracted counts.
+    angle_deg : tuple of float, length 3, or None
+        Angles at which a joint presses the marks.
     """
 
     place_um: tuple[float, float, float]
     force_mN: float
     logs: tuple[Six, Six, Six]
+    angle_deg: tuple[float, float, float] | None = None
 
 
 class Rezero(_Struct, kw_only=True):
@@ -107,7 +114,7 @@ class Rezero(_Struct, kw_only=True):
     place_um : tuple of float
     shifts : tuple, shape (n, 6)
     drift : str
-        In words.
+        Description of the drift, for example ``dye 1.9 % paler``.
     """
 
     date: datetime
@@ -131,6 +138,8 @@ class CalibrationFile(_Struct, kw_only=True):
     lines : tuple of str
         The board's, see `spots_device.calibration`.
     marks : Marks or None
+    joint_marks : Marks or None
+        End stops and a middle stop of the joint.
     rezeros : list of Rezero
         The last one gave `lines`.
     original : tuple of str
@@ -147,6 +156,7 @@ class CalibrationFile(_Struct, kw_only=True):
     joint: Joint | None = None
     lines: tuple[str, ...]
     marks: Marks | None = None
+    joint_marks: Marks | None = None
     rezeros: list[Rezero] = []
     original: tuple[str, ...] = ()
 
@@ -161,7 +171,7 @@ class CalibrationFile(_Struct, kw_only=True):
         return Conditions(self.board, self.plan, self.gain, self.exposure_us, self.led_mA)
 
     @classmethod
-    def now(cls, conditions: Conditions, lines, residuals, joint=None, marks=None):
+    def now(cls, conditions: Conditions, lines, residuals, joint=None, **others):
         """Return a calibration dated now.
 
         Parameters
@@ -172,7 +182,8 @@ class CalibrationFile(_Struct, kw_only=True):
             The board's.
         residuals : list of Residual
         joint : Joint, optional
-        marks : Marks, optional
+        **others
+            Any of `marks` and `joint_marks`.
 
         Returns
         -------
@@ -184,7 +195,7 @@ class CalibrationFile(_Struct, kw_only=True):
             residuals=residuals,
             joint=joint,
             lines=tuple(lines),
-            marks=marks,
+            **others,
         )
 
 
@@ -290,8 +301,8 @@ def _checked(path: Path, body: str) -> CalibrationFile:
 def _text(calibration: CalibrationFile) -> str:
     fields = msgspec.to_builtins(calibration)
     date, lines, original = map(fields.pop, ("date", "lines", "original"))
-    tables = "residuals", "joint", "marks", "rezeros"
-    residuals, joint, marks, rezeros = map(fields.pop, tables)
+    tables = "residuals", "joint", "marks", "joint_marks", "rezeros"
+    residuals, joint, marks, joint_marks, rezeros = map(fields.pop, tables)
     rows = [
         "# The calibration of one SPOTS board, made by 'spots calibrate'.",
         f"version = {VERSION}",
@@ -311,6 +322,9 @@ def _text(calibration: CalibrationFile) -> str:
     if marks is not None:
         rows += ["", "# log2 of the counts of presses that 'spots rezero' repeats."]
         rows += ["[marks]", *_keys(marks)]
+    if joint_marks is not None:
+        rows += ["", "# The same, of stops of the joint: 'spots rezero --joint'."]
+        rows += ["[joint_marks]", *_keys(joint_marks)]
     for rezero in rezeros:
         rows += ["", "[[rezeros]]", f"date = {rezero.pop('date')}", *_keys(rezero)]
     return "\n".join([*rows, "", ""])

@@ -32,7 +32,7 @@ class Choice:
     plan : tuple of str
     sigma_um : float
     present_sigma_um : float
-        Of the plan of the first pass; infinite if a channel of it is not usable.
+        The same sigma of the plan of the first pass; infinite if a channel is not usable.
     """
 
     plan: tuple[str, ...]
@@ -58,7 +58,7 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     plans : pair of tuple of str
         See `passes`.
     measured : pair of Presses
-        At the same places with one firm force, and one at full force, in both passes.
+        Readings of the two passes: the same places with one firm force, and one full press.
     full_scale : float
         Largest count.
 

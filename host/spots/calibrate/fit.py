@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from spots_device.calibration import ONE_Q13, Conditions
+from spots_device.calibration import ONE_Q13, WEIGHT_SUM_MAX, Conditions
 from spots_device.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
@@ -23,6 +23,7 @@ _KNOTS = 9  # of a segment
 _OVERLAP = 0.25  # of a segment, that its table reaches into its neighbours
 _CURVE_DEGREE = 7
 _FORCE_KNOTS = 72
+_FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # of the weights' absolute values
 PLACES_MIN = 12
 FORCES_MIN = 10
 # Where a touch begins: the position is good to this at the worst place of the strip.
@@ -30,6 +31,7 @@ _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of what fits 31 bits, for bends and for strain
+_TOLERANCE_MIN = 12  # Q12; an LED cools by 1 or 2 K in a dark frame: 10 um on 85 mm
 _TOLERANCE_MAX = 600  # Q12; light so dim shows no second press anyway
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 
@@ -42,12 +44,12 @@ def fit(
     Parameters
     ----------
     along : dict of int to Presses
-        By strain in ppm, 0 among them: one firm force at places along the whole strip. Places
-        are those on the strip as it is stretched.
+        Presses of one firm force along the whole strip, by strain in ppm; 0 must be among them.
+        Places are measured on the stretched strip.
     pressed : Presses
         Ascending forces, each at the same few places, at no strain.
     noise : Noise
-        Of the sensor at these conditions.
+        Noise of the sensor at these conditions.
     conditions : Conditions
 
     Returns
@@ -169,6 +171,11 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
     weighted = design * information[:, None]
     force, position = np.linalg.solve(design.T @ weighted, weighted.T)
     position *= 2 / np.abs(position).sum()
+    # Where all channels decay nearly alike, weights that cancel the decay are large. Up to the
+    # board's limit they cancel a part, and the table of offsets has the rest.
+    brightest, size = information / information.sum(), np.abs(force).sum()
+    if size > _FORCE_SUM_MAX:
+        force = brightest + (force - brightest) * (_FORCE_SUM_MAX - 1) / (size - 1)
     # The board multiplies a step of the contrast by one of the position: where both are long, the
     # contrast is made smaller. What it loses in resolution it had too much.
     knot_um = np.ptp(part) * (1 + 2 * _OVERLAP) / (_KNOTS - 1)
@@ -262,5 +269,6 @@ def _tolerances(along: Presses, rest: Curves, noise, test, brightnesses, firm) -
     for brightness in brightnesses:
         counts = 2.0 ** (logs + (brightness - firm) / ONE_Q20)
         sigma = np.sqrt(noise.log_variance(counts) @ test.astype(float) ** 2).max() / ONE_Q13
-        tolerances.append(min(1 + (off + _MISFIT_SIGMAS * sigma) * 2**12, _TOLERANCE_MAX))
+        tolerance = 1 + (off + _MISFIT_SIGMAS * sigma) * 2**12
+        tolerances.append(min(max(tolerance, _TOLERANCE_MIN), _TOLERANCE_MAX))
     return tolerances

@@ -68,7 +68,7 @@ class Guide:
         plan : tuple of str
             The channels.
         length_um : float
-            Of the strip.
+            Length of the strip, in um.
         """
         self._title, self._plan, self._length_um = title, plan, length_um
         self._done, self._total = 0, total
@@ -90,7 +90,7 @@ class Guide:
         ----------
         reading : Reading
         trouble : str or None
-            What is wrong with it.
+            The reason why the reading cannot be taken; None if it can.
         steady : float
             From 0 to 1, where it is taken.
         """

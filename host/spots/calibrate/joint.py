@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import SpotsError
-from .calibration_file import Joint
+from .calibration_file import Joint, Marks
 from .session import Point
 
 ANGLES_MIN = 4  # in each direction
@@ -18,7 +18,7 @@ def fit_joint(points: list[Point]) -> Joint:
     Parameters
     ----------
     points : list of Point
-        In the order in which they were taken. Every second one makes the line that
+        Points in the order in which they were taken. Every second one makes the line that
         `Joint.accuracy_deg` is the error of at the others.
 
     Raises
@@ -69,4 +69,22 @@ def fit_joint(points: list[Point]) -> Joint:
         backlash_deg=round(abs(float(residual[up].mean() - residual[~up].mean())), 5),
         low=low,
         high=high,
+    )
+
+
+def joint_marks(points: list[Point]) -> Marks:
+    """Return the marks of a joint: its lowest, its middle and its highest angle on the way up.
+
+    Parameters
+    ----------
+    points : list of Point
+        Points of the joint; `ANGLES_MIN` or more must be on the way up.
+    """
+    way = sorted((p for p in points if p.direction > 0), key=lambda p: p.angle_deg)
+    stops = sorted((way[0], way[len(way) // 2], way[-1]), key=lambda p: p.position_um)
+    return Marks(
+        place_um=tuple(p.position_um for p in stops),
+        force_mN=0.0,
+        logs=tuple(tuple(np.log2(p.counts).round(6).tolist()) for p in stops),
+        angle_deg=tuple(p.angle_deg for p in stops),
     )

@@ -12,7 +12,7 @@ from spots_device.decode import Decode
 from ..errors import SpotsError
 from . import calibration_file as file
 from .fit import PLACES_MIN, fit
-from .joint import fit_joint
+from .joint import fit_joint, joint_marks
 from .presses import MARKS, Noise, Presses
 from .session import Session
 
@@ -55,8 +55,13 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         _residual(lines, strain, places, pressed if strain == 0 else None)
         for strain, places in along.items()
     ]
-    joint, marks = _joint(session, say), _marks(session.presses("mark"))
-    return file.CalibrationFile.now(session.conditions, lines, residuals, joint, marks)
+    return file.CalibrationFile.now(
+        session.conditions,
+        lines,
+        residuals,
+        marks=_marks(session.presses("mark")),
+        **_joint(session, say),
+    )
 
 
 def _marks(pressed: Presses) -> file.Marks | None:
@@ -69,16 +74,16 @@ def _marks(pressed: Presses) -> file.Marks | None:
     )
 
 
-def _joint(session: Session, say: Callable[[str], None]) -> file.Joint | None:
+def _joint(session: Session, say: Callable[[str], None]) -> dict:
     turned = session.of("joint")
     if not turned:
-        return None
+        return {}
     try:
-        return fit_joint(turned)
+        return {"joint": fit_joint(turned), "joint_marks": joint_marks(turned)}
     except SpotsError as error:
         # The strip is calibrated without it, too, and the joint may not be finished yet.
         say(f"the joint is left out: {error}")
-        return None
+        return {}
 
 
 def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses | None) -> file.Residual:

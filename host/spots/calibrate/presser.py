@@ -101,7 +101,9 @@ class PersonPresser:
             self._guide.ask(f"stretch {length}, do not touch it, then press Enter: ")
 
     def press(self, wanted: Wanted) -> None:
-        if wanted.kind != "joint":
+        if wanted.kind == "mark" and wanted.angle_deg is not None:
+            self._guide.say(f"turn the joint up to {wanted.angle_deg:g} degrees and hold")
+        elif wanted.kind != "joint":
             self._guide.say(f"press at {wanted} and hold")
 
     def release(self) -> None:

@@ -72,8 +72,8 @@ def own_variance(samples: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray, shape (c,)
-        In counts**2. The logarithms of two channels differ by the noise of both and by nothing
-        else: least squares over all pairs separates them.
+        Variances in counts**2. The logarithms of two channels differ by the noise of both and by
+        nothing else: least squares over all pairs separates them.
     """
     mean = samples.mean(axis=0)
     relative = samples / mean

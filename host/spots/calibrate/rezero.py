@@ -23,7 +23,7 @@ from .drift import described
 from .guide import Guide
 from .session import Wanted
 from .shift import shifted
-from .steps import DARKS, Setup
+from .steps import Setup
 
 _STRAY_UM = 1500.0  # from the other presses of a mark; people place a finger to 300 um
 _STRAY_SHARE = 0.5  # of the distance to the next mark, whose press this is beyond that
@@ -36,7 +36,7 @@ def rezero_command(options: argparse.Namespace) -> None:
     made = file.load(path)
     force_mN = options.force_N and 1000 * options.force_N
     with opened(options, made, path, Guide()) as setup:
-        new = rezero(setup, made, options.presses, options.quick, force_mN)
+        new = rezero(setup, made, options.presses, options.quick, force_mN, options.joint)
         setup.reader.give_back()
         name = use(setup, made, new)
         setup.guide.say(f"{path}: {new.rezeros[-1].drift}; the board stores calibration {name}")
@@ -48,6 +48,7 @@ def rezero(
     presses: int = 1,
     quick: bool = False,
     force_mN: float | None = None,
+    joint: bool = False,
 ) -> file.CalibrationFile:
     """Have the marks pressed and return the calibration that fits the strip now.
 
@@ -57,11 +58,13 @@ def rezero(
         Nothing is written to its session or file.
     made : CalibrationFile
     presses : int
-        Of each mark.
+        Number of presses of each mark.
     quick : bool
-        The middle mark alone: right for LED and filters, not for the dye.
+        Whether to press the middle mark only; this corrects LED and filters, not the dye.
     force_mN : float, optional
-        What a scale under the strip shows at each press. With it the force is corrected too.
+        Force of each press in mN, read from a scale; the force is then corrected too.
+    joint : bool
+        Whether a joint presses the strip at its stops, not a person at the marks.
 
     Returns
     -------
@@ -72,38 +75,40 @@ def rezero(
     SpotsError
         If there are no marks, the board is another or set otherwise, or presses disagree.
     """
-    marks = made.marks
+    marks = made.joint_marks if joint else made.marks
     if marks is None:
+        again = "run 'spots calibrate joint' again" if joint else "calibrate again"
         raise SpotsError(
-            f"{setup.out} has no [marks], so there is nothing to compare presses with: calibrate "
-            "again, which ends with three marks"
+            f"{setup.out} has no [{'joint_' * joint}marks], so there is nothing to compare presses "
+            f"with: {again}, which ends with three marks"
         )
     table = Calibration(made.lines)
-    reason = table.mismatch(setup.reader.conditions)
+    reason = table.mismatch(setup.reader.conditions, setup.reader.info["mains_hz"])
     if reason is not None:
         raise SpotsError(f"{setup.out}: {reason}")
     at = slice(1, 2) if quick else slice(None)
     place_um, logs = marks.place_um[at], np.array(marks.logs)
+    angles_deg = marks.angle_deg or (None,) * len(logs)
     along = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
     along = along - along.mean()  # colour per um
     um_per_log = along / (along @ along)
     limit_um = _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     force_now_mN = force_mN or marks.force_mN
     setup.guide.say("dark frames: touch nothing")
-    setup.reader.set_up(darks=DARKS)
+    setup.reader.set_up()
     setup.taker.given_up = "nothing has changed"
     setup.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, setup.length_um)
     shifts = np.array(
         [
             _pressed(
                 setup,
-                Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN),
+                Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg),
                 log,
                 um_per_log,
                 presses,
                 limit_um,
             )
-            for x_um, log in zip(place_um, logs[at])
+            for x_um, log, angle_deg in zip(place_um, logs[at], angles_deg[at])
         ]
     )
     if force_mN is None:  # all channels alike is the force of the finger
@@ -111,7 +116,8 @@ def rezero(
     else:
         then_now_mN = [marks.force_mN, force_mN]
         then, now = np.interp(then_now_mN, table.forces_mN, table.brightnesses) / ONE_Q20
-        shifts -= now - then
+        longer = setup.reader.conditions.exposure_us / table.conditions.exposure_us
+        shifts -= now - then + np.log2(longer)
     original = made.original or made.lines
     done = file.Rezero(
         date=file.now(),
@@ -163,7 +169,8 @@ def _pressed(setup: Setup, wanted: Wanted, log, um_per_log, presses: int, limit_
     for _ in range(presses + _STRAYS):
         setup.guide.want(wanted)
         reading = setup.taker.take(wanted)
-        setup.taker.release()
+        if wanted.angle_deg is None:
+            setup.taker.release()
         setup.guide.taken(wanted, reading)
         found.append(np.log2(reading.counts) - log)
         places_um = np.array(found) @ um_per_log

@@ -28,12 +28,13 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     kind : str
     place_um : float
-        On the strip as it is stretched.
+        Distance from the sensor's end in um, measured on the stretched strip.
     force_mN : float
     strain_ppm : int
     angle_deg : float or None
-        Of the joint, from one direction: 1 upwards, -1 downwards.
+        Angle of the joint in degrees; None where no joint presses.
     direction : int
+        Direction in which the joint came to the angle: 1 upwards, -1 downwards; 0 for no joint.
     """
 
     kind: Literal["choose", "position", "force", "strain", "joint", "mark"]
@@ -60,7 +61,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     position_um, position_sigma_um : float or None
         What the calibrated board reported, and its scatter from reading to reading; for a joint.
     length_um : float or None
-        Of the strip in this session; None in files of older versions.
+        Length of the strip in um; None in files of older versions.
     board, plan, gain, exposure_us, led_mA
         See `spots_device.calibration.Conditions`.
     time : str
@@ -177,7 +178,7 @@ class Session:
         Returns
         -------
         list of Point
-            In the order in which they were taken.
+            Points in the order in which they were taken.
         """
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 

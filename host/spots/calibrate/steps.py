@@ -20,7 +20,7 @@ from . import calibration_file as file
 from .choose import choose, passes
 from .fit import PLACES_MIN
 from .guide import Guide
-from .joint import ANGLES_MIN, fit_joint
+from .joint import ANGLES_MIN, fit_joint, joint_marks
 from .make import make
 from .presser import Presser
 from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
@@ -44,7 +44,6 @@ _CHOOSE_PLACES = 9
 _DARK_SHARE = 0.85
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARKS = 4  # of marks: at a long exposure one dark frame has few samples
 
 
 @dataclass(frozen=True)
@@ -244,7 +243,7 @@ def _forces(setup: Setup, count: int) -> None:
 def _marks(setup: Setup) -> None:
     """Press what a re-zero will press again, when all else is known."""
     setup.guide.say("dark frames: touch nothing")
-    setup.reader.set_up(darks=DARKS)
+    setup.reader.set_up()
     setup.guide.begin("marks for a re-zero", len(MARKS), setup.plan(), setup.length_um)
     for share in MARKS:
         place_um = round(share * setup.length_um, -2)
@@ -328,8 +327,10 @@ def _joint(setup: Setup, count: int) -> None:
             }
             setup.session.add(point(wanted, reading, setup.reader.conditions, **measured))
             setup.guide.taken(wanted, reading)
-    joint = fit_joint(setup.session.of("joint"))
-    file.save(msgspec.structs.replace(calibration, joint=joint), setup.out)
+    turned = setup.session.of("joint")
+    joint = fit_joint(turned)
+    marks = joint_marks(turned)
+    file.save(msgspec.structs.replace(calibration, joint=joint, joint_marks=marks), setup.out)
     setup.guide.say(
         f"joint: R2 {joint.r2:.5f}, resolution {joint.resolution_deg:.3f} deg, accuracy "
         f"{joint.accuracy_deg:.3f} deg, backlash {joint.backlash_deg:.3f} deg, in {setup.out}"

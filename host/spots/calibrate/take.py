@@ -36,7 +36,7 @@ class Taker:
     Attributes
     ----------
     noise : Noise or None
-        Of the sensor, as soon as it is known.
+        Noise of the sensor; None until it is known.
     given_up : str
         What is left of the session after too many bad presses.
     """
@@ -90,7 +90,7 @@ class Taker:
             except BadPressError as bad:
                 trouble = f"{wanted}: {bad}"
             self._guide.say(f"{trouble}; press again")
-            if wanted.kind != "joint":  # whose indenter stays on the strip
+            if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()
         raise SpotsError(f"{trouble}; {self.given_up}")
 
@@ -211,7 +211,7 @@ def judge_force(known: Presses, force_mN: float, counts: np.ndarray, noise: Nois
     counts : numpy.ndarray, shape (6,)
         Its dark-subtracted counts.
     noise : Noise
-        Of the sensor.
+        Noise of the sensor.
     window : int
         Samples in a reading.
 

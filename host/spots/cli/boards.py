@@ -116,6 +116,7 @@ def rezero(parser: Parser):
     )
     arguments.add_port(parser)
     parser.flag("--quick", "press the middle mark only; not for a bleached dye")
+    parser.flag("--joint", "turn the joint to its two end stops and a middle stop")
     parser.option("--presses", "N", "presses at each mark", type=arguments.presses, default=1)
     parser.option(
         "--force-N",

@@ -124,7 +124,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
 def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
     full_scale = state["full_scale"]
     try:
-        light, brightest = _lit(board, reading_s)
+        light, brightest, fits = _lit(board, reading_s)
     except SpotsError as error:  # an LED that is always on has no dark frame yet
         yield Finding("light", False, str(error))
         return
@@ -133,7 +133,7 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
         yield Finding("light", True, text)
         end_s = board.now_s() + _PRESS_WITHIN_S
         while light < _DIM * full_scale and board.now_s() < end_s:
-            light, brightest = _lit(board, reading_s)
+            light, brightest, fits = _lit(board, reading_s)
     text = f"the LED gives {100 * max(light, 0) / full_scale:.1f} % of full scale"
     dim, bright = light < _DIM * full_scale, brightest > _BRIGHTEST * full_scale
     if dim:
@@ -141,10 +141,15 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
     elif bright:
         text += ": press at the sensor's end and run 'spots command auto'"
     yield Finding("light", not dim and not bright, text)
+    if not fits:
+        text = "the press fits the calibration worse than when it was made; re-zero advised: "
+        yield Finding("fit", False, text + "run 'spots rezero'")
 
 
-def _lit(board: Board, reading_s: float) -> tuple[float, int]:
-    """Return the counts that the LED adds in the best channel, and the largest raw count.
+def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
+    """Return the counts that the LED adds in the best channel, the largest raw count, and the fit.
+
+    The fit is False if no sample fits one press of the calibration, see `decode.MISFIT`.
 
     A press couples ambient light into the strip, too, and ambient light changes. So the LED's
     light is what each lit sample has above both dark frames, before and after it.
@@ -152,17 +157,19 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int]:
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2
     lit = (
-        spectrum.counts
+        spectrum
         for spectrum in board.spectra(1 + 3 * _LIT * reading_s)
         if spectrum.time_s >= begun_s and not spectrum.flags & decode.LED_OFF
     )
     samples = list(islice(lit, _LIT))
     after = board.command("dark")["dark"]
     if not samples:
-        return 0, 0
+        return 0, 0, True
     dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
-    least = map(min, zip(*samples))
-    return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, samples))
+    counts = [spectrum.counts for spectrum in samples]
+    least = map(min, zip(*counts))
+    fits = not all(spectrum.flags & decode.MISFIT for spectrum in samples)
+    return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, counts)), fits
 
 
 def _missed(exposure_us: int, share: float) -> Finding:

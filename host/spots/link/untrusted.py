@@ -23,7 +23,7 @@ _CAUSES = {
     ),
     decode.MISFIT: (
         "the spectrum does not fit one press; next: lift all fingers and wipe the strip, and if "
-        "that changes nothing, spots calibrate position"
+        "that changes nothing, re-zero is advised: spots rezero"
     ),
 }
 

@@ -1,0 +1,46 @@
+"""Strips whose channels decay nearly alike, and what must not depend on a choice of channels."""
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from spots_sim import measurements
+from spots_sim.measurements import Run, _force, _position
+from spots_sim.pair import OnePair
+from spots_sim.rig import Rig
+
+
+@pytest.mark.parametrize(("fwhm_nm", "edge_nm"), [(80.0, 700.0), (60.0, 680.0)])
+def test_a_brown_dye_under_a_narrow_green_phosphor_is_calibrated(sensor, fwhm_nm, edge_nm):
+    green = structs.replace(
+        sensor.led,
+        phosphor_nm=550.0,
+        phosphor_fwhm_nm=fwhm_nm,
+        blue_share=0.2,
+        irradiance_uW_cm2_per_mA=100.0,
+    )
+    brown = structs.replace(sensor.dye, strength_per_mm=0.01, edge_nm=edge_nm, edge_width_nm=40.0)
+    run = Run()
+    with Rig(structs.replace(sensor, led=green, dye=brown), 0, 100_000, 1) as rig:
+        _position(rig, np.random.default_rng(1), run, np.linspace(0.1, 0.9, 5))
+        _force(rig, run)
+    assert run.summary["position"]["crb_ratio"] < 1.15
+    assert run.summary["position"]["untrusted_percent"] == 0
+    assert run.summary["force"]["accuracy_N"] < 0.1
+
+
+def test_the_straightness_of_the_response_does_not_depend_on_the_pair(sensor, monkeypatch):
+    class Another(OnePair):
+        def __init__(self, along, noise):
+            super().__init__(along, noise)
+            self.channels = 0, 3
+
+    found = []
+    with Rig(sensor, 0, 10_000, 1) as rig:
+        for pair in (OnePair, Another):
+            monkeypatch.setattr(measurements, "OnePair", pair)
+            run = Run()
+            _position(rig, np.random.default_rng(1), run, np.array([0.3, 0.6]))
+            found.append(run.summary["position"])
+    assert found[0]["one_pair"]["channels"] != found[1]["one_pair"]["channels"]
+    assert found[0]["r2"] == found[1]["r2"] > 0.999
