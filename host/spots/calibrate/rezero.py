@@ -83,7 +83,7 @@ def rezero(
             f"with: {again}, which ends with three marks"
         )
     table = Calibration(made.lines)
-    reason = table.mismatch(setup.reader.conditions, setup.reader.info["mains_hz"])
+    reason = table.mismatch(setup.reader.conditions, setup.reader.info.get("mains_hz", 0))
     if reason is not None:
         raise SpotsError(f"{setup.out}: {reason}")
     at = slice(1, 2) if quick else slice(None)

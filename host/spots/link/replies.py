@@ -29,7 +29,6 @@ class Settings(TypedDict):
     gain: _Number
     led_mA: _Number
     strain_ppm: _Number
-    mains_hz: _Number
     keys: _Number
     gamepad: _Number
 
@@ -87,7 +86,7 @@ _SETTINGS: dict[str, object] = {
     "plan": [],
     "exposure_us": 1,
     "average": 1,
-    **dict.fromkeys(("gain", "led_mA", "strain_ppm", "mains_hz", "keys", "gamepad"), 0),
+    **dict.fromkeys(("gain", "led_mA", "strain_ppm", "keys", "gamepad"), 0),
 }
 _HELLO: dict[str, object] = {
     **dict.fromkeys(("board", "runtime", "firmware"), "?"),
