@@ -12,6 +12,8 @@ from .files import SensorFile
 # Keys of later versions, each with the value at which a sensor keeps its earlier id.
 _LATER = {
     ("temperature", None): msgspec.to_builtins(Temperature()),
+    ("led", "wired"): "ldr",
+    ("led", "fixed_mA"): 20.0,
     ("surroundings", "flicker_phase_deg"): 0.0,
     ("converter", "ratio_noise_ppm"): 0.0,
 }

@@ -62,7 +62,7 @@ def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
         *_, verdict = light_of(stage)
     assert verdict.ok is wired
     if not wired:
-        assert {"gpio": "STRIP_LED_PIN", "always": "its supply"}[kind] in verdict.text
+        assert {"gpio": "STRIP_LED_PIN", "always": "the LED's supply"}[kind] in verdict.text
         assert "LDR" not in verdict.text
 
 

@@ -319,7 +319,7 @@ class Patient:
     [
         ({"firmware": "0.0.1"}, "firmware", "spots flash pico"),
         ({"fault": "no answer"}, "sensor", "no answer: check SDA"),
-        ({"counts": (0,) * 6}, "light", "check the LED"),
+        ({"counts": (0,) * 6}, "light", "check the wire from LDR"),
         ({"counts": (990,) * 6}, "light", "99.0 %"),
         ({"led_mA": 0}, "light", "set led_mA"),
         ({"step": 20}, "rate", "50.0 frames a second"),

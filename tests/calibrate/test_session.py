@@ -501,7 +501,7 @@ def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(
         for name, value, says in (
             ("board ", "board 0123", "made on board 0123"),
             ("made ", "made 8 10000 20", "made at gain=8"),
-            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with channels F1"),
+            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with plan=F1,"),
         ):
             lines = [value if line.startswith(name) else line for line in touched.made.lines]
             foreign = msgspec.structs.replace(touched.made, lines=tuple(lines))

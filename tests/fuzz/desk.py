@@ -83,7 +83,7 @@ class _Sensor:
         self.gpio = lambda on: None
         self.steady, self.saturated = True, False
 
-    def start(self, plan, gain, exposure_us, led_mA):
+    def start(self, plan, gain, exposure_us, led_mA, mains_hz):
         self.plan, self.gain = tuple(plan), gain
         self.exposure_us, self.led_mA = exposure_us, led_mA
         self.full_scale = min(65_535, exposure_us)

@@ -66,6 +66,7 @@ RUNS = {
     "controller": (0, [*BOARD, "--dry-run"], ""),
     "twin": (0, BOARD, "joints"),
     "calibrate": (2, ["joint", "--port", "virtual"], "there is no file calibration.toml"),
+    "dark": (2, ["--port", "recording:none.spots"], "there is no file none.spots"),
     "rezero": (2, ["--port", "virtual"], "there is no file calibration.toml"),
     "record": (0, ["b.spots", *BOARD], "b.spots"),
     "replay": (0, ["a.spots"], " s  "),

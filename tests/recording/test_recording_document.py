@@ -18,19 +18,19 @@ def test_the_note_that_is_taken_apart_is_one():
     told = bytes.fromhex(re.search(r"\n`((?:[0-9a-f]{2} )+[0-9a-f]{2})`\n", DOCUMENT)[1])
     assert told == note(12_345_678)
     assert Decoder().feed(told) == [Note(12_345_678, {})]
-    rows = DOCUMENT.partition("| bytes | |")[2].partition("\n\n")[0]
+    rows = DOCUMENT.partition("| bytes | meaning |")[2].partition("\n\n")[0]
     pieces = re.findall(r"`([0-9a-f ]+)`", rows)
     assert bytes.fromhex("".join(pieces)) == told
 
 
 def test_every_column_of_the_arrays_is_in_the_table():
-    table = DOCUMENT.partition("| column | type | |")[2].partition("\n\n")[0]
+    table = DOCUMENT.partition("| column | type | meaning |")[2].partition("\n\n")[0]
     named = set(re.findall(r"`(\w+)`", table))
     assert named == {name for kind in _TABLES.values() for name in kind.dtype.names}
 
 
 def test_every_key_of_the_header_is_in_the_table():
-    table = DOCUMENT.partition("| key | |")[2].partition("\n\n")[0]
+    table = DOCUMENT.partition("| key | meaning |")[2].partition("\n\n")[0]
     keys = [key for row in re.findall(r"^\| (`.*?) \|", table, re.M) for key in row.split(", ")]
     assert sorted(key.strip("`") for key in keys) == sorted(
         field.name for field in msgspec.structs.fields(Header)

@@ -241,7 +241,7 @@ def test_the_command_tells_errors_lines_and_draws(quick, capsys, tmp_path):
     *lines, last = capsys.readouterr().out.splitlines()
     assert len(lines) >= 3
     assert all("terminal" in line and "+-" in line for line in lines)
-    assert f"off by {figures['error_mm']['mean']:.3f} mm" in last
+    assert f"error: {figures['error_mm']['mean']:.3f} mm mean" in last
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_the_command_tells_errors_lines_and_draws(quick, capsys, tmp_path):
     [
         (["--path", "nope"], "cannot read the path file nope"),
         (["--linkage", "nope"], "cannot read the linkage file nope"),
-        (["--picture", "a.jpg"], "PNG file, not 'a.jpg'"),
+        (["--picture", "a.jpg"], "ends in .png, not 'a.jpg'"),
         (["--picture", "no/such/a.png"], "no folder no/such"),
     ],
 )

@@ -184,7 +184,10 @@ def test_boards_with_named_ports_are_found_again_by_their_ids(machine, monkeypat
     [
         (["--port", "a", "--port", "b"], "shows one board, but --port was given 2 times"),
         (["--linkage", "nope.toml"], "cannot read the linkage file nope.toml"),
-        (["--linkage", "nope", "--port", "virtual"], "cannot read the linkage file nope: give"),
+        (
+            ["--linkage", "nope", "--port", "virtual"],
+            "cannot read the linkage file nope: name a file",
+        ),
     ],
 )
 def test_mistakes_are_told_before_a_page_is_served(arguments, words, capsys):

@@ -76,13 +76,13 @@ class AdafruitSensor(AS7341):
         self._frequency_hz = frequency_hz
         self._i2c = self._driver = None
 
-    def start(self, plan, gain, exposure_us, led_mA):
+    def start(self, plan, gain, exposure_us, led_mA, mains_hz=0):
         if self._i2c is None:
             try:
                 self._open()
             except SensorError:
                 self.recover()
-        super().start(plan, gain, exposure_us, led_mA)
+        super().start(plan, gain, exposure_us, led_mA, mains_hz)
 
     def recover(self):
         """Free the wires and open the controller again."""

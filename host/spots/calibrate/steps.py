@@ -134,7 +134,7 @@ def _settle(setup: Setup, options: argparse.Namespace) -> None:
     if not session.points and not options.keep_settings:
         _auto(setup)
     # Of an LED that is always on, each plan would need a dark frame of its own.
-    if not wanted_plan and setup.reader.info["led"] != "always":
+    if not wanted_plan and setup.reader.info.get("led") != "always":
         _choose(setup)
 
 
@@ -144,12 +144,13 @@ def _auto(setup: Setup) -> None:
     setup.guide.want(wanted)
     setup.taker.take(wanted, as_it_is=True)
     found = setup.reader.board.command("auto", timeout_s=60)
-    if found["led"] == "always":
+    kind = found.get("led", "ldr")  # older boards have no other kind
+    if kind == "always":
         setup.presser.release()
         setup.presser.dark(setup.reader.board)
     setup.reader.set_up()
     setup.taker.release()
-    led = f"{found['led_mA']} mA" if found["led"] == "ldr" else found["led"]
+    led = f"{found['led_mA']} mA" if kind == "ldr" else kind
     setup.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
 

@@ -28,7 +28,6 @@ class Settings(TypedDict):
     average: _Count
     gain: _Number
     led_mA: _Number
-    led: str
     strain_ppm: _Number
     keys: _Number
     gamepad: _Number
@@ -64,6 +63,7 @@ class Hello(Settings):
 class Get(Settings):
     """The reply to ``get``: settings and state."""
 
+    led: str
     full_scale: _Number
     dark: _Dark
     missed: _Number
@@ -91,7 +91,6 @@ _SETTINGS: dict[str, object] = {
     "plan": [],
     "exposure_us": 1,
     "average": 1,
-    "led": "ldr",
     **dict.fromkeys(("gain", "led_mA", "strain_ppm", "keys", "gamepad"), 0),
 }
 _HELLO: dict[str, object] = {
@@ -99,7 +98,13 @@ _HELLO: dict[str, object] = {
     **dict.fromkeys(("id", "length_um", "calibration", "layout")),
 }
 # The full scale is unknown until the sensor answers.
-_GET: dict[str, object] = {"full_scale": 0, "dark": [0] * CHANNELS, "missed": 0, "fault": None}
+_GET: dict[str, object] = {
+    "led": "ldr",
+    "full_scale": 0,
+    "dark": [0] * CHANNELS,
+    "missed": 0,
+    "fault": None,
+}
 # By command: the type of its reply, and the defaults of missing keys. No program depends on the
 # replies to other commands.
 _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
