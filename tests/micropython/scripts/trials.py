@@ -153,7 +153,8 @@ class Events:
 
 def prepare_keypad(cases):
     prepared = []
-    for lines, length_um, readings in cases:
+    while cases:  # popped, as in compute.py: a case and its arrays do not both fit the heap
+        lines, length_um, readings = cases.pop(0)
         events = Events()
         pad = Keypad(events)
         pad.set_layout(Layout(lines), length_um)
