@@ -1,4 +1,4 @@
-"""The figures of a characterisation as PNG files. Needs matplotlib, the extra ``plots``."""
+"""Draws the figures of a characterisation as PNG files. Needs matplotlib (extra ``plots``)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _DPI = 110
 
 
 def require() -> None:
-    """Raise SpotsError if figures cannot be drawn here."""
+    """Raise SpotsError if matplotlib is not installed."""
     if find_spec("matplotlib") is None:
         raise missing("drawing figures needs", "matplotlib", "plots")
 
 
 def folder(path: str | Path) -> Path:
-    """Make a folder for files to be written to, and return it.
+    """Create a folder unless it exists, and return its path.
 
     Raises
     ------
@@ -40,19 +40,21 @@ def folder(path: str | Path) -> Path:
 
 
 def draw(run, responses: dict, out: Path) -> list[Path]:
-    """Draw every figure of a run.
+    """Draw all figures of a run.
 
     Parameters
     ----------
     run : measurements.Run
+        Results to draw.
     responses : dict
-        Of `family.family`.
+        Responses of other lengths and dyes, from `family.family`.
     out : Path
-        A folder.
+        Existing folder for the PNG files.
 
     Returns
     -------
     list of Path
+        The PNG files.
     """
     reading = f"{run.summary['reading_ms']:.3g} ms a reading"
     made = {
@@ -68,7 +70,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
 
 def save(figure, path: Path) -> Path:
-    """Write a figure and forget it.
+    """Write a figure to a file, and free its memory.
 
     Parameters
     ----------
@@ -80,12 +82,12 @@ def save(figure, path: Path) -> Path:
     Returns
     -------
     Path
-        The same.
+        `path`.
 
     Raises
     ------
     SpotsError
-        If it cannot be written.
+        If the file cannot be written.
     """
     with atomic.replacing(path) as file:
         # Without the versions and dates that would change the file though the picture stays.
@@ -94,22 +96,22 @@ def save(figure, path: Path) -> Path:
 
 
 def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 4.0, **options):
-    """Return a figure and its axes.
+    """Create a figure with a grid of axes.
 
     Parameters
     ----------
     columns, rows : int
-        How many axes.
+        Number of columns and rows of axes.
     width, height : float
         Size of the figure, in inches.
     **options
-        As for `matplotlib.figure.Figure.subplots`.
+        Further arguments of `matplotlib.figure.Figure.subplots`.
 
     Returns
     -------
     figure : matplotlib.figure.Figure
     axes : matplotlib.axes.Axes or ndarray of them
-        Shape as that of `subplots`.
+        Axes with the shape that `subplots` returns.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -125,52 +127,52 @@ def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 
 
 
 def label(axis, title: str, x: str, y: str, **limits) -> None:
-    """Give axes their title and what they are of.
+    """Set the title and the labels of axes.
 
     Parameters
     ----------
     axis : matplotlib.axes.Axes
         The axes.
     title : str
-        Above, on the left.
+        Title, above the axes on the left.
     x, y : str
-        Labels, with units.
+        Labels of the x axis and the y axis, with units.
     **limits
-        As for `matplotlib.axes.Axes.set`.
+        Further arguments of `matplotlib.axes.Axes.set`, such as ``ylim``.
     """
     axis.set_title(title, loc="left", fontsize=11)
     axis.set(xlabel=x, ylabel=y, **limits)
 
 
 def line(axis, i: int, x, y, name=None, **options) -> None:
-    """Draw points joined by a line in the i-th colour and marker.
+    """Draw points that are joined by a line.
 
     Parameters
     ----------
     axis : matplotlib.axes.Axes
         The axes.
     i : int
-        Number of the colour and marker.
+        Number of the colour and marker, from 0.
     x, y : array_like, shape (n,)
         Coordinates in the units of the axes.
     name : str, optional
         Text in the legend.
     **options
-        As for `matplotlib.axes.Axes.plot`.
+        Further arguments of `matplotlib.axes.Axes.plot`.
     """
     style = {"color": _COLOURS[i], "marker": _MARKERS[i], "markersize": 4, "linewidth": 1.3}
     axis.plot(x, y, label=name, **(style | options))
 
 
 def legend(axis, **options) -> None:
-    """Draw the legend, without a frame over the data.
+    """Draw a legend without a frame.
 
     Parameters
     ----------
     axis : matplotlib.axes.Axes
         The axes.
     **options
-        As for `matplotlib.axes.Axes.legend`.
+        Further arguments of `matplotlib.axes.Axes.legend`.
     """
     axis.legend(**({"frameon": False, "fontsize": 9} | options))
 

@@ -1,4 +1,4 @@
-"""A characterisation as tables for people, and its steps as they happen."""
+"""Prints the tables of a characterisation, and the progress of its steps."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rich.table import Table
 
 
 def show(summary: dict) -> None:
-    """Print the tables of a summary of `characterize`."""
+    """Print the tables of a summary from `measurements.characterize`."""
     Console(highlight=False).print(tables(summary))
 
 
 def tables(summary: dict) -> Group:
-    """Return the tables of a summary of `characterize`."""
+    """Return the tables of a summary from `measurements.characterize`."""
     position, force, joint = summary["position"], summary["force"], summary["joint"]
     pair = position["one_pair"]
     figures = Table(box=box.SIMPLE_HEAD, title=_conditions(summary), title_justify="left")
@@ -66,7 +66,7 @@ def _row(first: str, second: str, rows: list[dict]) -> Table:
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """Give a function that shows a step's name on a terminal's standard error."""
+    """Yield a function that shows the name of a step on stderr, if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield lambda step: None
         return
