@@ -211,7 +211,7 @@ class BoardApp:
             del self.step
 
     def log(self, level, text):
-        """Send a log line to the host; `level` is ``"info"`` or ``"error"``."""
+        """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""
         self.replies.log(level, text)
 
     def restart(self):

@@ -423,7 +423,10 @@ class Contact:
             self._harden(force_mN, t)
 
     def _locate(self, fits, x_um, force_mN, brightness, t):
-        """Estimate a second finger; return True if the first finger has left the second one."""
+        """Estimate a second finger from a reading; return True if the first finger has left.
+
+        Parameters are those of `take`; `fits` is whether the spectrum fits one press.
+        """
         if self._second and fits:
             slack_um = max(_MATCH_UM, self._slack_um(brightness))
             if (
@@ -493,14 +496,14 @@ class Contact:
             self._b_second = found[2]
 
     def _remain(self, x_um, force_mN, brightness, t):
-        """Continue with the second finger, because the first one has left."""
+        """Continue with the second finger after the first has left; arguments as in `take`."""
         self._second = False
         self._begin(x_um, force_mN, brightness, t)
         self._sink.left(False, t)
         self._harden(force_mN, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left; the position rests `off_um` away from it."""
+        """Return whether the first finger has left; the reading rests `off_um` away from it."""
         if abs(brightness - self._b_since) > _DIPPED:
             return True  # with two fingers, this change of force would move the position
         first = self._b

@@ -34,7 +34,7 @@ def registers(exposure_us):
 
 
 def actual_us(atime, astep):
-    """Return the integration time of register values, in us, rounded."""
+    """Return the integration time in us, rounded, for values of the registers ATIME and ASTEP."""
     return ((atime + 1) * (astep + 1) * _STEP_CENTI_US + 50) // 100
 
 
@@ -56,7 +56,7 @@ def choose(exposure_us, mains_hz):
 
 
 def full_scale(atime, astep):
-    """Return the largest possible count for register values of the exposure."""
+    """Return the largest possible count for values of the registers ATIME and ASTEP."""
     return min(65_535, (atime + 1) * (astep + 1))
 
 

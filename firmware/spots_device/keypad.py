@@ -243,7 +243,7 @@ class Keypad:
     # Keys and their actions.
 
     def _find(self, x_um, again):
-        """Return the row of the key at a position, or -1.
+        """Return the row of the key at the position `x_um` in um, or -1.
 
         Near the border of the key that was tapped before (row `again`, or -1), this key is
         returned, so that a quick second tap may miss it by ``slack_um``.

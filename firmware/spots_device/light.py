@@ -56,4 +56,4 @@ def _dark(text):
             return dark
     except (ValueError, IndexError):
         pass
-    raise ValueError("dark is a gain, an exposure and six sums, as 'spots dark' stores them")
+    raise ValueError("dark must be a gain, an exposure and six sums, as 'spots dark' stores them")

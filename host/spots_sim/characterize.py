@@ -55,9 +55,9 @@ def measure(
         If a file or an option is invalid, or the sensor cannot be calibrated.
     """
     if not MIN_US <= exposure_us <= MAX_US:
-        raise SpotsError(f"--exposure-us takes {MIN_US} to {MAX_US}, not {exposure_us}")
+        raise SpotsError(f"--exposure-us must be from {MIN_US} to {MAX_US}, not {exposure_us}")
     if not 1 <= average <= AVERAGE_MAX:
-        raise SpotsError(f"--average takes 1 to {AVERAGE_MAX}, not {average}")
+        raise SpotsError(f"--average must be from 1 to {AVERAGE_MAX}, not {average}")
     hand.check()
     sensor = load(SensorFile, sensor_name)
     change = NONE if change_name is None else load_change(change_name)

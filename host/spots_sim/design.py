@@ -149,8 +149,8 @@ def best(length_mm: float, rate_hz: float) -> Design:
         found = [(design.resolution_um, i, design) for i, d in enumerate(dyes) if (design := at(d))]
         if not found:
             raise SpotsError(
-                f"no dye leaves light to read by at the end of {length_mm:g} mm at {rate_hz:g} Hz: "
-                "make the strip shorter, or read it more slowly"
+                f"the end of a {length_mm:g} mm strip is too dark at {rate_hz:g} Hz with any dye: "
+                "choose a shorter strip or a lower rate"
             )
         _, i, design = min(found)
         if dyes[1] < dyes[0] * (1 + _FINE_SHARE):
@@ -172,7 +172,7 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return gain code, exposure in us and LED current in mA that the board's search finds."""
+    """Search as the board does; return gain code, exposure in us and LED current in mA, or None."""
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
     outcome = AGAIN
@@ -213,20 +213,20 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     ):
         if not low <= value <= high:
             unit = name.rpartition("-")[2].replace("hz", "Hz")
-            raise SpotsError(f"--{name} is from {low:.3g} to {high:g} {unit}, not {value:g}")
+            raise SpotsError(f"--{name} must be from {low:.3g} to {high:g} {unit}, not {value:g}")
     found = best(length_mm, rate_hz)
     if found.resolution_um <= resolution_um:
         return found
     raise SpotsError(
         f"{resolution_um:g} um over {length_mm:g} mm cannot be reached at {rate_hz:g} Hz: the best "
-        f"there is {found.resolution_um:.3g} um, with dye of {found.dye_per_mm:.3g} per mm, "
+        f"resolution is {found.resolution_um:.3g} um, with dye of {found.dye_per_mm:.3g} per mm; "
         f"{_slower(length_mm, resolution_um, rate_hz)}"
     )
 
 
 def _slower(length_mm: float, resolution_um: float, rate_hz: float) -> str:
     if best(length_mm, _SLOWEST_HZ).resolution_um > resolution_um:
-        return f"and no rate down to {_SLOWEST_HZ:.3g} Hz would do"
+        return f"no rate down to {_SLOWEST_HZ:.3g} Hz reaches it: choose a shorter strip"
     low_hz, high_hz = _SLOWEST_HZ, rate_hz
     while high_hz > 1.01 * low_hz:
         middle_hz = math.sqrt(low_hz * high_hz)
@@ -236,7 +236,7 @@ def _slower(length_mm: float, resolution_um: float, rate_hz: float) -> str:
             high_hz = middle_hz
     # Rounded down, so that the resolution can be reached at the printed rate.
     digits = 10.0 ** (math.floor(math.log10(low_hz)) - 2)
-    return f"and it could be at {math.floor(low_hz / digits) * digits:.3g} Hz"
+    return f"choose a rate of at most {math.floor(low_hz / digits) * digits:.3g} Hz"
 
 
 def sensor_toml(found: Design) -> str:
@@ -244,7 +244,7 @@ def sensor_toml(found: Design) -> str:
     lines = [
         f"# Designed for {found.sensor.length_mm:g} mm: {found.resolution_um:.3g} um expected with",
         f"# exposure_us={found.exposure_us} average={found.average}.",
-        "# All but length and dye is as in default.toml, which has the sources.",
+        "# Other values are those of default.toml, which names their sources.",
         "",
     ]
     return "\n".join(lines) + "\n" + to_toml(found.sensor)
@@ -283,7 +283,7 @@ def _text(found: Design) -> str:
         "length": f"{summary['length_mm']:g} mm",
         "dye": f"{summary['dye_per_mm']:g} per mm",
         "reading": f"{found.average} x {found.exposure_us / 1000:g} ms, {summary['rate_hz']:g} Hz",
-        "setting": f"gain {found.gain}, {found.led_mA} mA, as 'auto' will find it",
+        "setting": f"gain {found.gain}, {found.led_mA} mA, as 'auto' finds them",
         "resolution": f"{found.resolution_um:.3g} um, the mean from 5 to 95 % of the length",
         "": ", ".join(
             f"{end['resolution_um']:.3g} um at {end['position_mm']:g} mm" for end in ends

@@ -189,13 +189,13 @@ def _position(run):
     figure, (top, bottom) = panels(rows=2, height=5.5, sharex=True, height_ratios=(2, 1))
     line(top, 0, x_mm, response, "measured", linestyle="none")
     top.plot(x_mm, zero + slope * x_mm, color=_COLOURS[1], label="straight line", zorder=1)
-    title = f"The colour is close to a straight line of the position: R² = {found['r2']:.7f}"
+    title = f"The log ratio is nearly linear in the position: R² = {found['r2']:.7f}"
     label(top, title, "", _ratio_name(run))
     legend(top)
     residual_um = 1000 * (response - zero - slope * x_mm) / slope
     line(bottom, 0, x_mm, residual_um)
     bottom.axhline(0, color=_GREY, linewidth=1)
-    title = "What the line leaves, and the calibration's tables take up"
+    title = "Deviation from the line; the calibration's tables correct it"
     label(bottom, title, "position (mm)", "residual (µm)")
     return figure
 
@@ -253,13 +253,13 @@ def _force(run, reading: str):
             line(left, 0, force_N, light / light.max(), "in the middle of the strip")
         line(right, i, force_N, series["error_mN"][rows] / 1000, f"{share:.1%}")
     left.axvspan(0, found["threshold_mN"] / 1000, color=_GREY, alpha=0.35, label="dead zone")
-    title = "More force, more light, ever more slowly"
-    label(left, title, "force (N)", "light, of its largest", xlim=(0, None), ylim=(0, 1.05))
+    title = "Light against force: the slope decreases"
+    label(left, title, "force (N)", "light, share of its maximum", xlim=(0, None), ylim=(0, 1.05))
     legend(left)
     right.axhline(0, color=_GREY, linewidth=1)
     title = f"Accuracy {found['accuracy_N']:.3f} N, {reading}"
     label(right, title, "force (N)", "mean error of held presses (N)")
-    legend(right, title="at, of the length")
+    legend(right, title="position / length")
     return figure
 
 
@@ -271,8 +271,8 @@ def _strain(run, reading: str):
         beyond = found["log_ratio"] - zero - slope * found["along_um"]
         line(left, i, found["along_um"] / 1000, beyond, f"{percent} %", markersize=3)
     left.axhline(0, color=_GREY, linewidth=1)
-    title = "Each strain has a response of its own"
-    label(left, title, "position on the stretched strip (mm)", "ln ratio less the line at rest")
+    title = "Each strain has its own response"
+    label(left, title, "position on the stretched strip (mm)", "ln ratio minus the line at rest")
     legend(left, title="strain", ncols=2)
     _bars(right, {percent: found["accuracy"][2] for percent, found in series.items()})
     title = f"Accuracy when the strain is known, {reading}"
@@ -298,10 +298,10 @@ def _bending(run, reading: str):
     for i, (degrees, (x_um, error_um, _)) in enumerate(series.items()):
         line(left, i, x_um / 1000, error_um, f"{degrees}°", linewidth=1)
     left.axhline(0, color=_GREY, linewidth=1)
-    label(left, "Errors at each place, bent", "position (mm)", "mean error (µm)")
+    label(left, "Errors of the bent strip", "position (mm)", "mean error (µm)")
     legend(left, title="bend", ncols=3)
     _bars(right, {degrees: found[2] for degrees, found in series.items()})
-    title = f"Accuracy bent, calibrated straight, {reading}"
+    title = f"Accuracy of the bent strip, calibrated straight, {reading}"
     label(right, title, "bend (°)", "mean absolute error (µm)")
     return figure
 

@@ -172,7 +172,10 @@ def _fewer(rig: Rig, count: int) -> int:
 
 
 def _jittered(rig: Rig, rng, place_um: float, count: int):
-    """Yield (true um, true mN, reading, counts) of `count` random presses around a place."""
+    """Press `count` times around a place, with random offsets of position and force.
+
+    `rng` is the random generator. Yields true position in um, true force in mN, reading and counts.
+    """
     for _ in range(count):
         at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
         force_mN = FORCE_MN * (1 + rng.uniform(-_JITTER_FORCE, _JITTER_FORCE))
@@ -181,7 +184,7 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 
 
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
-    """Press around a place, and compare the scatter of the readings with the bound.
+    """Press `count` times around a place; return errors of the position and their bound.
 
     Returns
     -------
@@ -325,7 +328,11 @@ def _threshold_mN(rig: Rig) -> float:
 
 
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
-    """Return places, mean errors and mean absolute errors in um, shape (3, number of places)."""
+    """Measure the accuracy along the strip; `rng` draws the presses.
+
+    Returns an array of shape (3, number of places): places, mean errors and mean absolute errors,
+    all in um.
+    """
     x_um = PLACES * rig.stage.length_um
     count = _fewer(rig, _ACCURACY)
     errors = np.array(

@@ -46,9 +46,9 @@ class Hand:
     def check(self) -> None:
         """Raise SpotsError if the number of marks or the error is invalid."""
         if self.marks not in (0, 1, len(MARKS)):
-            raise SpotsError(f"--rezero takes 0, 1 or {len(MARKS)} marks, not {self.marks}")
+            raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
         if self.error_um < 0:
-            raise SpotsError(f"--mark-error-um is 0 or more, not {self.error_um:g}")
+            raise SpotsError(f"--mark-error-um must be 0 or more, not {self.error_um:g}")
 
 
 NO_HAND = Hand()

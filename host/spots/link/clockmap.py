@@ -191,7 +191,7 @@ class ClockMap:
         return abs(off_s) > _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
 
     def _unwrap(self, t_us: int, arrived_s: float) -> int:
-        """Return an unwrapped board time; after a round trip, any time may have passed."""
+        """Return the unwrapped board time of `t_us`; `arrived_s` resolves gaps of several wraps."""
         board_us = self.unwrap(t_us)
         if self._high_s != float("inf"):
             age_s = arrived_s - (board_us * 1e-6 + self._offset_s(board_us))

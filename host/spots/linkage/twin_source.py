@@ -208,7 +208,7 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
 
 
 def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
-    """Return the boards of the strips; all boards on USB are searched."""
+    """Find the boards of two strips on USB; `stack` closes them at its end."""
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(

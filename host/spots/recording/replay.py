@@ -88,7 +88,7 @@ class Replay(Board):
         raise SpotsError(f"cannot send '{line}': {self.port} is a recording; open a board")
 
     def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
-        """Raises SpotsError: a recording cannot be recorded."""
+        """Raise SpotsError, because a recording cannot be recorded."""
         raise SpotsError(f"{self.port} is a recording already: copy the file")
 
     def close(self) -> None:
