@@ -55,7 +55,9 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     Returns
     -------
     path : Path
+        Path of the file.
     text : str
+        Text of the file.
 
     Raises
     ------

@@ -50,7 +50,21 @@ _RESET_VALUES = {
 
 @dataclass(frozen=True)
 class Quirks:
-    """Behaviour of the chip that no document defines, and the error of its oscillator."""
+    """Behaviour of the chip that no document defines, and the error of its oscillator.
+
+    Attributes
+    ----------
+    auto_zero_at_every_start : bool
+        Whether every start has an auto-zero; otherwise only the first start after power-on.
+    avalid_clears_on_read : bool
+        Whether a read of ASTATUS clears AVALID.
+    aint_needs_sp_ien : bool
+        Whether AINT needs its enable bit SP_IEN.
+    smux_us : float
+        Duration of a SMUX command in us.
+    clock_error_percent : float
+        Error of the sample period, in per cent; positive if the oscillator is slow.
+    """
 
     auto_zero_at_every_start: bool = True
     avalid_clears_on_read: bool = False

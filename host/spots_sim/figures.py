@@ -110,6 +110,7 @@ def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 
     Returns
     -------
     figure : matplotlib.figure.Figure
+        The figure.
     axes : matplotlib.axes.Axes or ndarray of them
         Axes with the shape that `subplots` returns.
     """

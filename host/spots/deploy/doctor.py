@@ -39,7 +39,17 @@ _WIRES = {
 
 
 class Finding(NamedTuple):
-    """Result of a check: its name, whether it passed, and a text for the user."""
+    """Result of a check.
+
+    Attributes
+    ----------
+    check : str
+        Name of the check.
+    ok : bool
+        Whether the board passed it.
+    text : str
+        What was found and, after a failure, what to do.
+    """
 
     check: str
     ok: bool

@@ -114,6 +114,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     Returns
     -------
     twin : Twin
+        Twin of the linkage.
     strips : list of CalibrationFile
         Calibration of joint 1 and calibration of joint 2.
 
