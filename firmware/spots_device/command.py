@@ -171,7 +171,7 @@ class Upload:
         lines = self._lines
         self.forget()
         if words[1:] != [checksum(lines)]:
-            raise ValueError("the checksum differs; send the %s again" % self._what)
+            raise ValueError("the checksum differs: send the %s again" % self._what)
         self._check(lines)
         return _noted({self._what: checksum(lines)}, self._use(lines))
 
@@ -182,7 +182,7 @@ class Upload:
         if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
             self.forget()
             raise ValueError(
-                "the %s is too large: at most %d lines and %d bytes"
+                "the %s is too large: send at most %d lines and %d bytes"
                 % (self._what, _LINES_MAX, _BYTES_MAX)
             )
         self._lines.append(line)

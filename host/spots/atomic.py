@@ -24,7 +24,7 @@ from .errors import SpotsError
 
 _PREFIX, _SUFFIX = ".spots-", ".part"
 _PART = re.compile(r"\.spots-\w{8,16}\.part")
-# A part that nobody has changed for so long is of a killed process.
+# After this time without a change, a temporary file belongs to a killed process.
 _STALE_S = 3600.0
 
 

@@ -19,7 +19,7 @@ def ports(parser: Parser):
     example:
       spots ports --json
     """
-    parser.flag("--json", "one JSON list")
+    parser.flag("--json", "print one JSON list")
     return _ports
 
 
@@ -29,7 +29,7 @@ def boards(parser: Parser):
     example:
       spots boards --json
     """
-    parser.flag("--json", "one JSON list")
+    parser.flag("--json", "print one JSON list")
     return _boards
 
 

@@ -49,7 +49,7 @@ def info(parser: Parser):
       spots info run.spots
     """
     parser.option("file", "FILE.spots", "a recording")
-    parser.flag("--json", "one JSON object")
+    parser.flag("--json", "print one JSON object")
     return _info
 
 

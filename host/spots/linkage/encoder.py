@@ -16,7 +16,7 @@ from ..link.clockmap import ClockMap
 from ..link.frames import Touch
 
 _WINDOW_LEAST, _WINDOW = 3, 8  # least and largest number of readings for a velocity
-_CLEAR = 10.0  # a velocity of so many standard errors needs no more readings
+_CLEAR = 10.0  # a velocity above this number of standard errors needs no more readings
 _WINDOW_S = 2.0  # after a longer pause the readings before it are dropped
 _MEAN = 4  # number of readings that are averaged to detect a slow movement
 _SIGMAS = 4.0  # a movement must exceed the noise by this factor
