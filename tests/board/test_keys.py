@@ -289,7 +289,7 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
 
 def test_without_a_calibration_a_note_says_so(rig):
     made = rig()
-    assert "without a calibration" in made.board.command("keys on")["note"]
+    assert "need a calibration" in made.board.command("keys on")["note"]
     assert "note" not in made.board.command("keys off")
 
 

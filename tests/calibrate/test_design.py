@@ -67,7 +67,7 @@ def test_what_is_impossible_is_said_with_a_rate_that_is_not(capsys):
     assert output.out == ""
     assert output.err.count("\n") == 1
     assert "the best resolution is" in output.err
-    rate_hz = float(output.err.rsplit("could be at ", 1)[1].split()[0])
+    rate_hz = float(output.err.rsplit("a rate of at most ", 1)[1].split()[0])
     assert design.best(85, rate_hz).resolution_um <= 7
     assert design.best(85, 1.05 * rate_hz).resolution_um > 7
 
@@ -90,7 +90,7 @@ def test_what_no_rate_would_do(capsys):
         ((85, 50, 2000), "--rate-hz"),
         ((85, 50, 0), "--rate-hz"),
         (("nan", 50, 100), "--length-mm"),
-        ((5000, 50, 100), "no dye leaves light"),
+        ((5000, 50, 100), "too dark at 100 Hz with any dye"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, numbers, says):
