@@ -76,7 +76,7 @@ class Led(_SimulationFile):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the current of the LED while it is on; `driver_mA` is what the chip was set to."""
+        """Return the LED current in mA while it is on; `driver_mA` is the chip's setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 

@@ -133,7 +133,7 @@ def _numbers(last: Terminal | None, remark: str) -> Table:
             error = f"{major:.3f} x {minor:.3f} mm at {math.degrees(angle):.0f}°, one sigma"
         if last.velocity_mm_s is not None:
             x, y = last.velocity_mm_s
-            speed = f"{x:.1f}  {y:.1f} mm/s, {math.hypot(x, y):.1f} in all"
+            speed = f"{x:.1f}  {y:.1f} mm/s, {math.hypot(x, y):.1f} total"
     grid.add_row("terminal", Text(where, style="bold"))
     grid.add_row("uncertainty", error)
     grid.add_row("velocity", speed)
