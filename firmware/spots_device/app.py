@@ -192,7 +192,7 @@ class BoardApp:
             self.reconnect.lose(error)
 
     def measure(self):
-        """Start to measure the duration of a sample; each pass takes slightly longer meanwhile."""
+        """Start to measure the duration of a sample; this makes each pass slightly longer."""
         self.meter.restart()
         self.step = self._measured_step
 

@@ -12,12 +12,12 @@ from rich.table import Table
 
 
 def show(summary: dict) -> None:
-    """Print the tables of a summary from `measurements.characterize`."""
+    """Print the tables of a `measurements.Run.summary`."""
     Console(highlight=False).print(tables(summary))
 
 
 def tables(summary: dict) -> Group:
-    """Return the tables of a summary from `measurements.characterize`."""
+    """Return tables for rich from a `measurements.Run.summary`."""
     position, force, joint = summary["position"], summary["force"], summary["joint"]
     pair = position["one_pair"]
     figures = Table(box=box.SIMPLE_HEAD, title=_conditions(summary), title_justify="left")

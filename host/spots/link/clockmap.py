@@ -25,8 +25,8 @@ class ClockMap:
     A question is sent at host time a, answered at board time t, and the answer arrives at host
     time b: so t lies between a and b. Each round trip bounds the offset between the clocks from
     both sides, and all bounds together are tighter than the shortest round trip alone. Because
-    clocks drift, the offset is a line: the one with the most room between the bounds of the latest
-    round trips.
+    clocks drift, the offset is a linear function of time. Its slope is chosen so that the distance
+    between the bounds of the latest round trips is largest.
 
     Parameters
     ----------

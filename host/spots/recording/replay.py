@@ -48,8 +48,8 @@ class Replay(Board):
     """A board whose frames come from a recording, at the times at which they had arrived.
 
     It is read like any other board, but its iterators end with the recording, and it refuses all
-    commands but ``hello`` and ``stream``. All recorded frames come, whatever ``stream`` names.
-    `now_s` is the time of the recording.
+    commands but ``hello`` and ``stream``. ``stream`` has no effect: all recorded frames are
+    returned. `now_s` is the time of the recording.
 
     Parameters
     ----------
