@@ -313,7 +313,7 @@ def main():
 
 
 def _strip_led(board_config):
-    """Return a function ``gpio(on)`` that switches the strip's LED; its first call opens the pin."""
+    """Return a function ``gpio(on)`` that switches the strip's LED; the first call opens it."""
     pin = None
 
     def switch(on):
