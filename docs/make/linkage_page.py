@@ -36,12 +36,12 @@ x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 All methods take scalars or arrays, in every quadrant. If there is no solution, a method raises an
 error with the reason for scalars, and returns masked elements for arrays. `forward_limits` and
 `inverse_limits` return the reason for each element (`spots.linkage.fivebar.Limit`). For two angles
-there are two possible terminals: `assembly="far"`, the usual one, has the terminal beyond the
-elbows, `"near"` is the other one. `jacobian` and `covariance` compute errors of the terminal from
-errors of the angles. These errors grow without bound when the outer bars come into line. So the
-workspace in this document keeps the bars at least 30° away from that, the usual rule.
+there are two possible terminals: `assembly="far"`, the usual one, is the terminal beyond the
+elbows; `"near"` is the other terminal. `jacobian` and `covariance` compute errors of the terminal
+from errors of the angles. These errors grow without bound when the outer bars come into line. So in
+the workspace of this document, the angle between the outer bars is at least 30°, the usual rule.
 
-## A joint, a twin
+## Track a joint or a linkage
 
 ```sh
 python examples/track_joint.py CALIBRATION.toml      # a joint's angle and speed
@@ -54,14 +54,14 @@ spots twin --json --picture sust.png                 # the same in simulated tim
 ![The twin in a terminal: bars, path, and the terminal in figures](fivebar/twin.svg)
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
-and singularities. Elsewhere it prints lines, or with `--json` an object for each terminal. Its keys
-are those in [page.md](page.md), and `velocity_mm_s`, `sigma_mm`, `limit`, `singular` and
-`within` (inside the calibrated range of the joints). The web UI shows the same:
+and singularities. Elsewhere it prints lines. With `--json` it prints an object for each terminal,
+with the keys of [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`, `singular`
+and `within` (inside the calibrated range of the joints). The web UI shows the same:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
 position has moved by more than its noise, half the backlash is added or subtracted. At rest the
-joint may be anywhere in its backlash, and the standard error includes that. The velocity is
+joint may be anywhere in its backlash; the standard error includes this uncertainty. The velocity is
 measured by the board's clock. `spots.Twin` takes the readings of both joints, live or recorded. It
 returns the terminal at the time of each reading, and interpolates the angle of the other joint
 between two of its readings. Nothing is extrapolated, and the order of arrival does not matter. The
@@ -97,7 +97,7 @@ calibration = "b.toml"
 offset_deg = -108.0
 ```
 
-A calibration stores the id of its board, so the board of each joint is known.
+Each calibration stores the id of its board, so `spots twin` finds the board of each joint.
 """
 
 _CALIBRATION = """
@@ -143,11 +143,13 @@ def document(
     Parameters
     ----------
     surveys : list of Survey
-        By seed.
+        Surveys of the workspace, one for each seed.
     runs : dict of int to list of PathRun
-        By exposure in us, then by seed.
+        Runs on a path by exposure in us, one for each seed.
     linkage : LinkageFile
+        Nominal linkage and its errors.
     mechanism : Mechanism
+        Linkage with its true lengths.
     """
     lines = [_HEAD, _workspace(surveys, linkage, mechanism), _CALIBRATION]
     first = surveys[0].kinematics
@@ -255,8 +257,8 @@ twin uses the true lengths. Errors in mm, seeds {min(SEEDS)} to {max(SEEDS)}:
 The twin reports an expected error with each terminal. The Jacobian computes it from the noise of
 the strips, the errors of the joint calibrations and the backlash. It does not include movements
 between two readings and the error of the dark frame. The board takes the dark frame at its start,
-and no other one while the strip is pressed, which is always so in a joint. With a long exposure the
-noise is small, and the error of the dark frame is the largest one.
+and takes no other while the strip is pressed. In a joint, the indenter always presses the strip.
+With a long exposure the noise is small, and the error of the dark frame is the largest one.
 
 ![SUST: the terminal's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """

@@ -14,21 +14,21 @@ from spots_sim.rezeroed import Hand
 
 EXPOSURES_US = (10_000, 100_000)
 _SEED = 0
-_HEAD = """# The paper's figures, and ours
+_HEAD = """# The paper's figures, and those of the simulated sensor
 
-Written by `make paper`; it measures every number but the published ones. The published
-ones are those of Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
-Sensor for Trajectory Tracking of Parallel Mechanisms*, with the section they stand in. Ours are of
-the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with seed {seed},
-and defined as in [calibration.md](calibration.md). The paper does not state how long a reading
-took; the exposure of ours is on top of its column. The **real strip** is the sensor file `real`: it
-has aged and warmed up since its calibration, stands under a lamp, and was re-zeroed once with a
-press of each mark ([drift.md](drift.md)).
+`make paper` writes this document, and measures all numbers except the published ones. The published
+numbers are from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
+Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the section. The columns
+"ours" are the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with
+seed {seed}, and defined as in [calibration.md](calibration.md). The paper does not state the
+duration of a reading; for ours it is in the column title. The **real strip** is the simulated
+sensor file `real`. This strip has aged and warmed up since its calibration, is under a lamp, and
+was re-zeroed with one press of each mark ([drift.md](drift.md)).
 
 """
 _PICTURES = {
-    "position": "Response along the strip, and what a straight line leaves of it.",
-    "resolution": "Resolution, accuracy and scatter beside the least possible scatter.",
+    "position": "Response along the strip, and its deviation from a straight line.",
+    "resolution": "Resolution, accuracy and scatter, and the Cramer-Rao bound of the scatter.",
     "dye_and_length": "Strips of other lengths and dyes.",
     "force": "Response to force, and its error.",
     "strain": "Responses and accuracy of the stretched strip.",
@@ -43,14 +43,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Parameters
     ----------
     runs : list of Run
-        Of the default strip by exposure, then of the real one.
+        Results of the default strip for each exposure, then of the real strip.
     departures_um : list of float
-        Of `family.departure_um`, of the default strip by exposure.
+        Results of `family.departure_um` for the default strip, for each exposure.
 
     Returns
     -------
     list of tuple
-        What, section, published, ours by exposure, what the simulation cannot show.
+        Quantity, section, published value, list of our values, limit of the simulation.
     """
     found = [run.summary for run in runs]
 
@@ -72,42 +72,42 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 0.996",
             each("{:.7f}", lambda s: s["position"]["r2"]),
-            "The dye's spectrum is a smooth edge; a real pigment's bumps bend the line more.",
+            "The simulated dye has a smooth edge; a real pigment bends the line more.",
         ),
         (
             "Position resolution",
             "III.A",
             "7 µm",
             each("{:.1f} µm", lambda s: s["position"]["resolution_um"]),
-            "How much light a real strip couples is not published, and resolution goes with it.",
+            "The light that a real strip couples is not published; the resolution depends on it.",
         ),
         (
             "Position accuracy",
             "III.A",
             "16 µm",
             each("{:.1f} µm", lambda s: s["position"]["accuracy_um"]),
-            "The simulated stage has no error, and the strip no creep, dirt or temperature.",
+            "The simulated stage has no error; the default strip has no creep, dirt or warming.",
         ),
         (
-            "Scatter over the least possible, six channels",
+            "Scatter divided by the Cramer-Rao bound, six channels",
             "",
             "",
             each("{:.2f}", lambda s: s["position"]["crb_ratio"]),
-            "The bound is that of the simulated noise, independent from channel to channel.",
+            "The bound assumes the simulated noise, which is independent in each channel.",
         ),
         (
-            f"The same by one pair of channels (Eq. 2; here {pair[1]} over {pair[0]}, the best)",
+            f"The same from one pair of channels (Eq. 2; here {pair[1]} over {pair[0]}, the best)",
             "III.A",
             "",
             each("{:.2f}", lambda s: s["position"]["one_pair"]["crb_ratio"]),
-            "The paper does not name its pair; the best one of this sensor may be another.",
+            "The paper does not name its pair; the best pair of this sensor may be another one.",
         ),
         (
             "Signal to noise",
             "III.A",
             "> 20 dB",
             each("{:.0f} dB", lambda s: s["snr_db"]),
-            "The paper does not define its ratio; ours is the light over its scatter at rest.",
+            "The paper does not define its ratio; ours is light divided by scatter at rest.",
         ),
         (
             f"Strips of {shortest:g} to {longest:g} mm share one response",
@@ -122,7 +122,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.B",
             "5 mN",
             each("{:.1f} mN", lambda s: s["force"]["resolution_mN"]),
-            "The law of contact is assumed, and a flat finger of one width.",
+            "Contact area against force is assumed, and a flat finger of constant width.",
         ),
         (
             "Force accuracy",
@@ -136,14 +136,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.C",
             "similar",
             each("{}", bent("strain")),
-            "The strain is known exactly, the same everywhere, and calibrated at each value.",
+            "The simulated strain is known exactly, uniform, and calibrated at each value.",
         ),
         (
             "Accuracy straight, then bent up to 180°",
             "III.C",
             "no significant loss",
             each("{}", bent("bend")),
-            "Bending costs light and nothing else here; a real one may press the guides together.",
+            "Simulated bending only reduces light; a real bend may press the guides together.",
         ),
         (
             "Joint: R²",
@@ -157,14 +157,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It follows from the position's, over the radius; the paper does not state its radius.",
+            "It is the position's resolution over the radius; the paper states no radius.",
         ),
         (
             "Joint: accuracy",
             "IV",
             "0.04°",
             each("{:.4f}°", lambda s: s["joint"]["accuracy_deg"]),
-            "Of mechanical errors only backlash is simulated.",
+            "Backlash is the only simulated mechanical error.",
         ),
     ]
 
@@ -182,7 +182,8 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
     for what, section, published, ours, limit in rows(runs, departures_um):
         lines.append(_row([what, section, published, *ours, limit]))
     shown = runs[len(departures_um) - 1].summary["reading_ms"]
-    lines.append(f"\n## Figures\n\nOf the simulated default sensor at {shown:.3g} ms a reading.\n")
+    lines.append("\n## Figures\n\nAll figures show the simulated default sensor ")
+    lines.append(f"at {shown:.3g} ms a reading.\n\n")
     for name, text in _PICTURES.items():
         lines.append(f"![{text}](paper/{name}.png)\n\n{text}\n\n")
     return "".join(lines).rstrip() + "\n"

@@ -192,7 +192,7 @@ class BoardApp:
             self.reconnect.lose(error)
 
     def measure(self):
-        """Start to measure the duration of a sample; each pass takes slightly longer meanwhile."""
+        """Start to measure the duration of a sample; this makes each pass slightly longer."""
         self.meter.restart()
         self.step = self._measured_step
 
@@ -211,7 +211,7 @@ class BoardApp:
             del self.step
 
     def log(self, level, text):
-        """Send a log line to the host; `level` is ``"info"`` or ``"error"``."""
+        """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""
         self.replies.log(level, text)
 
     def restart(self):

@@ -312,11 +312,24 @@ def _check_strains(strains, segments):
 
 
 def _between(strains, strain_ppm):
-    """Return the segment bounds and the knots at a strain, interpolated linearly."""
+    """Interpolate a calibration linearly between two strains.
+
+    Parameters
+    ----------
+    strains : sequence of tuple
+        Strain in ppm, bounds of the segments, and tables of knots, for each calibrated strain.
+    strain_ppm : int
+        Strain of the strip in ppm.
+
+    Returns
+    -------
+    bounds, tables
+        Bounds of the segments, and tables of knots, at this strain.
+    """
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:
         raise CalibrationError(
-            "the calibration covers strain_ppm=0 to %d: set strain_ppm to that" % strains[last][0]
+            "the calibration covers strain_ppm=0 to %d: set it in this range" % strains[last][0]
         )
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:

@@ -17,7 +17,7 @@ LINE_MAX = 255
 _LINES_MAX = 400  # lines of an upload
 _BYTES_MAX = 16_000
 NAME_MAX = 20  # characters of an unknown name that the reply repeats
-_NO_MEMORY = "no memory left for this; reboot and try again"
+_NO_MEMORY = "no memory is left for this command: reboot and try again"
 
 
 def _noted(reply, note):
@@ -77,7 +77,7 @@ class Replies:
         self._claimed = None
 
     def log(self, level, text):
-        """Send a log line; `level` is ``"info"`` or ``"error"``."""
+        """Send the log line `text`; `level` is ``"info"`` or ``"error"``."""
         self.send({"log": level, "text": text})
 
     def send(self, reply):
@@ -110,7 +110,7 @@ class Replies:
     def abandon(self, why):
         """Send an error as the pending reply, if there is one; `why` is the reason."""
         if self._claimed:
-            self.finish(self._claimed, {"error": why + " before this ended"})
+            self.finish(self._claimed, {"error": why + " before the command ended"})
 
 
 class Upload:
@@ -171,7 +171,7 @@ class Upload:
         lines = self._lines
         self.forget()
         if words[1:] != [checksum(lines)]:
-            raise ValueError("the checksum differs; send the %s again" % self._what)
+            raise ValueError("the checksum differs: send the %s again" % self._what)
         self._check(lines)
         return _noted({self._what: checksum(lines)}, self._use(lines))
 
@@ -182,7 +182,7 @@ class Upload:
         if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
             self.forget()
             raise ValueError(
-                "the %s is too large: at most %d lines and %d bytes"
+                "the %s is too large: send at most %d lines and %d bytes"
                 % (self._what, _LINES_MAX, _BYTES_MAX)
             )
         self._lines.append(line)

@@ -1,24 +1,24 @@
-"""Readings to touches: press, movement, force and release, debounced; one finger after the other.
+"""Converts readings to touches: press, movement, firm press and release, debounced.
 
-One reading of six channels cannot tell two fingers from one between them, but time can: nearly
-every finger is alone for some readings. While more than one may be there, no place between them
-counts:
+One reading of six channels cannot distinguish two fingers from one finger between them. A sequence
+of readings can, because nearly every finger is alone on the strip for some readings. While there
+may be several fingers, the position of a reading is not used. State machine:
 
 ====  =====  ==================================================================================
 from  to     when
 ====  =====  ==================================================================================
-UP    DOWN   `detect` readings in a row agree on a place, or on a steady motion
-UP    TWO    they did not for 40 ms: fingers that came together, none of their places known
-DOWN  DOWN   the place is that of the finger, or the finger slides
-DOWN  TWO    otherwise; the finger is where it was one reading *earlier*
-TWO   DOWN   the place rests where the first finger was: the second one has left
-TWO   DOWN   it rests elsewhere, and the first one has left: its light fell before, or was seen to
-             fall, or there never was the light of two, or two could not seem to lie there
-TWO   TWO    with the first at rest, several readings agree where the second is (second.py)
-TWO   UP     the light has gone
+UP    DOWN   `detect` consecutive readings agree on a position, or on a steady motion
+UP    TWO    readings disagree for 40 ms: fingers came together, their positions are unknown
+DOWN  DOWN   the position is that of the finger, or the finger slides
+DOWN  TWO    otherwise; the finger is at its position of one reading *earlier*
+TWO   DOWN   the position rests where the first finger was: the second finger has left
+TWO   DOWN   the position rests elsewhere: the first finger has left, if the brightness fell, or was
+             never that of two fingers, or no second finger could cause this position
+TWO   TWO    the first finger rests, and several readings agree on the second one (second.py)
+TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-A release counts after a time (release debounce). Integers only; allocates nothing.
+A release is delayed by `release_ms` (release debounce). Integers only; allocates nothing.
 """
 
 try:
@@ -33,40 +33,40 @@ from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHI
 from .second import locate, power
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
-# Of a reading with two fingers: never trusted, and both bits if its spectrum would fit one press.
+# Flags of a reading of two fingers whose spectrum fits one press: never trusted.
 TWO_FIT = MISFIT | TOO_DARK
 _BLIND = NOT_CALIBRATED | SATURATED
-# Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits, so that it
-# wraps where they do.
+# Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits. Both wrap at
+# the same moment.
 TICK_US = 1024
 TICKS = 1 << 22
 
 _UP = const(0)
 _DOWN = const(1)
-_SPENT = const(2)  # what lies there must be lifted before it makes another touch
+_SPENT = const(2)  # the finger or object must be lifted before the next touch
 _TWO = const(3)
 
-_DECAY = const(288)  # of a usual dye, see second.py
-# Standard deviation of a place in um times the light in counts: that of the converter's noise at
-# the far end of a strip of 85 mm; it grows with the square of the length.
+_DECAY = const(288)  # decay of a typical dye, see second.py
+# Standard deviation of the position in um, times the light in counts, by the converter's noise at
+# the far end of a strip of 85 mm. It grows with the square of the length.
 _NOISE = const(90_000)
-_NOISE_UM = const(20_000)  # at most
-_REST_UM = const(250)  # from reading to reading, of a place that rests
-_SAME_UM = const(450)  # from the mean place of a finger that is there
-_BACK_UM = const(900)  # from the finger that was alone before
-_SLIDE_LIGHT = const(9000)  # a tick; brightness, Q20 of log2
-_TOGETHER_T = const(39)  # readings that agree on nothing for so long are fingers that came together
-_REST_T = const(12)
+_NOISE_UM = const(20_000)  # upper limit of the standard deviation
+_REST_UM = const(250)  # largest difference between two readings of a resting position
+_SAME_UM = const(450)  # largest distance from the mean position of the same finger
+_BACK_UM = const(900)  # largest distance from the first finger after the second one has left
+_SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
+_TOGETHER_T = const(39)  # readings that disagree for this time are of fingers that came together
+_REST_T = const(12)  # least duration of a resting position
 _MOVED_UM = const(1500)
-_SEEN_T = const(24)  # two fingers are seen together within
-# Shares of light as differences of brightness.
+_SEEN_T = const(24)  # within this time the light of two fingers is visible
+# Ratios of light as differences of brightness, Q20 of log2.
 _FALLEN = const(772_000)  # 0.6
 _DIPPED = const(435_000)  # 0.75
 _LOST = const(337_000)  # 0.8
 _MORE = const(171_000)  # 1.12
 _EVEN = const(74_000)  # 1.05
 _MATCH = const(210_000)  # 1.15
-# Of a second finger that is found beside the first.
+# Limits for the detection of a second finger beside the first one.
 _NEAR_UM = const(2000)
 _MATCH_UM = const(800)
 _AGREE_UM = const(600)
@@ -75,7 +75,7 @@ _GUESSES = const(2)
 _OTHER = const(150_000)  # 1.1
 _SOON_T = const(78)
 _LEVEL = const(2)
-# Of a third.
+# Limits for the detection of a third finger.
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
@@ -83,40 +83,45 @@ _ALONE_T = const(28)
 
 
 def elapsed(since, now):
-    """Return the ticks from one time to a later one."""
+    """Return the ticks from the time `since` to the later time `now`; correct across a wrap."""
     return (now - since) & (TICKS - 1)
 
 
 def _counts(brightness):
-    """Return light in sixteenths of a count of a brightness."""
+    """Return the light of a brightness (Q20 of log2), in sixteenths of a count; at least 1."""
     return max(power(brightness) >> 6, 1)
 
 
 class Contact:
-    """Turns readings into touches.
+    """Converts the readings of a strip to touches.
 
     Parameters
     ----------
     sink : object
-        ``down(x_um, t)``, ``at(x_um, t)`` for every further reading of that finger alone,
-        ``firm(t)`` once when it gets that hard, ``up(t)``, ``next(x_um, t)`` for another finger
-        in the place of this one, ``stuck()`` for one that does not move for long. Where the
-        length of the strip is known also ``second(x_um, slack_um, t)`` for another finger beside
-        this one, which returns whether it is used, and ``left(second, t)`` once that one or,
-        else, the first one has left.
+        Receiver with these methods; `t` is the time in ticks, `x_um` a position:
+        ``down(x_um, t)``: a finger touches.
+        ``at(x_um, t)``: new position of this finger, while it is alone.
+        ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
+        ``up(t)``: the finger has left.
+        ``next(x_um, t)``: the finger has left, and another one touches.
+        ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
+        With a known strip length also:
+        ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
+        Returns whether the second finger is used.
+        ``left(second, t)``: the second finger has left if `second` is true, else the first one.
 
     Attributes
     ----------
     force_mN : int
-        Of the last reading that could be trusted.
+        Force of the last reading that fits one press, in mN.
     """
 
     def __init__(self, sink):
         self._sink = sink
         self._layout = None
         self._state = _SPENT
-        self._known = False  # in TWO: whether the first finger's place is known, and its key down
-        self._seen = 0  # readings in a row that agree
+        self._known = False  # in TWO: whether the first finger's position is known
+        self._seen = 0  # consecutive readings that agree
         self._x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
         self._b = self._b_before = self._b_oldest = self._b_seen = 0
         self._b_since = self._b_level = self._level = 0
@@ -139,38 +144,54 @@ class Contact:
 
     @property
     def touched(self):
-        """Whether a finger is down."""
+        """Whether a finger with a known position touches the strip."""
         return self._state == _DOWN or (self._state == _TWO and self._known)
 
     @property
     def two(self):
-        """Whether more than one finger may be there."""
+        """Whether more than one finger may touch the strip."""
         return self._state == _TWO
 
     def set_layout(self, layout, length_um=0):
-        """Use these limits on a strip of this length.
+        """Set the limits and the strip length; a present touch is ignored until it is lifted.
 
-        With 0 for the length one finger is expected: what moves is a slide, however its light
-        changes, and readings that do not fit one press do not count.
-        What lies on the strip must be lifted before it makes a touch.
+        Parameters
+        ----------
+        layout : layout.Layout
+            Its statements in `layout.LIMITS` are used.
+        length_um : int
+            Length of the strip in um. With 0, one finger is expected: each movement is a slide,
+            and readings that do not fit one press are ignored.
         """
         self._layout = layout
         self._length_um = length_um
-        # The light that tells places apart falls along a strip, and a long one needs a weak dye.
+        # Light decreases along a strip, and a long strip needs a weak dye: the noise grows.
         share = min(max(length_um, 0), 600_000) * 3 // 1000
         self._noise = max(share * share * 18 // 13, _NOISE)
         self.spend()
 
     def spend(self):
-        """Forget the touch; the finger has to be lifted before it makes another."""
+        """Drop the touch; the finger must be lifted before the next touch."""
         self._state = _SPENT
         self._seen = 0
         self._leaving = False
 
     def take(self, flags, position_um, force_mN, brightness, t):
-        """Take a reading, at time `t` in ticks; `brightness` is Q20 of log2."""
+        """Process a reading.
+
+        Parameters
+        ----------
+        flags : int
+            Flag bits of `decode`.
+        position_um, force_mN : int
+            Position in um and force in mN.
+        brightness : int
+            Brightness in Q20 of log2.
+        t : int
+            Time in ticks.
+        """
         if flags & LED_OFF:
-            return  # the LED was off: neither a touch nor the end of one
+            return  # with the LED off, a touch cannot be detected
         layout = self._layout
         if not flags & TOUCHING or (force_mN < layout.release_mN and not flags & DOUBTFUL):
             self._lift(t)
@@ -214,7 +235,7 @@ class Contact:
         if down:
             self._sink.up(t)
 
-    # No finger is down.
+    # State UP.
 
     def _press(self, fits, x_um, force_mN, brightness, t):
         layout = self._layout
@@ -237,7 +258,7 @@ class Contact:
         else:
             steady = self._step_um and abs(moved_um - self._step_um) < self._slack_um(brightness)
             if fits and steady and abs(moved_um) <= layout.jump_um:
-                self._seen = layout.detect  # it came down sliding
+                self._seen = layout.detect  # the finger slides already
             else:
                 self._seen = 1
                 self._x_um = x_um
@@ -245,7 +266,7 @@ class Contact:
                     self._known = False
                     self._mix(x_um, brightness, t)
                     return
-        # A motion is judged by three readings.
+        # Three readings show whether a motion is steady.
         self._step_um = moved_um if self._seen == 1 and elapsed(self._began, t) else 0
         if not fits:
             self._step_um = 0
@@ -256,7 +277,7 @@ class Contact:
             self._sink.down(x_um, t)
             self._harden(force_mN, t)
 
-    # One finger is down.
+    # State DOWN.
 
     def _begin(self, x_um, force_mN, brightness, t):
         self._state = _DOWN
@@ -291,7 +312,17 @@ class Contact:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
-        """Return whether a reading that is off may be of more than this finger."""
+        """Return whether a reading away from the finger may be of two fingers; if so, enter TWO.
+
+        Parameters
+        ----------
+        fits : bool
+            Whether the spectrum of the reading fits one press.
+        off_um : int
+            Distance of the reading from the finger, in um.
+        x_um, brightness, t : int
+            Position in um, brightness in Q20 of log2, and time in ticks.
+        """
         if fits and not self._dipped:
             if abs(off_um) < 4 * self._noise_um(brightness):
                 return False
@@ -313,7 +344,7 @@ class Contact:
         self._least = last
         return True
 
-    # More than one may be.
+    # State TWO.
 
     def _mix(self, x_um, brightness, t):
         self._state = _TWO
@@ -325,7 +356,7 @@ class Contact:
         self._x_peak_um = x_um
 
     def _part(self, fits, x_um, force_mN, brightness, t):
-        # Light of two that was lost and grows again, or grows after a rest: a third has come.
+        # The light of two fingers was lost and grows again, or grows after a rest: a third finger.
         if (
             self._low < self._peak - _LOST
             and brightness > self._low + _GROWN
@@ -362,8 +393,8 @@ class Contact:
         if seen < 1 or elapsed(self._since, t) * (seen + 1) < _REST_T * seen:
             return
         if not self._known:
-            # They came together: one has left when light was lost and the place moved. Or it was
-            # one, under a light that has gone.
+            # If light was lost and the position moved, one of two fingers has left. Or there was
+            # only one finger, and ambient light that is now off.
             if (brightness < self._peak - _LOST and abs(x_um - self._x_peak_um) > _MOVED_UM) or (
                 self._odd and elapsed(self._since, t) >= _TOGETHER_T
             ):
@@ -392,7 +423,10 @@ class Contact:
             self._harden(force_mN, t)
 
     def _locate(self, fits, x_um, force_mN, brightness, t):
-        """Look for a second finger beside the first one; return whether that one remained alone."""
+        """Estimate a second finger from a reading; return True if the first finger has left.
+
+        Parameters are those of `take`; `fits` is whether the spectrum fits one press.
+        """
         if self._second and fits:
             slack_um = max(_MATCH_UM, self._slack_um(brightness))
             if (
@@ -402,10 +436,10 @@ class Contact:
                 self._remain(x_um, force_mN, brightness, t)
                 return True
         if brightness < self._peak - _EVEN:
-            self._fades = True  # the first one may be leaving
+            self._fades = True  # the first finger may be leaving
         late = elapsed(self._began, t) > _SOON_T
         if self._second:
-            # The second one rests: a third may come beside it.
+            # The second finger rests; a third one may come beside it.
             if self._fades:
                 self._guess(self._x_second_um, self._b_second, x_um, brightness, t)
         elif self._even and not (late or self._fades or self._third or self._dipped):
@@ -413,7 +447,15 @@ class Contact:
         return False
 
     def _guess(self, x1_um, b1, x_um, brightness, t):
-        """Estimate the finger beside one at rest; press its key once several readings agree."""
+        """Estimate a finger beside a resting one; report it when several readings agree.
+
+        Parameters
+        ----------
+        x1_um, b1 : int
+            Position in um and brightness of the resting finger.
+        x_um, brightness, t : int
+            Position in um and brightness of the reading, and its time in ticks.
+        """
         found = self._found
         noise_um = self._noise_um(brightness)
         if not locate(found, _DECAY, x1_um, b1, x_um, brightness, noise_um):
@@ -431,7 +473,7 @@ class Contact:
         ):
             self._guesses = 1
         elif abs(found[2] - self._b_guess) > _OTHER:
-            self._guesses += 1  # with another share of the light, so it is no blend of others
+            self._guesses += 1  # another share of the light gives the same position
         elif self._guesses == 1:
             return
         self._x_guess_um = at_um
@@ -440,7 +482,7 @@ class Contact:
         if self._guesses < _GUESSES or slack_um > _SURE_UM:
             return
         if self._second:
-            # So the first one has gone, and the second takes its place.
+            # The first finger has left; the second one becomes the first one.
             self._sink.left(False, t)
             self._x_um = x1_um
             self._b = b1
@@ -454,19 +496,19 @@ class Contact:
             self._b_second = found[2]
 
     def _remain(self, x_um, force_mN, brightness, t):
-        """The first finger has left the second."""
+        """Continue with the second finger after the first has left; arguments as in `take`."""
         self._second = False
         self._begin(x_um, force_mN, brightness, t)
         self._sink.left(False, t)
         self._harden(force_mN, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger is gone from a light that rests elsewhere."""
+        """Return whether the first finger has left; the reading rests `off_um` away from it."""
         if abs(brightness - self._b_since) > _DIPPED:
-            return True  # of two, one that presses harder or lifts moves the place
+            return True  # with two fingers, this change of force would move the position
         first = self._b
         if self._third:
-            # Only what is too little light for two, for long.
+            # Return True only if the light is too low for two fingers for some time.
             return (
                 elapsed(self._since, t) >= _ALONE_T
                 and brightness < self._peak - _LOST
@@ -475,7 +517,7 @@ class Contact:
         if self._dipped or self._least < min(first, brightness) - _DIPPED:
             return True
         if self._peak < first + _MORE and elapsed(self._began, t) >= _SEEN_T:
-            return True  # there never was the light of two
+            return True  # the light was never that of two fingers
         alone = _counts(first)
         peak = _counts(self._peak)
         light = _counts(brightness)
@@ -483,16 +525,16 @@ class Contact:
             return True
         if light >= peak - alone // 5:
             return False
-        # Light was lost, and the place went away from the first finger meanwhile.
+        # Light was lost while the position moved away from the first finger.
         away_um = self._x_um + off_um - self._x_peak_um
         if off_um < 0:
             away_um = -away_um
         return away_um > (abs(off_um) >> 5) * ((alone << 4) // peak) // 10
 
     def _is_alone(self, x_um, brightness):
-        """Return whether no second finger on the strip could shift a light that rests so far.
+        """Return whether no second finger on the strip could cause a resting position.
 
-        The first one would have 0.6 of its light or more.
+        This assumes that the first finger still has at least 0.6 of its light.
         """
         if self._level < _LEVEL or not self._length_um:
             return False
@@ -510,7 +552,7 @@ class Contact:
         return min(self._noise * 16 // _counts(brightness), _NOISE_UM)
 
     def _slack_um(self, brightness):
-        # Between two readings, by the darker one's noise.
+        # Largest difference of two readings of a resting finger, by the noise of the darker one.
         return max(_REST_UM, self._noise * 56 // _counts(min(brightness, self._b_seen)))
 
     def _note(self, x_um, brightness):

@@ -1,11 +1,12 @@
-"""What is taken off a reading: the dark frame, and the baseline, light of the untouched strip.
+"""Dark frame and baseline, which are subtracted from each reading.
 
-The dark frame is what the sensor counts while the LED is off.
+The dark frame is the count of each channel while the LED is off. The baseline is the count of the
+untouched strip while the LED is on, minus the dark frame.
 
-One window of four samples has up to three times the error that the light allows, because counts are
-whole. So the frame is the mean of 16 windows, and from then on each further one weighs an eighth:
-that is as noisy and as late as the mean of the last 16, and needs none of them. It restarts where a
-window does not fit: then the ambient light has changed.
+A dark window has four samples. Its counts are integers, and the rounding error is up to three times
+the noise of the light. So the first 16 windows are averaged; then each new window has the weight
+1/8. This has the noise and the delay of a mean over 16 windows, but stores none of them. If a
+window does not fit the mean, the ambient light has changed, and the mean restarts.
 """
 
 from array import array
@@ -18,51 +19,52 @@ from .smux import CHANNELS
 
 WINDOW_SAMPLES = const(4)
 WINDOWS = const(16)
-_WEIGHT = const(8)  # of a further window: its part of the mean
-# A dark window takes six samples: rare enough that the strip is hardly ever blind.
+_WEIGHT = const(8)  # after the first 16 windows, a window has the weight 1/8
+# A dark window takes six samples, so windows must be rare.
 DARK_EVERY_US = const(10_000_000)
 _DARK_EVERY_SAMPLES = const(100)
-_REQUEST_US = const(2_000_000)  # what a pool on request may take
+_REQUEST_US = const(2_000_000)  # longest duration of a requested dark frame
 _EVERY_MAX_US = const(500_000_000)  # so that the age fits a small integer
-# A window whose six sums differ from those expected, squared and over their variance, by more than
-# this in all: chance does that less than once in 1000 windows. The variance of a sum s is taken as
-# s + 4 counts**2, for the noise of light, converter and rounding; of the expected one as well.
+# Limit of the chi-squared of a window's six sums. Noise exceeds it in less than one of 1000
+# windows. The assumed variance of a sum s is s + 4 counts**2, for the noise of light, converter and
+# rounding; the expected sums have the same variance.
 _JUMP = const(24)
 _JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
-# Followed from so long after a touch on. Time constants in readings, as powers of 2: light that
-# grows may be a finger that comes slowly, light that fades cannot.
+# Time after a touch before the baseline is tracked again. Time constants in readings, as powers of
+# 2: growing light may be a slow finger, fading light cannot.
 _SETTLED_US = const(200_000)
 _UP = const(10)
 _DOWN = const(6)
 _POOL_SAMPLES = const(64)
-_POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over so many
-# Times the samples of a reading: keeps the sums of `kernel.estimate` below 2**24.
+_POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over this number of samples
+# Limit of the samples of a reading times the samples of the dark frame, for `kernel.estimate`.
 _PRODUCT_MAX = const(256)
-# Light that fits no press for so long, or light without a touch that differs from what it was by
-# so many counts in all, asks for a new dark frame, but not more often than this.
+# A new dark frame is requested in two cases: a touch does not fit one press for `_ODD_US`, or the
+# sum of the counts without a touch has changed by `_ODD_COUNTS`. `_ODD_EVERY_US` is the shortest
+# time between two requests.
 _ODD_US = const(300_000)
 _ODD_COUNTS = const(24)
 _ODD_EVERY_US = const(2_000_000)
 
 
 class Dark:
-    """Pools dark windows. `add` allocates nothing.
+    """Averages dark windows to the dark frame. `add` allocates nothing.
 
     Attributes
     ----------
     mean : array of int
-        Six mean dark counts, Q12.
+        Mean dark counts of the six channels, Q12.
     wanted : bool
-        Whether a window must begin as soon as possible, which restarts the pool.
+        Whether a window must begin as soon as possible; it restarts the mean.
     age_us, every_us : int
-        Time since the last window, and from when on the next one may begin. The age stops there,
-        so that it never overflows.
+        Time since the last window, and least time between two windows, in us. The age stops at
+        `every_us`, so that it cannot overflow.
     exposure_us : int
-        Which each sample adds to the age; 0 where the board cannot switch the LED.
+        Time in us that each sample adds to the age; 0 if the board cannot switch the LED.
     always : bool
-        Whether single dark samples are taken even while the strip is touched.
+        Whether single dark samples are taken also while the strip is touched.
     """
 
     def __init__(self):
@@ -79,14 +81,15 @@ class Dark:
         self.always = False
 
     def schedule(self, exposure_us, dark_every):
-        """Set how often windows are taken.
+        """Set how often dark windows are taken.
 
         Parameters
         ----------
         exposure_us : int
-            0 for none but on request.
+            Integration time in us; 0 if windows are taken on request only.
         dark_every : int
-            One dark sample in so many, also while touched; 0 for windows on the untouched strip.
+            Take one dark sample per this number of samples, also during a touch. 0: take windows
+            of four samples while the strip is not touched.
         """
         self.exposure_us = exposure_us
         self.always = dark_every > 0
@@ -95,22 +98,28 @@ class Dark:
             self.every_us = max(DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
 
     def request(self):
-        """Restart the pool with one window, as soon as possible, where the LED can be switched."""
+        """Take one window as soon as possible and restart the mean, if the LED can be switched."""
         self.wanted = self.exposure_us > 0
 
     def use(self, sums):
-        """Use a dark frame as `sums` returns it, or none; return whether there is one."""
+        """Use a stored dark frame; return whether there is one.
+
+        Parameters
+        ----------
+        sums : sequence of int
+            Six sums as from the method `sums`; empty or False for no dark frame.
+        """
         self.age_us = 0
         for i in range(CHANNELS):
             self.mean[i] = sums[i] << _SUMS_SHIFT if sums else 0
         return bool(sums)
 
     def request_pool(self):
-        """Restart the pool with all windows, or as many as fit into two seconds."""
+        """Restart the mean with 16 windows, or with as many as two seconds allow."""
         self.wanted = self._pool_wanted = True
 
     def begin(self, exposure_us):
-        """Begin to take samples: the LED is off."""
+        """Begin a series of dark samples, after the LED was switched off."""
         if self.wanted:
             windows = 1
             if self._pool_wanted:
@@ -122,7 +131,7 @@ class Dark:
             self._left = 1 if self.always else WINDOW_SAMPLES
 
     def add(self, counts):
-        """Add a dark sample; return whether there are enough of them."""
+        """Add a dark sample (six counts); return whether the series is complete."""
         accumulate(self._window, counts, self._taken)
         self._taken += 1
         if self._taken == WINDOW_SAMPLES:
@@ -139,7 +148,7 @@ class Dark:
         return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
 
     def peak(self, counts):
-        """Return the highest count of a sample's channels, after subtracting the dark counts."""
+        """Return the largest of a sample's six counts, after subtracting the dark frame."""
         peak = 0
         for i in range(CHANNELS):
             peak = max(peak, counts[i] - (self.mean[i] >> _Q))
@@ -170,18 +179,30 @@ class Dark:
 
 
 class OddLight:
-    """Judges readings since the last dark frame. Allocates nothing."""
+    """Detects changes of the ambient light since the last dark frame. Allocates nothing."""
 
     def __init__(self):
         self.restart()
 
     def restart(self):
-        """Begin again: the dark frame is new."""
+        """Restart the detection after a new dark frame."""
         self._odd_us = 0
         self._quiet = -1
 
     def take(self, flags, sums, samples, lasted_us, age_us):
-        """Take a reading; return whether the dark frame, of this age, must be measured again."""
+        """Process a reading; return whether the dark frame must be measured again.
+
+        Parameters
+        ----------
+        flags : int
+            Flag bits of `decode`.
+        sums : sequence of int
+            Six sums of counts over `samples` samples.
+        samples : int
+            Samples in the reading.
+        lasted_us, age_us : int
+            Duration of the reading, and age of the dark frame, in us.
+        """
         if not self._is_odd(flags, sums, samples):
             self._odd_us = 0
         elif self._odd_us < _ODD_US:
@@ -192,7 +213,7 @@ class OddLight:
 
     def _is_odd(self, flags, sums, samples):
         if flags & NOT_CALIBRATED:
-            return False  # nobody knows what a press looks like
+            return False  # without a calibration, the spectrum of a press is unknown
         if flags & (TOUCHING | LED_OFF):
             return flags & MISFIT
         light = 0
@@ -205,22 +226,23 @@ class OddLight:
 
 
 class Baseline:
-    """Follows the untouched strip, and adds it to the dark frame.
+    """Tracks the baseline, and adds it to the dark frame.
 
     Parameters
     ----------
     dark : Dark
+        The dark frame.
 
     Attributes
     ----------
     floor : array of int
-        Dark frame and baseline together, as six sums: what is taken off a reading.
+        Sum of dark frame and baseline, as six sums of counts; subtracted from each reading.
     samples : int
-        Samples of the readings that `floor` is scaled for.
+        Number of samples in a reading for which `floor` is scaled.
     followed : bool
-        Whether there is a baseline.
+        Whether the baseline has been measured.
     wanted : bool
-        Whether the next reading becomes the baseline as it is.
+        Whether the next reading becomes the baseline, without averaging.
     """
 
     def __init__(self, dark):
@@ -237,9 +259,9 @@ class Baseline:
         return [level >> _POOL_SHIFT for level in self._level]
 
     def rescale(self, samples):
-        """Scale `floor` for readings of so many samples; return over how many samples it is.
+        """Scale `floor` for readings of `samples` samples; return the number of samples in it.
 
-        That is a power of 2: as many as the pool has, if the sums of `kernel.estimate` allow it.
+        The returned number is a power of 2, at most 64, within the limits of `kernel.estimate`.
         """
         self.samples = samples
         dark_samples = _POOL_SAMPLES
@@ -251,17 +273,18 @@ class Baseline:
         return dark_samples
 
     def follow(self, sums, samples, idle_us, rests):
-        """Take a reading with the LED on; allocates nothing.
+        """Track the baseline with a reading, taken with the LED on; allocates nothing.
 
         Parameters
         ----------
         sums : array of int
             Six sums of counts over `samples` samples.
         samples : int
+            Samples in the reading.
         idle_us : int
-            Time since the last touch.
+            Time since the last touch, in us.
         rests : bool
-            Whether what lies on the strip is no finger.
+            Whether an object, not a finger, lies on the strip; it becomes part of the baseline.
         """
         if rests or self.wanted:
             self.wanted = False
@@ -275,14 +298,14 @@ class Baseline:
         follow(self._level, self.floor, sums, samples, self._dark.mean, self._shift, up, down)
 
     def forget(self):
-        """Start from the dark frame alone."""
+        """Set the baseline to 0."""
         self.followed = False
         for i in range(CHANNELS):
             self._level[i] = 0
         self.update()
 
     def update(self):
-        """Use a new dark frame."""
+        """Compute `floor` after a change of the dark frame."""
         half = 1 << self._shift >> 1
         for i in range(CHANNELS):
             self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift

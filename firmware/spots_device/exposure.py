@@ -1,8 +1,8 @@
-"""Exposure, gain and LED current: what the registers can do.
+"""Exposure, gain and LED current: ranges and register values.
 
-Source: DS000504, sections 10.2.2 (ATIME, ASTEP), 10.2.6 (gain) and 10.2.4 (LED). Below 182 ms
-full scale grows with the exposure as the counts do, so the exposure does not change how full the
-converter is: gain and LED current do.
+Source: DS000504, sections 10.2.2 (ATIME, ASTEP), 10.2.6 (gain) and 10.2.4 (LED). Below 182 ms,
+counts and full scale are both proportional to the exposure. So the exposure does not prevent
+saturation there; gain and LED current do.
 """
 
 from micropython import const
@@ -19,33 +19,35 @@ DEFAULT_LED_MA = 20
 DONE, AGAIN, TOO_DARK, TOO_BRIGHT = range(4)  # outcomes of a search for a good setting
 
 _STEP_CENTI_US = 278  # one step of integration is 2.78 us
-_HALF_PERIOD = const(500_000)  # of the mains, in us times Hz
+_HALF_PERIOD = const(500_000)  # half a mains period in us, times the frequency in Hz
 _ASTEP_MAX = 65_534  # 65535 is reserved
 
 
 def registers(exposure_us):
-    """Return (ATIME, ASTEP) of the nearest exposure with the shortest ATIME."""
+    """Return (ATIME, ASTEP) for the possible exposure nearest to `exposure_us`; least ATIME."""
     hundredths = exposure_us * 100
     longest = _STEP_CENTI_US * (_ASTEP_MAX + 1)
-    cycles = (hundredths - 50 + longest - 1) // longest  # what was rounded up is what it was
+    # -50: an exposure that was rounded up keeps its ATIME.
+    cycles = (hundredths - 50 + longest - 1) // longest
     step = _STEP_CENTI_US * cycles
     return cycles - 1, (hundredths + step // 2) // step - 1
 
 
 def actual_us(atime, astep):
-    """Return the integration time in us, rounded."""
+    """Return the integration time in us, rounded, for values of the registers ATIME and ASTEP."""
     return ((atime + 1) * (astep + 1) * _STEP_CENTI_US + 50) // 100
 
 
 def choose(exposure_us, mains_hz):
-    """Return the nearest exposure that can be set.
+    """Return the possible exposure nearest to a wanted one, in us.
 
     Parameters
     ----------
     exposure_us : int
+        Wanted exposure in us.
     mains_hz : int
-        50 or 60: the exposure becomes a whole number of half mains periods, in which lamps give
-        the same light each time. 0: what the chip has.
+        50 or 60 for a multiple of half a mains period, so that flickering lamps add the same light
+        to each sample. 0 for any exposure of the chip.
     """
     if not mains_hz:
         return actual_us(*registers(exposure_us))
@@ -54,15 +56,15 @@ def choose(exposure_us, mains_hz):
 
 
 def full_scale(atime, astep):
-    """Return the largest count."""
+    """Return the largest possible count for values of the registers ATIME and ASTEP."""
     return min(65_535, (atime + 1) * (astep + 1))
 
 
 def led_code(led_mA):
-    """Return the current field of register LED: 4 + 2 n mA. The field has no zero."""
+    """Return the field n of register LED for a current of 4 + 2 n mA; n = 0 is not off."""
     return max(0, led_mA - LED_MIN_MA) >> 1
 
 
 def actual_mA(led_mA):
-    """Return the current that the driver makes of `led_mA`; 0 is off."""
+    """Return the possible current in mA for a wanted current `led_mA`; 0 is off."""
     return LED_MIN_MA + 2 * led_code(led_mA) if led_mA else 0

@@ -1,7 +1,7 @@
 """Frames, board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
 
-The layouts below are the one place where both ends look them up. The board's 32-bit time is
-written as two halves, since a small int holds 31 bits. Packing and sending allocate nothing.
+Board and host both use the layouts in this module. The board's 32-bit time is written as two
+halves, because a small int has 31 bits. Packing and sending allocate nothing.
 """
 
 from struct import pack_into
@@ -36,7 +36,7 @@ class Time32:
     Parameters
     ----------
     clock : object
-        ``ticks_us`` and ``ticks_diff``; must be asked at least every 2**28 us.
+        ``ticks_us`` and ``ticks_diff``. `set` or `update` must be called at least every 2**28 us.
     """
 
     def __init__(self, clock):
@@ -46,30 +46,30 @@ class Time32:
         self.low = self.high = 0
 
     def set(self, ticks):
-        """Move to `ticks`, which may lie before the last ones."""
+        """Set the time to that of `ticks`, which may be earlier than the present time."""
         low = self.low + self._diff(ticks, self._last)
         self._last = ticks
         self.high = (self.high + (low >> 16)) & 0xFFFF
         self.low = low & 0xFFFF
 
     def update(self):
-        """Move to now."""
+        """Set the time to the present ticks of the clock."""
         self.set(self._ticks_us())
 
     def us(self):
-        """Return the time in us; allocates where it does not fit a small integer."""
+        """Return the time in us; allocates if it does not fit a small integer."""
         return self.high << 16 | self.low
 
 
 class Framer:
-    """Numbers frames and hands them, whole, to a serial port.
+    """Encodes and numbers frames, and sends them to a serial port.
 
     Parameters
     ----------
     serial : object
         ``write(buffer, size) -> bool``: True if the bytes went out, False if they were dropped.
     time : Time32
-        What the header's time is read from.
+        Board time for the header of each frame.
     """
 
     def __init__(self, serial, time):
@@ -82,11 +82,11 @@ class Framer:
         self.dropped = 0
 
     def gap(self):
-        """Mark the next frame: something before it is missing."""
+        """Set the flag `DROPPED` in the next frame, because samples before it are missing."""
         self._gap = DROPPED
 
     def touch(self, sensor, decode):
-        """Send a TOUCH frame with the attributes of a `decode.Decode`."""
+        """Send a reading of sensor `sensor` (a `decode.Decode`) as TOUCH frame; return if sent."""
         pack_into(
             _TOUCH_FRAME,
             self._payload,
@@ -104,7 +104,7 @@ class Framer:
         return self._send(_TOUCH_SIZE, 0)
 
     def spectrum(self, sensor, flags, gain, counts):
-        """Send a SPECTRUM frame with six counts of 16 bits."""
+        """Send six counts of 16 bits, flags and gain code as SPECTRUM frame; return if sent."""
         pack_into(
             _SPECTRUM_FRAME,
             self._payload,
@@ -125,7 +125,7 @@ class Framer:
         return self._send(_SPECTRUM_SIZE, 0)
 
     def key(self, sensor, page, usage, modifiers, pressed):
-        """Send a KEY frame: a HID usage goes down or up."""
+        """Send a key event as KEY frame, see `uses.Uses.key`; return whether it was sent."""
         pack_into(
             _KEY_FRAME,
             self._payload,
@@ -142,7 +142,7 @@ class Framer:
         return self._send(_KEY_SIZE, self._gap)
 
     def text(self, data):
-        """Send a TEXT frame with at most `TEXT_MAX` bytes. Allocates."""
+        """Send at most `TEXT_MAX` bytes as TEXT frame; return whether it was sent. Allocates."""
         payload = self._payload
         pack_into(HEADER, payload, 0, TEXT, self._sequence, self._time.low, self._time.high)
         payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data

@@ -1,10 +1,11 @@
-"""The arithmetic and framing of a sample, portable form.
+"""Arithmetic and framing of a sample in portable Python.
 
-What a sample spends its time on, from counts to framed bytes, in few calls. Boards whose
-board.toml says ``viper = true`` get kernel_viper.py in this one's place: the same functions, the
-same results bit for bit. Integers of 31 bits only, allocates nothing.
+These functions take most of the time of a sample, from counts to framed bytes. Boards with
+``viper = true`` in board.toml get kernel_viper.py instead of this file: the same functions with
+identical results, in machine code. Integers of 31 bits only; allocates nothing.
 
-Every sequence of integers is an ``array('i')`` on a board, for the other form reads memory.
+On a board, every sequence of integers must be an ``array('i')``, because kernel_viper.py reads
+their memory directly.
 """
 
 from array import array
@@ -12,12 +13,12 @@ from array import array
 from .log2 import log2_q20
 from .smux import CHANNELS
 
-SCRATCH = 11  # seven logarithms, four sums: what `estimate` works in
-CRC_SIZE = 4  # bytes
+SCRATCH = 11  # length of the work array of `estimate`: seven logarithms, four sums
+CRC_SIZE = 4  # bytes of a CRC-32
 
 
 def accumulate(sums, counts, samples):
-    """Add six counts to the sums of `samples` earlier ones; with 0 of them, restart."""
+    """Add six counts to the sums of `samples` earlier samples; with 0 samples, start new sums."""
     if samples == 0:
         for i in range(CHANNELS):
             sums[i] = counts[i]
@@ -32,15 +33,20 @@ def follow(rest, floor, sums, samples, dark, shift, up, down):
     Parameters
     ----------
     rest : sequence of int
-        The baseline: six counts in Q12, dark subtracted. It moves by 2**-`up` of the difference
-        where the reading is above it, by 2**-`down` where below.
+        The baseline, changed in place: six dark-subtracted counts in Q12.
     floor : sequence of int
-        Output: dark + rest, rounded to Q12 - `shift`; `estimate` subtracts it.
+        Output: dark frame plus baseline, shifted right by `shift` bits and rounded. `estimate`
+        subtracts it.
     sums : sequence of int
         Six sums of counts over `samples` samples.
+    samples : int
+        Samples in the reading.
     dark : sequence of int
-        Six counts in Q12.
-    samples, shift, up, down : int
+        Dark frame: six counts in Q12.
+    shift : int
+        Right shift from Q12 to the scale of `floor`.
+    up, down : int
+        The baseline rises by 2**-`up` of its difference from the reading, or falls by 2**-`down`.
     """
     half = 1 << shift >> 1
     for i in range(CHANNELS):
@@ -53,17 +59,18 @@ def follow(rest, floor, sums, samples, dark, shift, up, down):
 
 
 def look_up(knots, columns, at, found):
-    """Put each column's piecewise-linear value at `at` into `found`; beyond the ends, the end's.
+    """Interpolate the columns of a table linearly; constant beyond both ends.
 
     Parameters
     ----------
     knots : sequence of int
-        Ascending.
+        Ascending arguments of the table.
     columns : tuple of sequences of int
-        A value for each knot.
+        Columns of the table, with a value for each knot.
     at : int
+        Argument at which to interpolate.
     found : sequence of int
-        Gets one rounded value for each column.
+        Output: one rounded value for each column.
     """
     low = 0
     high = len(knots) - 1
@@ -89,19 +96,22 @@ def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
     Parameters
     ----------
     calibration : calibration.Calibration or None
+        Calibration of the strip; without it, all values are 0.
     sums, dark : sequence of int
-        Six sums of counts over `samples` and over `dark_samples` samples; times the other number
-        of samples, at most 2**24.
+        Six sums of counts over `samples` samples, and six dark sums over `dark_samples` samples.
+        ``sums * dark_samples`` and ``dark * samples`` must be at most 2**24.
     samples, dark_samples : int
+        Samples in the reading and in the dark sums.
     scratch : sequence of int
-        Of `SCRATCH`, to work in.
+        Work array with `SCRATCH` elements.
     reading : sequence of int
-        Gets the four; 0 for what is not known.
+        Output: contrast and brightness in Q20 of log2, position in um, force in mN. Unknown values
+        are 0.
 
     Returns
     -------
     int
-        1 if it is too dark for a position, 2 if the spectrum misfits a single press, else 0.
+        1 if the light is too low for a position, 2 if the spectrum does not fit one press, else 0.
     """
     for i in range(4):
         reading[i] = 0
@@ -137,8 +147,8 @@ def _take_logs(sums, samples, dark, dark_samples, logs):
 
 
 def _dot(weights, logs):
-    # Weight (Q13) times logarithm (Q20), in Q20. Split so that nothing passes 31 bits for
-    # logarithms below 2**25 and weights whose absolute values add up to 2**16 at most.
+    # Sum of weight (Q13) times logarithm (Q20), in Q20. The split keeps all values within 31 bits,
+    # for logarithms below 2**25 and a sum of absolute weights of at most 2**16.
     high = low = 0
     for i in range(CHANNELS):
         weight = weights[i]
@@ -149,7 +159,7 @@ def _dot(weights, logs):
 
 
 def _below(bounds, value):
-    # The last i with bounds[i] <= value, or 0.
+    # Return the last i with bounds[i] <= value, or 0.
     i = len(bounds) - 1
     while i > 0 and value < bounds[i]:
         i -= 1
@@ -157,7 +167,7 @@ def _below(bounds, value):
 
 
 def _crc_tables():
-    # CRC-32, polynomial 0xEDB88320, as zlib.crc32 of CPython; in halves of 16 bits.
+    # Tables of the CRC-32 of zlib, polynomial 0xEDB88320, in halves of 16 bits.
     lows = array("H", bytes(512))
     highs = array("H", bytes(512))
     for byte in range(256):
@@ -173,19 +183,21 @@ def _crc_tables():
 
 
 _LOWS, _HIGHS = _crc_tables()
-del _crc_tables  # room on a board
+del _crc_tables  # frees memory on a board
 
 
 def crc32(data, size, crc):
-    """Take the first `size` bytes into a CRC-32.
+    """Update a CRC-32 with the first `size` bytes of `data`.
 
     Parameters
     ----------
     data : bytes-like
+        Bytes to add.
     size : int
+        Number of bytes to add.
     crc : array.array
-        ``array("H")`` of the low and the high half, both 0xFFFF at first. The CRC-32 is their
-        complement.
+        ``array("H")`` with the low and the high half of the state, changed in place. Both halves
+        start as 0xFFFF. The CRC-32 is the complement of the state.
     """
     lows = _LOWS
     highs = _HIGHS
@@ -200,7 +212,10 @@ def crc32(data, size, crc):
 
 
 def cobs_encode(source, size, target):
-    """Write the COBS form of the first `size` bytes and its zero byte; return its length."""
+    """Encode the first `size` bytes of `source` with COBS into `target`, with a zero byte.
+
+    Returns the number of bytes in `target`, including the zero byte.
+    """
     code_at = 0
     write = 1
     for read in range(size):
@@ -221,7 +236,10 @@ _crc = array("H", bytes(4))
 
 
 def frame(payload, size, encoded):
-    """Put the CRC behind the first `size` bytes and write their frame; return its length."""
+    """Append the CRC to the first `size` bytes of `payload`, and encode both into `encoded`.
+
+    `payload` must have room for `CRC_SIZE` more bytes. Returns the length of the frame in bytes.
+    """
     crc = _crc
     crc[0] = crc[1] = 0xFFFF
     crc32(payload, size, crc)

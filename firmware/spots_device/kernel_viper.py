@@ -1,12 +1,12 @@
-"""The arithmetic and framing of a sample, as machine code. See kernel.py, whose place it takes.
+"""Arithmetic and framing of a sample in machine code; replaces kernel.py on some boards.
 
-Written for words of 32 bits and right in words of 64, where ``ptr32`` loads without a sign: what
-it loads may be too large by 2**32, and so are sums and products of that by multiples of it. Where
-the sign matters, ``x - ((x >> 31) + 1 >> 1 << 16 << 16)`` takes these off; in words of 32 bits it
-takes off nothing. ``ptr32`` stores the lower 32 bits, which are right in any case.
+The code is correct with words of 32 bits and of 64 bits. With 64 bits, ``ptr32`` loads unsigned
+values: a negative number is then too large by 2**32, and results are too large by multiples of it.
+Where the sign matters, ``x - ((x >> 31) + 1 >> 1 << 16 << 16)`` corrects this; with 32 bits it
+changes nothing. ``ptr32`` stores the lower 32 bits, which are always correct.
 
-Nothing checks a bound here. A function takes exactly its arguments, and a call of one from another
-costs about as much as ten additions: what runs for every channel is written out.
+No index and no argument is checked. A call between two functions costs about ten additions, so code
+that runs for every channel is written inline.
 """
 
 from array import array

@@ -1,8 +1,8 @@
-"""Touches to keys: tap, double tap, hold, firm press, slide, swipe, and layers.
+"""Converts touches to key events: tap, double tap, hold, firm press, slide, swipe, layers.
 
-A gesture is decided as early as it is unambiguous: at once where the key has one meaning. A release
-belongs to what was pressed, whatever layer is on by then. Integers only; allocates nothing; time is
-in the ticks of contact.py.
+A gesture is decided as soon as it is unambiguous; a key with one action is pressed at once. A
+release belongs to the pressed action, also if the layer has changed since. Integers only; allocates
+nothing. Times are in the ticks of contact.py.
 """
 
 from .contact import Contact, elapsed
@@ -24,22 +24,22 @@ from .layout import (
 )
 
 _IDLE = 0
-_OPEN = 1  # a finger is down, and what it means is not decided
+_OPEN = 1  # a finger touches, and its action is not decided yet
 _PRESSED = 2  # an action is pressed until the finger leaves
 _SLIDING = 3
-_OVER = 4  # the finger is down and means nothing more
+_OVER = 4  # the finger still touches but causes no more actions
 
 _NONE = -1
 
 
 class Keypad:
-    """Turns readings into key events.
+    """Converts readings to key events.
 
     Parameters
     ----------
     sink : object
-        ``key(page, usage, modifiers, pressed)``; ``stuck()``, called when something has lain
-        on the strip for too long to be a finger.
+        Receiver of the events. ``key(page, usage, modifiers, pressed)`` handles a key event.
+        ``stuck()`` is called when the touch has not moved for too long to be a finger.
     """
 
     def __init__(self, sink):
@@ -49,21 +49,29 @@ class Keypad:
         self.take = self.contact.take
         self._layout = None
         self._length_mm = 0
-        self._second = self._second_row = 0  # what a second finger holds
+        self._second = self._second_row = 0  # action and key of a second finger
         self._state = _IDLE
         self._clear()
 
     def set_layout(self, layout, length_um):
-        """Release all, and spread these keys over a strip of this length."""
+        """Release all keys, and use another layout.
+
+        Parameters
+        ----------
+        layout : layout.Layout
+            Keys and limits.
+        length_um : int
+            Length of the strip, in um.
+        """
         self.release()
         self._layout = layout
-        # Shares are in thousandths: a thousandth of a strip this long is so many micrometres.
+        # A thousandth of the strip in um, because the bounds of keys are in thousandths.
         self._length_mm = max(1, length_um // 1000)
         self.contact.set_layout(layout, length_um)
 
     def tick(self, t):
-        """Run the deadlines up to time `t`; call it after every reading."""
-        # A time is forgotten as soon as it means nothing more: it would wrap.
+        """Handle the deadlines up to time `t` in ticks; call it after every reading."""
+        # A time that is no longer used is dropped, because ticks wrap.
         if self._tapped_at >= 0:
             self._age_tap(t)
         if self._state == _OPEN and self._wait_t and elapsed(self._began, t) >= self._wait_t:
@@ -74,7 +82,7 @@ class Keypad:
                 self._press(self._action(TAP))
 
     def release(self):
-        """Release all; a finger that is still there presses nothing until it was lifted."""
+        """Release all keys; a finger that still touches presses no key until it is lifted."""
         self._release_second()
         self._release_held()
         self._state = _IDLE
@@ -82,7 +90,7 @@ class Keypad:
         self.contact.spend()
 
     def forget(self):
-        """Forget the tap that waits for a second one, and the layer for one key."""
+        """Drop the tap that waits for a second tap, and the layer for the next key."""
         self._due = self._tapped_at = self._once = _NONE
 
     # Events of contact.Contact.
@@ -98,7 +106,7 @@ class Keypad:
         if due >= 0 and (row != due or elapsed(self._tapped, t) >= self._layout.double_t):
             self._tap_due()
             due = _NONE
-            # It may have switched the layer.
+            # This tap may have switched the layer.
             self._row = row = self._find(x_um, again if quick else _NONE)
         self._state = _OPEN
         if row < 0:
@@ -116,7 +124,7 @@ class Keypad:
         layout = self._layout
         if self._row < 0:
             if self._state == _OPEN:
-                self.down(x_um, t)  # it came down between two keys, and may still find one
+                self.down(x_um, t)  # the touch began between two keys and may reach a key
             return
         if self._state == _OPEN and self._wait_t and self._swipes():
             moved_um = x_um - self._x_um
@@ -154,7 +162,7 @@ class Keypad:
         self._state = _IDLE
 
     def next(self, x_um, t):
-        # This finger has just left, but the next one was there before.
+        # The finger has just left, but the next finger touched before that.
         prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
         if prefers_hold and self._row >= 0 and self._action(HOLD):
             self._press(self._action(HOLD))
@@ -166,12 +174,20 @@ class Keypad:
         self._state = _IDLE
         self.down(x_um, t)
         if self._state == _OPEN and self._row >= 0:
-            # The hold ends here: what the next key is has to be known now.
+            # The held layer ends here, so the next key must be decided now.
             self._press(self._action(TAP))
         self._give_back(held)
 
     def second(self, x_um, slack_um, t):
-        """Press the key of a second finger if that is certain; return whether it was pressed."""
+        """Press the key of a second finger if the key is certain; return whether it was pressed.
+
+        Parameters
+        ----------
+        x_um, slack_um : int
+            Position of the second finger and its uncertainty, in um.
+        t : int
+            Time in ticks.
+        """
         if self._once >= 0 or self._second or self._state == _IDLE or self._state == _SLIDING:
             return False
         first = self._row
@@ -193,7 +209,7 @@ class Keypad:
         if not plain or action >> 20 < KEYBOARD or action == self._held:
             return False
         if self._state == _OPEN and first >= 0:
-            # What the first key is has to be known now.
+            # The action of the first key must be decided now.
             if not self._action(HOLD):
                 self._press(self._action(TAP))
             elif self._layout.flavour == HOLD_PREFERRED:
@@ -208,7 +224,7 @@ class Keypad:
         return True
 
     def left(self, second, t):
-        """Release the key of one of two fingers: of the second, or of the first."""
+        """Release the key of the second finger if `second` is true, else that of the first one."""
         if second:
             self._release_second()
             return
@@ -224,10 +240,14 @@ class Keypad:
         self._state = _IDLE
         self._stuck()
 
-    # What a key means.
+    # Keys and their actions.
 
     def _find(self, x_um, again):
-        """Return the row of the key at a place; near a border the key tapped before is kept."""
+        """Return the row of the key at the position `x_um` in um, or -1.
+
+        Near the border of the key that was tapped before (row `again`, or -1), this key is
+        returned, so that a quick second tap may miss it by ``slack_um``.
+        """
         layout = self._layout
         keys = layout.keys
         length_mm = self._length_mm
@@ -266,18 +286,18 @@ class Keypad:
         return not (self._wait_t or self._action(DOUBLE) or self._slides())
 
     def _wait(self):
-        """Return how long the finger may go on before time decides; 0 for ever or not at all."""
+        """Return the ticks after which time decides the action; 0 if time does not decide."""
         layout = self._layout
         if self._action(HOLD) or self._action(DOUBLE):
             return layout.tapping_t
         if self._slides():
-            return layout.swipe_t if self._swipes() else 0  # then only the swipe is out of question
+            return layout.swipe_t if self._swipes() else 0  # after it, no swipe is possible
         wait_t = layout.firm_t if self._action(FIRM) else 0
         if self._swipes():
             wait_t = max(wait_t, layout.swipe_t)
         return wait_t
 
-    # What an action does.
+    # Execution of actions.
 
     def _press(self, action):
         self._state = _PRESSED
@@ -295,7 +315,7 @@ class Keypad:
 
     def _release_held(self):
         if self._state == _PRESSED:
-            # In this order: what interrupts it must not hide that a key is down.
+            # In this order: an interrupt in between must not hide a pressed key.
             self._give_back(self._held)
             self._state = _IDLE
             self._held = 0
@@ -313,7 +333,7 @@ class Keypad:
             self._key(kind, action & 0xFFF, action >> 12 & 0xFF, False)
 
     def _click(self, action):
-        """Press and release, whatever the finger goes on to do."""
+        """Press and release an action at once; the state of the touch does not change."""
         state, held = self._state, self._held
         self._press(action)
         self._release_held()
@@ -334,7 +354,7 @@ class Keypad:
 
     @property
     def layer(self):
-        """The layer whose keys the next touch finds."""
+        """Number of the layer for the next touch."""
         if self._once >= 0:
             return self._once
         return self._momentary if self._momentary >= 0 else self._base

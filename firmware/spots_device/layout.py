@@ -151,7 +151,7 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key; for `layers`, the end of the last layer."""
+        """Return the row of a layer's first key; for `layers`, the row after the last key."""
         return self._firsts[layer]
 
     def is_on(self, layer, row):

@@ -1,31 +1,32 @@
-"""Settings of an LED that the sensor does not drive. Loaded only where one needs it."""
+"""Settings of an LED that the sensor does not drive. Imported only if such a setting is used."""
 
 from . import exposure
 from .decode import DARK_SAMPLES
 from .smux import CHANNELS
 
-# What switches the strip's LED: the sensor's driver, a pin of the board, or nothing.
+# The strip's LED is switched by the sensor's driver, by a pin of the board, or not at all.
 LEDS = ("ldr", "gpio", "always")
 NO_DARK = "this LED is always on, and no dark frame is stored for these settings: run spots dark"
 _DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)
 
 
 def settle(changes, values, board):
-    """Complete a change of settings for the LED that they choose.
+    """Validate ``led`` and ``dark`` in a change of settings, and add the changes they imply.
 
     Parameters
     ----------
     changes : dict
-        Checked but for ``led`` and ``dark``, which are text.
+        New values of settings by name; changed in place. ``led`` and ``dark`` are texts, all other
+        values are validated already.
     values : dict
-        The settings until now, see `settings.BoardSettings`.
+        Present settings, see `settings.BoardSettings`.
     board : object
         Module board_config.
 
     Raises
     ------
     ValueError
-        If ``led`` or ``dark`` is invalid, or this board cannot do it.
+        If ``led`` or ``dark`` is invalid, or the board has no pin for ``led=gpio``.
     """
     led = changes.get("led", values["led"])
     if led not in LEDS:
@@ -55,4 +56,4 @@ def _dark(text):
             return dark
     except (ValueError, IndexError):
         pass
-    raise ValueError("dark is a gain, an exposure and six sums, as 'spots dark' stores them")
+    raise ValueError("dark must be a gain, an exposure and six sums, as 'spots dark' stores them")

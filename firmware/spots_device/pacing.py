@@ -1,36 +1,35 @@
-"""When to ask the sensor next, so that one burst finds one new sample.
+"""Schedules the polls of the sensor, so that one burst read finds one new sample.
 
-The chip samples on its own oscillator, some per cent off the board's. A poll that comes too
-early and the one that then succeeds bracket the end of a sample; two brackets n samples apart
-bound the period from below. Polling by that bound, and a little earlier still, never
-oversleeps, and comes too early about once in twenty samples. Integers only, allocates nothing.
+The chip has its own oscillator, which deviates from the board's clock by some per cent. An early
+poll and the following successful poll bracket the end of a sample. Two brackets n samples apart
+give a lower bound of the period. The next poll is slightly before this bound: it is never late, and
+about one poll in twenty is early. Integers only; allocates nothing.
 
-A loop that is slower than the sensor never polls early, so nothing brackets a sample. The sample
-that it finds is the newest: it ended within the last period. It is used with that uncertainty, and
-samples that ended unread are counted by the chip's period, as it was learned when the loop was fast
-enough to bracket it, at this exposure or at another.
+A loop that is slower than the sensor never polls early, so there is no bracket. The sample that it
+finds is the newest: it ended within the last period. The sample is used with this uncertainty.
+Missed samples are counted with the last measured period of the chip, scaled to the exposure.
 """
 
 from micropython import const
 
 RETRY_US = const(200)
-_WIDE_US = const(2_000)  # a wider bracket is no lock while narrower ones can be had
-# A sample that cannot be dated is dropped once, and dated only if the next one cannot either. Up to
-# this period it is used at once: the error is small, and the loop is short of samples.
+_WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are possible
+# A sample without a narrow bracket is dropped once; the next such sample is used. With a period up
+# to this one, it is used at once: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
-_TRUST = const(16)  # the oscillator may run a sixteenth fast
+_TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
-_LEARN_US = const(200_000)  # of samples at once: then the bound is good to 0.1 %
+_LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
 _Q = const(13)  # a sixteenth of the longest period fits a small integer
 _ROUND = const(1 << 12)
-# Samples are measured once their time is known to a 2048th; begun again, to follow temperature.
+# The period is measured when its error is below 1/2048; restarted, to follow temperature.
 _SHARE = const(11)
 _LONG_US = const(60_000_000)
 _RENEW = const(256)  # samples after which the reference moves on, to follow temperature
 
 
 class Pacing:
-    """A lock on the sensor's sample clock.
+    """Tracks the sample clock of the sensor.
 
     Parameters
     ----------
@@ -40,8 +39,8 @@ class Pacing:
     Attributes
     ----------
     sampled, lasted_us, longest_us : int
-        So many samples lasted so long by the board's clock, at least and at most. 0 samples: that
-        is not measured yet.
+        Measurement of the period: number of samples, and their least and greatest total duration
+        in us of the board's clock. `sampled` is 0 before the first measurement.
     """
 
     def __init__(self, clock):
@@ -52,9 +51,9 @@ class Pacing:
         self.period_us = 0
         self.slack_us = 0  # how much earlier the last sample may have ended
         self.sampled = self.lasted_us = self.longest_us = 0
-        self._chip_us = 0  # the period as well as it is known; `period_us` is a lower bound
-        self.exposure_us = 0  # the period nominally
-        self._off = 0  # how much longer the chip's periods are than nominal, as a share, Q13
+        self._chip_us = 0  # best estimate of the period; `period_us` is a lower bound
+        self.exposure_us = 0  # nominal period
+        self._off = 0  # relative deviation of the chip's period from nominal, Q13
         self._creep = 0
         self._early = 0
         self._was_early = False
@@ -69,10 +68,10 @@ class Pacing:
         self._samples = -1  # since the reference; -1 for no reference
 
     def start(self, now, period_us):
-        """Restart: a first sample of nominally `period_us` has just been started."""
+        """Restart; the first sample begins at `now` (ticks), `period_us` is the nominal period."""
         self.period_us = period_us - period_us // _TRUST
         self.exposure_us = period_us
-        # The oscillator is the same at every exposure: what a slow one showed dates a fast one.
+        # The deviation of the oscillator, measured at any exposure, holds for all exposures.
         self._chip_us = period_us + (period_us * self._off + _ROUND >> _Q)
         self._creep = period_us >> 8
         self.due = self._add(now, self.period_us)
@@ -83,19 +82,24 @@ class Pacing:
         self._samples = -1
 
     def early(self, now):
-        """Record that a poll which began at `now` found nothing, and ask again soon."""
+        """Record that the poll at `now` found no sample; schedule the next poll soon."""
         self._early = now
         self._was_early = True
         self.due = self._add(now, RETRY_US)
 
     def found(self, before, after):
-        """Record that a poll between two moments found a sample, and aim at the next.
+        """Record that a poll found a sample, and schedule the next poll.
+
+        Parameters
+        ----------
+        before, after : int
+            Ticks at the begin and at the end of the poll.
 
         Returns
         -------
         int or None
-            Ticks at which that sample was complete, or up to `slack_us` later. None if the sample
-            must not be used: it cannot be dated after a stall, and `missed` has grown.
+            Ticks at the end of the sample; at most `slack_us` too late. None if the sample must
+            not be used, because its time is unknown after a stall; then `missed` has grown.
         """
         late = self._diff(after, self.due)
         if self._was_early:
@@ -118,7 +122,7 @@ class Pacing:
         self.slack_us = self._diff(now, self._early)
         self._doubted = False
         if not self._locked:
-            # The one that ended here ended a little earlier: round.
+            # The sample ended slightly before this poll: round.
             self.missed += self._count(now, self._chip_us >> 1) - 1
         if self._samples > 0:
             low_us = self._diff(self._early, self._reference)
@@ -146,7 +150,7 @@ class Pacing:
         self._taken = -max(0, self._samples)
 
     def _doubt(self, before, after):
-        """Take a sample that no narrow bracket and no lock dates, or None: see `found`."""
+        """Handle a sample without a narrow bracket or lock; arguments and result as in `found`."""
         used = self._doubted or self.period_us <= _SHORT_US
         self.missed += self._count(before, 0) - (1 if used else 0)
         slack_us = self._chip_us + self._chip_us // _TRUST
@@ -169,7 +173,10 @@ class Pacing:
         return before if used else None
 
     def _count(self, now, slack_us):
-        """Return how many samples ended up to `now` since the last one, which is one at least."""
+        """Return the number of samples that ended since the last counted one; at least 1.
+
+        `now` is the time in ticks; `slack_us` is added to it, to round.
+        """
         if self._locked:
             self._last = self._add(self.due, self._creep - self.period_us)
         elif not self._counted:
@@ -177,7 +184,7 @@ class Pacing:
         self._counted = True
         period_us = self._chip_us
         ended = max(1, (self._diff(now, self._last) + slack_us) // period_us)
-        # What remains counts next time: the loop and the chip are never in step.
+        # The remainder is kept for the next count, because loop and chip are not synchronous.
         self._last = self._add(self._last, ended * period_us)
         if self._diff(self._last, now) > period_us:
             self._last = now

@@ -58,7 +58,7 @@ class Reconnect:
             return
         self.lost = False
         self._on_found()
-        gc.collect()  # imports and parsing left garbage
+        gc.collect()  # frees the garbage of imports and parsing
 
     def restart(self):
         """Restart the sensor with the present settings; does nothing while it is lost."""
@@ -80,7 +80,7 @@ class Reconnect:
         self._on_lost()
         known, self.fault = self.fault, str(error)
         if isinstance(error, OSError):
-            self.fault = "the I2C bus failed (%s)" % error
+            self.fault = "the I2C bus failed (%s): check the wiring" % error
         if not known:  # report a fault only once
             self.faults += 1
             self._replies.log("error", self.fault)

@@ -1,21 +1,22 @@
-"""A calibration turned into one for another exposure; loaded only under lamps.
+"""Converts a calibration to another exposure; imported only if ``mains_hz`` is set.
 
-All logarithms of a reading change alike: positions stay, and the brightness of each force moves.
-A shorter exposure has more noise in proportion, so a touch begins where there is as much light as
-at the exposure of the calibration.
+Another exposure shifts all logarithms of a reading by the same value. So positions do not change,
+and the brightness of each force is shifted. A shorter exposure has relatively more noise. So the
+force at which a touch begins is raised until the counts are those of the calibration.
 """
 
 from .log2 import log2_q20
 
 
 def rescale(calibration, exposure_us):
-    """Change the tables of a `calibration.Calibration`.
+    """Convert the tables of a calibration to another exposure.
 
     Parameters
     ----------
     calibration : calibration.Calibration
+        Calibration to change in place.
     exposure_us : int
-        Of the readings that it is for.
+        Exposure of the readings, in us.
     """
     made_us = calibration.conditions.exposure_us
     forces_mN = calibration.forces_mN
@@ -34,7 +35,7 @@ def rescale(calibration, exposure_us):
 
 
 def _first(ascending, value):
-    """Return the index of the first that is not below a value, or the last index."""
+    """Return the index of the first number in `ascending` that is >= `value`, else the last."""
     last = len(ascending) - 1
     i = 0
     while i < last and ascending[i] < value:

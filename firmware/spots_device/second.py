@@ -1,13 +1,14 @@
-"""Where the second of two fingers is, while the first rests where it was alone before.
+"""Estimates the position of the second of two fingers, while the first one rests.
 
-Light of both, l = l1 + l2, seems to come from between them. With d from the first to the second,
-the place lies at f d from the first, and brightness is a little less than that of l:
+The light of both fingers, l = l1 + l2, appears to come from a position between them. Let d be the
+distance between the fingers. The position is then f d from the first finger, and the brightness is
+slightly less than ln(l):
 
     f / (1 - f) = l2 / l1 * exp(-k d)        ln(l) - brightness = 0.39 f (1 - f) (k d)**2
 
-Both hold within 0.01 along strips of 30 to 85 mm, and k is the decay where the dye works. Two
-measured numbers give two unknowns, so nothing remains to check the first finger's rest with:
-estimates of several readings have to agree. Integers of 31 bits only; allocates nothing.
+k is the decay at wavelengths that the dye absorbs. Both equations hold within 0.01 on strips of 30
+to 85 mm. Two measured values give the two unknowns l2 and d. No value remains to check that the
+first finger rests, so several readings must agree. Integers of 31 bits only; allocates nothing.
 """
 
 try:
@@ -22,7 +23,7 @@ _FAR_UM = const(250_000)
 
 
 def power(exponent):
-    """Return 2**exponent in Q10, within 0.4 %, of a Q20 number below 19."""
+    """Return 2**exponent in Q10, within 0.4 %; `exponent` is in Q20 and below 19."""
     part = exponent >> 10 & 1023
     value = 1024 + (part * (672 + (352 * part >> 10)) >> 10)
     whole = exponent >> 20
@@ -30,20 +31,21 @@ def power(exponent):
 
 
 def locate(found, decay, x1_um, first, x_um, brightness, noise_um):
-    """Estimate the second finger of a reading; return whether there is one.
+    """Estimate the second finger in a reading; return whether there is one.
 
     Parameters
     ----------
     found : sequence of int
-        Gets its place in um, how far that may be off, and its brightness.
+        Output: position of the second finger in um, its uncertainty in um, and its brightness in
+        Q20 of log2.
     decay : int
-        k in log2 a micrometre, Q24.
+        k in log2 units per micrometre, Q24.
     x1_um, first : int
-        Place and brightness of the first finger.
+        Position of the first finger in um, and its brightness in Q20 of log2.
     x_um, brightness : int
-        Of the reading; brightness in Q20.
+        Position of the reading in um, and its brightness in Q20 of log2.
     noise_um : int
-        Standard deviation of the reading's place.
+        Standard deviation of the reading's position, in um.
     """
     off_um = x_um - x1_um
     if not -_FAR_UM < off_um < _FAR_UM:

@@ -25,7 +25,7 @@ LIMITS = {
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
-    "dark_every": (0, 10_000, 0),  # one of so many samples is dark, even while touched; 0: off
+    "dark_every": (0, 10_000, 0),  # samples per dark sample, also during a touch; 0: off
     "mains_hz": (0, 60, 0),  # 50 or 60, the frequency of the lamps' mains; 0: none
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),

@@ -1,7 +1,7 @@
-"""One strip: samples of its sensor in, frames out.
+"""Processes the samples of one strip: averages and decodes them, and sends frames.
 
-Holds the path of a sample: average, decode, frame. What happens rarely is in `dark` and `search`.
-`take` allocates nothing but in the steps that end a dark window or a search.
+Rare operations are in the modules `dark` and `search`. `Strip.take` allocates only at the end of a
+dark window or of a search.
 """
 
 from array import array
@@ -15,42 +15,45 @@ from .exposure import AGAIN, DONE, choose
 from .kernel import accumulate
 from .smux import CHANNELS
 
-IDLE_US = const(1_000_000)  # untouched for so long before the strip may blink
+IDLE_US = const(1_000_000)  # time without a touch before the LED may be switched off
 
 _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
-_BLINKING = const(2)  # LED off, dark samples wanted
-_RISING = const(3)  # LED on again, a wholly lit sample wanted
+_BLINKING = const(2)  # LED off, dark samples are taken
+_RISING = const(3)  # LED on again, waits for a completely lit sample
 
 
 class Strip:
-    """A sensor with its decoding and its frames.
+    """Reads, decodes and sends the samples of one sensor.
 
     Parameters
     ----------
     index : int
-        Sensor number in the frames.
+        Number of the sensor in the frames.
     uid : str
         Unique id of the board.
     sensor : as7341.AS7341
+        The sensor.
     framer : frame.Framer
+        Sends the frames.
     time : frame.Time32
-        Set to the middle of the integration before each frame.
+        Board time; set to the middle of the integration before each frame.
     clock : object
-        ``ticks_add``.
+        ``ticks_add`` as in MicroPython's ``time``.
     settings : settings.BoardSettings
-        Read at every (re)start.
+        Settings of the board; read at every start.
     uses : uses.Uses
-        Gets every reading.
+        Receives every reading.
 
     Attributes
     ----------
     conditions : calibration.Conditions or None
-        What readings are taken with; None before the first start.
+        Board and settings of the readings; None before the first start.
     lit_flags : int
-        `decode.DARK_SUBTRACTED`, or 0 as long as an LED that is always on has no dark frame.
+        `decode.DARK_SUBTRACTED`; 0 while an LED that is always on has no dark frame.
     baseline : dark.Baseline
-        Its `floor` is taken off a reading: six sums over `Decode.dark_samples` samples.
+        The baseline. Its `floor`, six sums over `Decode.dark_samples` samples, is subtracted from
+        each reading.
     """
 
     def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
@@ -79,31 +82,31 @@ class Strip:
         self._on_dark = self._on_search = None
 
     def start(self):
-        """Set the sensor up as the settings say and begin with a dark frame.
+        """Start the sensor with the present settings; the first samples are a dark frame.
 
         Raises
         ------
         as7341.SensorError, OSError
-            As `as7341.AS7341.start`.
+            If the sensor does not answer, see `as7341.AS7341.start`.
         """
         s = self.settings.values
         self._begin(s["gain"], s["led_mA"], s["exposure_us"])
 
     def stop(self):
-        """Stop sampling and switch the LED off; a sensor that does not answer is left alone."""
+        """Stop sampling and switch the LED off; ignore a sensor that does not answer."""
         try:
             self.sensor.stop()
         except OSError:
             pass
 
     def report(self, reply):
-        """Put what ``get`` returns of this strip and its sensor into a reply."""
+        """Add dark frame, baseline and counters of the sensor to a reply to ``get`` (dict)."""
         reply["dark"] = self.dark_frame()
         reply["rest"] = self.baseline.sums()
         self.sensor.report(reply)
 
     def saturation(self):
-        """Return what saturated in the last sample; None if nothing did or the bus fails."""
+        """Return the saturation of the last sample, see `as7341`; None also if the bus fails."""
         try:
             return self.sensor.saturation()
         except OSError:
@@ -114,7 +117,7 @@ class Strip:
         return self._dark.sums()
 
     def configure(self):
-        """Apply settings that need no restart of the sensor."""
+        """Apply the settings that need no restart of the sensor."""
         values = self.settings.values
         if values["led"] == "always":
             self._dark.schedule(0, 0)
@@ -122,7 +125,7 @@ class Strip:
             self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
 
     def streams(self):
-        """Return the names of the frames that are streamed."""
+        """Return a list of the streamed kinds of frames: ``spectrum``, ``touch``."""
         names = []
         if self.stream_spectrum:
             names.append("spectrum")
@@ -131,7 +134,7 @@ class Strip:
         return names
 
     def stream(self, names):
-        """Stream these frames and no others: ``touch``, ``spectrum``."""
+        """Stream only these kinds of frames (list of str): ``touch``, ``spectrum``."""
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
 
@@ -151,17 +154,17 @@ class Strip:
         self._dark.request()
 
     def request_rest(self):
-        """Use what lies on the strip now as its baseline."""
+        """Take the next reading as the baseline."""
         self.baseline.wanted = True
 
     def forget_requests(self):
-        """Drop what was requested and is not done yet."""
+        """Cancel the requested dark frame and the requested search."""
         self._search = self._on_search = self._on_dark = None
 
-    # The path of a sample.
+    # Processing of a sample.
 
     def take(self):
-        """Use the sample that the sensor has just read."""
+        """Process the sample that the sensor has just read."""
         sensor = self.sensor
         missed = self._pacing.missed
         if missed != self._missed:
@@ -175,7 +178,7 @@ class Strip:
                 self._take_lit(sensor)
         elif self._state != _UNKNOWN:
             self._take_blink(sensor)
-        # Never in the middle of an average, however long it is, unless it is asked for.
+        # Not in the middle of an average, unless a dark frame is requested.
         due = dark.wanted or (
             dark.age_us >= dark.every_us
             and not self._samples
@@ -223,7 +226,7 @@ class Strip:
         rests = uses.take(self.index, decode)
         if self.stream_touch:
             self._framer.touch(self.index, decode)
-        # Two fingers are no lamp, as a rule: the strip goes blind for a dark frame.
+        # Two fingers look like ambient light. They count less, because a dark frame costs readings.
         odd_us = lasted_us >> 3 if uses.two else lasted_us
         if self._odd_light.take(flags, sums, samples, odd_us, self._dark.age_us):
             self._dark.request()
@@ -239,7 +242,7 @@ class Strip:
             self._framer.spectrum(self.index, decode.flags, sensor.gain, sums)
         self._samples = self._flags = 0
 
-    # What happens rarely.
+    # Rare operations.
 
     def _begin(self, gain, led_mA, exposure_us):
         sensor = self.sensor

@@ -108,7 +108,7 @@ class Uses:
             return None
         notes = []
         if calibration is None:
-            notes.append("without a calibration no touch is a key or moves an axis")
+            notes.append("keys and gamepad need a calibration")
         missing = [name for name in wanted if name not in self._there]
         if self._memory_fault:
             notes.append(self._memory_fault)
@@ -117,9 +117,9 @@ class Uses:
         elif missing and self._usb is None:
             notes.append("this board has no USB %s" % " and ".join(missing))
         elif missing:
-            notes.append("save and reboot, and the board is a USB %s too" % " and ".join(missing))
+            notes.append("save and reboot to make the board a USB %s" % " and ".join(missing))
         if "keyboard" in missing and self._keys_on:
-            notes.append("keys go out as frames")
+            notes.append("keys are sent as frames only")
         return "; ".join(notes) or None
 
     def take(self, sensor, decode):

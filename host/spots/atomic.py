@@ -24,7 +24,7 @@ from .errors import SpotsError
 
 _PREFIX, _SUFFIX = ".spots-", ".part"
 _PART = re.compile(r"\.spots-\w{8,16}\.part")
-# A part that nobody has changed for so long is of a killed process.
+# After this time without a change, a temporary file belongs to a killed process.
 _STALE_S = 3600.0
 
 
@@ -112,7 +112,7 @@ def folder(parent: Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        If it cannot be made.
+        If the directory cannot be created.
     """
     _sweep(parent, os.DirEntry.is_dir, shutil.rmtree)
     with tempfile.TemporaryDirectory(
@@ -122,12 +122,12 @@ def folder(parent: Path) -> Iterator[Path]:
 
 
 def exists(path: Path) -> SpotsError:
-    """Return the error of a new file whose name is already in use."""
+    """Return the error for a file that must be new but exists."""
     return SpotsError(f"{path} exists: choose another name or remove it")
 
 
 def _place_new(part: Path, path: Path) -> None:
-    """Rename a part; raise an error if another file got the name meanwhile."""
+    """Rename the complete file `part` to `path`; raise SpotsError if `path` exists."""
     try:
         os.link(part, path)
     except OSError:  # also on a file system without hard links
@@ -137,7 +137,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the permissions of the file that will be replaced; None without such a file."""
+    """Return the permission bits of the file at `path`, or None; SpotsError if it must be new."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:
@@ -152,7 +152,17 @@ def _replaced_mode(path: Path, new: bool) -> int | None:
 
 
 def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], None]) -> None:
-    """Remove the stale parts of one kind, files or folders, in a folder."""
+    """Remove temporary files or folders that killed processes left, if they are an hour old.
+
+    Parameters
+    ----------
+    parent : Path
+        Folder to search.
+    is_kind : callable
+        ``is_kind(entry, follow_symlinks=False)`` returns whether to remove an `os.DirEntry`.
+    remove : callable
+        ``remove(path)`` removes a file or a folder.
+    """
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if _PART.fullmatch(entry.name) and is_kind(entry, follow_symlinks=False):

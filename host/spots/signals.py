@@ -59,7 +59,7 @@ class _Section:
         self._act()
 
     def handle(self, number: int, frame=None) -> None:
-        """Handle a signal, now or at the end of the section; a handler for `signal.signal`."""
+        """Handle the signal `number` now or at the end of the section; for `signal.signal`."""
         if self.ended_by is not None:
             return  # the process is ending: a SIGCONT now must not raise a second exception
         if number not in self._pending:
@@ -67,7 +67,7 @@ class _Section:
         self._act()
 
     def resumed(self) -> bool:
-        """Return whether the process was stopped since the last call; let outputs press again."""
+        """Enable the outputs again; return whether the process was stopped since the last call."""
         if not self._stopped:
             return False
         self._stopped = False
@@ -113,7 +113,7 @@ class _Section:
             signal.signal(number, self.handle)
 
     def _ignore(self, numbers: list[int]) -> list[int]:
-        """Ignore the signals that this section handles, and return them."""
+        """Ignore those of the signals `numbers` that this section handles; return their numbers."""
         handled = [one for one in numbers if signal.getsignal(one) == self.handle]
         for one in handled:
             signal.signal(one, signal.SIG_IGN)

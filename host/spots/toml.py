@@ -55,7 +55,9 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     Returns
     -------
     path : Path
+        Path of the file.
     text : str
+        Text of the file.
 
     Raises
     ------
@@ -154,7 +156,7 @@ def convert(content: dict, kind: type[_Kind]) -> _Kind:
 
 
 def _known(kind: type, path: str) -> list[str]:
-    """Return the keys or values that a type allows at a path of msgspec."""
+    """Return the keys or values that the type `kind` allows at a path such as ``$.key[0].tap``."""
     found = _alternatives(inspect.type_info(kind))
     for name in _STEP.findall(path):
         found = [one for outer in found for one in _inside(outer, name)]

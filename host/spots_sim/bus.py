@@ -54,7 +54,17 @@ class RealClock:
 
 @dataclass
 class BusCost:
-    """Counts transfers, bytes on the wire (with addresses and registers) and bus time in us."""
+    """Cost of the transfers on a bus.
+
+    Attributes
+    ----------
+    transactions : int
+        Number of transfers.
+    wire_bytes : int
+        Bytes on the wire, with addresses and registers.
+    bus_us : float
+        Duration of all transfers in us.
+    """
 
     transactions: int = 0
     wire_bytes: int = 0

@@ -1,4 +1,4 @@
-"""What differs from the strip that was calibrated: ageing, temperature, and a warm LED."""
+"""Changes of a strip since its calibration: ageing, temperature, and a warm LED."""
 
 from __future__ import annotations
 
@@ -22,18 +22,20 @@ class Change(msgspec.Struct, **_Struct):
     Attributes
     ----------
     die_nm, phosphor_nm, phosphor_fwhm_nm : float
-        Shifts of the LED's two bells, and change of the width of the phosphor's.
+        Shifts of the blue and the phosphor peak of the LED's spectrum, and change of the width of
+        the phosphor peak, in nm.
     bands_nm : float
-        Shift of all filters of the sensor.
+        Shift of all filters of the sensor, in nm.
     blue_share_percent : float
-        Percentage points of the LED's power.
+        Change of the blue peak's share in the LED's power, in percentage points.
     light_percent, dye_percent, clear_percent : float
-        Relative: the light that couples, the strength of the dye, the loss of the clear base.
+        Relative changes of the coupled light, of the dye's strength, and of the loss in the clear
+        material, in per cent.
     tilt_percent : float
-        Relative gain of the reddest channel (680 nm) over the bluest (415 nm), linear in
-        wavelength.
+        Gain of the reddest channel (680 nm) relative to the bluest (415 nm), in per cent. The gain
+        of the other channels is linear in wavelength.
     temperature_K : float
-        Warming of strip, LED and sensor; `Temperature` turns it into the other changes.
+        Warming of strip, LED and sensor, in K; `Temperature` converts it to the other changes.
     """
 
     die_nm: _Shift = 0.0
@@ -48,7 +50,7 @@ class Change(msgspec.Struct, **_Struct):
     temperature_K: _within(-100, 100) = 0.0
 
     def __add__(self, other: Change) -> Change:
-        if other is NONE:  # of most samples
+        if other is NONE:  # the case for most samples
             return self
         return Change(**{name: getattr(self, name) + getattr(other, name) for name in NAMES})
 
@@ -68,10 +70,11 @@ ChangeInTime = msgspec.defstruct(
 
 
 class Temperature(msgspec.Struct, **_Struct):
-    """What one kelvin does, and how the LED warms itself.
+    """Temperature coefficients of a sensor, and the self-heating of its LED.
 
-    The coefficients of the LED hold for its own warmth too. `led_K_per_mA` is how much warmer it
-    gets in the end, after a time constant of `led_warm_up_s`.
+    Each coefficient is the change per kelvin of the attribute of `Change` with the same name. The
+    LED's own heating uses the same coefficients. Its final temperature rise is `led_K_per_mA` per
+    mA; `led_warm_up_s` is the time constant in seconds.
     """
 
     # Blue InGaN dies: 0.03 to 0.05 nm/K, typical of LED datasheets.
@@ -84,7 +87,7 @@ class Temperature(msgspec.Struct, **_Struct):
     light_percent_per_K: float = -0.3
     # Assumed: interference filters on silicon, 0.3 nm in 10 K.
     bands_nm_per_K: float = 0.03
-    # Assumed: no effect is known that is not in the length.
+    # Assumed: no effect is known except that of the length.
     dye_percent_per_K: float = 0.0
     clear_percent_per_K: float = 0.0
     tilt_percent_per_K: float = 0.0
@@ -95,14 +98,15 @@ class Temperature(msgspec.Struct, **_Struct):
     led_warm_up_s: Annotated[float, msgspec.Meta(gt=0, le=1e6)] = 60.0
 
     def resolved(self, change: Change, led_K: float = 0.0) -> Change:
-        """Return a change with its temperature, and the LED's own, turned into the others.
+        """Return a change to which the effects of temperature and of the LED's heating are added.
 
         Parameters
         ----------
         change : Change
-            Its `temperature_K` is turned into changes of LED, phosphor and filters.
+            Change since the calibration. Its `temperature_K` is converted to changes of LED,
+            phosphor, filters and dye.
         led_K : float
-            How much the LED has warmed itself, in K.
+            Temperature rise of the LED by its own power, in K.
 
         Returns
         -------
@@ -118,7 +122,7 @@ class Temperature(msgspec.Struct, **_Struct):
         )
 
     def volume(self, change: Change) -> float:
-        """Return the volume of the strip, relative to that at the calibration."""
+        """Return the volume of the strip divided by its volume at the calibration."""
         return (1 + 1e-6 * self.length_ppm_per_K * change.temperature_K) ** 3
 
 

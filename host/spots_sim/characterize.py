@@ -1,4 +1,4 @@
-"""``spots characterize``: checks first, then the measurement, its tables and its figures."""
+"""``spots characterize``: checks the options, measures a sensor, prints tables, draws figures."""
 
 from __future__ import annotations
 
@@ -28,33 +28,36 @@ def measure(
     change_name: str | None = None,
     hand: Hand = NO_HAND,
 ) -> None:
-    """Characterise a sensor file and print what was found.
+    """Measure the accuracy of a simulated sensor, and print the results.
 
     Parameters
     ----------
     sensor_name : str
-        A path, or the name of a file that comes with the package.
+        Sensor file: a path, or the name of a file that comes with the package.
     seed : int
+        Random seed of the noise.
     exposure_us : int
+        Integration time in us.
     average : int
+        Number of samples in a reading.
     as_json : bool
-        Print one JSON object, not tables.
+        True to print one JSON object, False to print tables.
     out : str or None
-        A folder for figures.
+        Folder for figures; None to draw none.
     change_name : str or None
-        A change file, by path or name: what changed since the calibration.
+        Change file (a path or a name): changes of the sensor since the calibration.
     hand : Hand
-        How the strip is re-zeroed then.
+        Re-zero of the strip after these changes.
 
     Raises
     ------
     SpotsError
-        If the sensor file, an option or the sensor itself does not allow it.
+        If a file or an option is invalid, or the sensor cannot be calibrated.
     """
     if not MIN_US <= exposure_us <= MAX_US:
-        raise SpotsError(f"--exposure-us takes {MIN_US} to {MAX_US}, not {exposure_us}")
+        raise SpotsError(f"--exposure-us must be from {MIN_US} to {MAX_US}, not {exposure_us}")
     if not 1 <= average <= AVERAGE_MAX:
-        raise SpotsError(f"--average takes 1 to {AVERAGE_MAX}, not {average}")
+        raise SpotsError(f"--average must be from 1 to {AVERAGE_MAX}, not {average}")
     hand.check()
     sensor = load(SensorFile, sensor_name)
     change = NONE if change_name is None else load_change(change_name)

@@ -1,12 +1,12 @@
-"""A register-level AS7341: what the chip would answer, byte by byte.
+"""A simulated AS7341 at register level: it answers I2C transfers byte by byte.
 
-Written from the ams datasheet DS000504 v3-00 and application note AN000666 v1-01 alone; it shares
-no constant with the firmware's driver, which it is here to test. Where no document settles a
-behaviour it is a field of `Quirks`, and a driver has to work under every value.
+It is written from the ams datasheet DS000504 v3-00 and application note AN000666 v1-01 alone. It
+shares no constant with the firmware's driver, because it tests that driver. A behaviour that no
+document defines is a field of `Quirks`; a driver must work with every value.
 
-The chip knows no optics. It asks a light source what each photodiode collects between two
-moments: ``light.collect(start_us, end_us, led_mA) -> dict`` of counts at gain 1x by diode name. For
-the flicker detector ``light.outside(start_us, end_us)`` is the mean of the light without the LED.
+The chip contains no optics. A light source computes what the photodiodes collect in an interval:
+``light.collect(start_us, end_us, led_mA) -> dict`` returns counts at gain 1x by diode name. For the
+flicker detector, ``light.outside(start_us, end_us)`` returns the mean ambient light.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ STEP_US = 2.78
 AUTO_ZERO_US = 15_000.0
 POWER_ON_US = 200.0
 
-# AN000666, table of pixels: each photodiode is one or two of them.
+# AN000666, table of pixels: each photodiode consists of one or two pixels.
 PIXELS_OF = {
     "F1": (2, 32), "F2": (10, 25), "F3": (1, 31), "F4": (11, 26), "F5": (13, 19), "F6": (8, 29),
     "F7": (14, 20), "F8": (7, 28), "CLEAR": (17, 35), "NIR": (38,), "DARK": (37,), "FLICKER": (39,),
 }  # fmt: skip
 DIODES = tuple(PIXELS_OF)
 
-# DS000504, figure "gain": relative to 64x; the steps are no exact powers of two.
+# DS000504, figure "gain": relative to 64x; the steps are not exact powers of two.
 GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
 
 _SIX = struct.Struct("<6H")
@@ -37,8 +37,8 @@ _SIX = struct.Struct("<6H")
 _PERSISTENCE = (0, 1, 2, 3, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60)
 _FIFO_LEVELS = (1, 4, 8, 16)
 _FIFO_ENTRIES = 128
-# FD_STATUS: measured, both frequencies judged; and which one was found. How long it takes, and
-# from which swing on it is found, no document says.
+# FD_STATUS: bits of a complete measurement, and the bit of each frequency. No document defines the
+# duration of a measurement, or the smallest flicker that is detected.
 _FD_VALID, _FD_HZ = 0x2C, {100: 0x01, 120: 0x02}
 _FD_US, _FD_STEP_US, _FD_LEAST = 500_000.0, 1000.0, 0.01
 
@@ -50,7 +50,21 @@ _RESET_VALUES = {
 
 @dataclass(frozen=True)
 class Quirks:
-    """What the documents leave open, and the tolerance of the oscillator."""
+    """Behaviour of the chip that no document defines, and the error of its oscillator.
+
+    Attributes
+    ----------
+    auto_zero_at_every_start : bool
+        Whether every start has an auto-zero; otherwise only the first start after power-on.
+    avalid_clears_on_read : bool
+        Whether a read of ASTATUS clears AVALID.
+    aint_needs_sp_ien : bool
+        Whether AINT needs its enable bit SP_IEN.
+    smux_us : float
+        Duration of a SMUX command in us.
+    clock_error_percent : float
+        Error of the sample period, in per cent; positive if the oscillator is slow.
+    """
 
     auto_zero_at_every_start: bool = True
     avalid_clears_on_read: bool = False
@@ -70,9 +84,9 @@ class ChipNoise:
     electrons_per_count_1x : float
         Photo-electrons in one count at gain 1x, for the shot noise.
     dark_counts_512x : float
-        Dark counts at 512x in 98 ms.
+        Dark counts at gain 512x in 98 ms.
     ratio_ppm : float
-        Standard deviation of each channel's own gain from sample to sample.
+        Standard deviation of each channel's gain between samples, in ppm.
     """
 
     read_counts: float
@@ -82,15 +96,18 @@ class ChipNoise:
 
 
 class AS7341:
-    """One chip, from power-on at time 0.
+    """A simulated AS7341; its power is switched on at time 0.
 
     Parameters
     ----------
     light : object
-        See the module's text.
+        Light source with the methods ``collect`` and ``outside``, see this module.
     noise : ChipNoise
+        Noise of the converter.
     rng : numpy.random.Generator
+        Generator of the noise.
     quirks : Quirks
+        Behaviour that no document defines.
     """
 
     address = 0x39
@@ -107,7 +124,7 @@ class AS7341:
         self.power_on(0.0)
 
     def power_on(self, now_us: float) -> None:
-        """Restart with the registers' reset values."""
+        """Reset all registers at the time `now_us`, as at power-on."""
         self._now = self._on_since = max(now_us, self._now)
         self._main = bytearray(256)
         for register, value in _RESET_VALUES.items():
@@ -119,25 +136,25 @@ class AS7341:
         self._pointer = 0
         self._smux_done = None
         self._zeroed = False
-        self._start = None  # of the running integration
-        self._part_start = 0.0  # up to where its light has been collected
+        self._start = None  # begin of the running integration, in us
+        self._part_start = 0.0  # time up to which its light is collected, in us
         self._collected = np.zeros(len(DIODES))
         self._cycle = 0
         self._live = (0, bytes(12))  # ASTATUS and counts of the last sample
         self._latched = self._live
-        self._first = False  # the sample that runs is the first since SP_EN rose
-        self._outside = 0  # samples in a row outside the thresholds
+        self._first = False  # whether the running sample is the first one since SP_EN was set
+        self._outside = 0  # consecutive samples outside the thresholds
         self._fifo: list[bytes] = []
         self._flicker_since = None
 
-    # The bus side. A controller calls advance(now) first, so that time never runs backwards.
+    # I2C transfers. A controller calls advance(now) first, so that time never decreases.
 
     def answers(self) -> bool:
         """Whether the chip acknowledges its address now."""
         return self._now - self._on_since >= POWER_ON_US
 
     def write(self, data: bytes) -> None:
-        """A write transfer: register, then bytes; the pointer auto-increments."""
+        """Handle a write transfer: the address of the first register, then the register values."""
         if not data:
             return
         self._pointer = data[0]
@@ -146,16 +163,16 @@ class AS7341:
             self._pointer = (self._pointer + 1) & 0xFF
 
     def read(self, size: int) -> bytes:
-        """A read transfer from the pointer on."""
+        """Handle a read transfer: return `size` bytes from the register pointer."""
         data = bytearray()
         for _ in range(size):
             data.append(self._get(self._pointer))
-            # The FIFO is read in one transfer, however long.
+            # A transfer of any length reads the FIFO from its last two registers.
             self._pointer = 0xFE if self._pointer == 0xFF else self._pointer + 1
         return bytes(data)
 
     def advance(self, now_us: float) -> None:
-        """Let time pass up to `now_us`."""
+        """Run the chip up to the time `now_us`."""
         self._now = now_us = max(now_us, self._now)
         if self._smux_done is not None and now_us >= self._smux_done:
             self._smux_done = None
@@ -164,7 +181,7 @@ class AS7341:
             self._complete(self._end())
 
     def switch_light(self, on: bool) -> None:
-        """Switch an LED that this chip does not drive, as ``light.switch(on)``."""
+        """Switch an LED that another pin drives: calls ``light.switch(on)``."""
         self._collect(self._now)
         self._light.switch(on)
 
@@ -214,7 +231,7 @@ class AS7341:
             if self._bank1_selected() and register >= 0x70:
                 before_mA = self._led_mA()
                 self._bank1[register] = value
-                # One part for each light, so that noise does not depend on idle writes.
+                # Collect only if the light changes, so that noise does not depend on other writes.
                 if self._led_mA() != before_mA:
                     self._collect(self._now, before_mA)
         elif register == 0xA9:
@@ -238,7 +255,7 @@ class AS7341:
         if not value & 0x01:
             self._zeroed = False
         if value & 0x12 == 0x12:
-            self._main[0x80] &= ~0x10  # refused while it measures
+            self._main[0x80] &= ~0x10  # refused while the chip samples
         elif value & 0x10 and not before & 0x10:
             self._smux_done = self._now + self._quirks.smux_us
         if not value & 0x40:
@@ -312,7 +329,7 @@ class AS7341:
         self._main[0xA3] = 0x40 | saturation
         if saturation:
             self._main[0x93] |= 0x80
-        if self._first:  # who reads the counts alone gets these
+        if self._first:  # these are the counts for a driver that never reads ASTATUS
             self._latched = self._live
             self._first = False
         if self._persists(counts) and (
@@ -338,7 +355,7 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Put what FIFO_MAP names into the FIFO, ASTATUS first; what has no room is lost."""
+        """Append the values that FIFO_MAP selects to the FIFO; a full FIFO drops them."""
         for bit, value in enumerate((self._live[0], *counts)):
             if self._main[0xFC] & 1 << bit:
                 if len(self._fifo) < _FIFO_ENTRIES:
@@ -374,7 +391,7 @@ class AS7341:
         ratio = 1e-6 * noise.ratio_ppm
         full_scale = self._full_scale()
         counts = []
-        # Six numbers are too few for numpy to be quick.
+        # For six numbers, plain Python is faster than NumPy.
         for light, draw in zip(ideal, self._rng.standard_normal(6).tolist()):
             variance = max(light, 0.0) / electrons + (ratio * light) ** 2
             sigma = math.sqrt(noise.read_counts**2 + variance)

@@ -1,4 +1,4 @@
-"""Demonstrations of keyboard, controller and wearable on a virtual board, with figures."""
+"""Demonstrates controller, keyboard and wearable on a virtual board, and measures errors."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ _PLAIN_LINES_PER_S = 4
 def play_controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    """Show the controller of a demo on the screen alone; return the run in figures.
+    """Show a controller that controls no gamepad of this computer; return the figures of the run.
 
     Parameters
     ----------
     board : Board
-        A calibrated one.
+        A calibrated virtual board.
     truth : Scenario
-        What the run is compared with.
+        True fingers over time.
     started_s : float
-        Host time of the scenario's time 0.
+        Host time in seconds at which the scenario's time is 0.
     seconds : float or None
-        End after this time of the link's clock; no limit if None.
+        Time after which to end, in seconds of the link's clock; no limit if None.
     quiet : bool
-        Whether nothing is shown.
+        True to print and draw nothing.
 
     Returns
     -------
     dict
-        See `ControllerScore.summary`.
+        Figures of the run, see `ControllerScore.summary`.
 
     Raises
     ------
@@ -82,29 +82,30 @@ def type_on_board(
     quiet: bool,
     layout_name: str = DEMO_LAYOUT,
 ) -> dict:
-    """Let the board be the keyboard, show what it types, and return the run in figures.
+    """Type with the keys of a board, show the text, and return the figures of the run.
 
-    The same engine runs here on the same readings, and its events are compared.
+    The key engine also runs on the host with the same readings, and the key events are compared.
 
     Parameters
     ----------
     board : Board
-        A calibrated one.
+        A calibrated virtual board.
     truth : Scenario
-        The fingers that the keys are compared with.
+        True fingers over time, which the keys are compared with.
     started_s : float
-        Host time of the scenario's time 0.
+        Host time in seconds at which the scenario's time is 0.
     seconds : float or None
-        End after this time of the link's clock; no limit if None.
+        Time after which to end, in seconds of the link's clock; no limit if None.
     quiet : bool
-        Whether nothing is shown.
+        True to print and draw nothing.
     layout_name : str, optional
-        Of the keys, by path or name.
+        Key layout: a path or a name.
 
     Returns
     -------
     dict
-        With what `TypingScore.summary` returns.
+        ``typed`` text, ``presses``, ``keys_down`` at the end, and whether the ``host_agrees``; also
+        all values of `TypingScore.summary`.
 
     Raises
     ------
@@ -156,21 +157,21 @@ class _Events:
 
 
 def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
-    """Show the gestures of a board and return the run in figures.
+    """Show the gestures of a board, and return their names.
 
     Parameters
     ----------
     board : Board
-        A calibrated one.
+        A calibrated virtual board.
     seconds : float or None
-        End after this time of the link's clock; no limit if None.
+        Time after which to end, in seconds of the link's clock; no limit if None.
     quiet : bool
-        Whether nothing is shown.
+        True to print and draw nothing.
 
     Returns
     -------
     dict
-        Names of the gestures, and the least confidence among them.
+        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture.
 
     Raises
     ------
@@ -196,14 +197,14 @@ def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
 
 
 class NoGamepad(Gamepad):
-    """Sends nothing."""
+    """Gamepad that discards all states."""
 
     def _send(self, state):
         pass
 
 
 class _Sampled(PrintedGamepad):
-    """Prints a few of the states, as the rest of the demo does."""
+    """Gamepad that prints a few of the states a second."""
 
     def __init__(self, now_s: Callable[[], float]):
         super().__init__()

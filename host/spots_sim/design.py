@@ -1,7 +1,8 @@
-"""``spots design``: the dye that resolves a length best, and the exposure that a rate leaves.
+"""``spots design``: finds the dye with the best resolution for a length, and the exposure.
 
-What is predicted is the bound of `bound.Bound`, at the settings that the board's own search would
-find, under the press of `characterize`. Everything but length and dye is the default sensor's.
+The predicted resolution is the Cramer-Rao bound of `bound.Bound`. It is computed for the settings
+that the board's search would find, and for the force `measurements.FORCE_MN`. All values except
+length and dye are those of the default sensor.
 """
 
 from __future__ import annotations
@@ -40,15 +41,15 @@ from .measurements import FORCE_MN, PLACES
 from .stage import NEAR_UM
 
 LED_MAX_MA = 100  # of the virtual board, as boards/virtual/board.toml has it
-# Longer exposures add counts but no full scale: more of them are added up instead.
+# Above this exposure, full scale does not grow: more samples are averaged instead.
 _LONGEST_US = 182_000
 _DYES_PER_MM = (1e-4, 1.0)
 _COARSE, _FINE = 25, 7
 _FINE_SHARE = 5e-3
-# A channel with fewer counts than this at the far end is mostly rounding, and what its logarithm
-# does is not what the bound takes it to do.
+# With fewer counts at the far end, rounding dominates a channel, and the bound is not valid for
+# its logarithm.
 _COUNTS_MIN = 10.0
-# What no strip exceeds: a value beyond is in another unit.
+# Limits of the options: a value outside has probably another unit.
 _LENGTHS_MM = 1.0, 10_000.0
 _FINEST_UM = 1e-3
 _SLOWEST_HZ = 1e6 / (AVERAGE_MAX * MAX_US)
@@ -57,16 +58,18 @@ _FASTEST_HZ = 1e6 / MIN_US
 
 @dataclass(frozen=True)
 class Design:
-    """A strip and how to read it.
+    """A strip, the settings to read it with, and its expected resolution.
 
     Attributes
     ----------
     sensor : SensorFile
+        Sensor with the designed length and dye.
     exposure_us, average : int
+        Integration time in us, and number of samples in a reading.
     gain, led_mA : int
-        What the board's search will find.
-    x_um, sigma_um : numpy.ndarray
-        Expected resolution at places along the strip.
+        Register code of the gain and LED current in mA that the board's search will find.
+    x_um, sigma_um : numpy.ndarray, shape (n,)
+        Positions along the strip, and expected resolution there, in um.
     """
 
     sensor: SensorFile
@@ -79,16 +82,16 @@ class Design:
 
     @property
     def resolution_um(self) -> float:
-        """The mean along the strip, as `characterize` defines resolution."""
+        """Mean resolution along the strip in um, defined as in `measurements.characterize`."""
         return float(self.sigma_um.mean())
 
     @property
     def dye_per_mm(self) -> float:
-        """Strength of the dye."""
+        """Strength of the dye, as its decay coefficient per mm."""
         return self.sensor.dye.strength_per_mm
 
     def summary(self) -> dict:
-        """Return what ``spots design --json`` prints."""
+        """Return the design as a dict for JSON; ``spots design --json`` prints it."""
         return {
             "length_mm": self.sensor.length_mm,
             "dye_per_mm": round(self.dye_per_mm, 5),
@@ -107,7 +110,7 @@ class Design:
 
 
 def timing(rate_hz: float) -> tuple[int, int]:
-    """Return exposure in us and average that fill the time of a reading."""
+    """Return exposure in us and number of samples in a reading, for a rate of readings in Hz."""
     reading_us = 1e6 / rate_hz
     average = min(AVERAGE_MAX, max(1, math.ceil(reading_us / _LONGEST_US)))
     exposure_us = min(MAX_US, max(MIN_US, int(reading_us / average)))
@@ -120,9 +123,9 @@ def best(length_mm: float, rate_hz: float) -> Design:
     Parameters
     ----------
     length_mm : float
-        Length of the strip.
+        Length of the strip, in mm.
     rate_hz : float
-        Readings a second.
+        Rate of readings in Hz.
 
     Returns
     -------
@@ -131,7 +134,7 @@ def best(length_mm: float, rate_hz: float) -> Design:
     Raises
     ------
     SpotsError
-        If no dye leaves light to read by.
+        If the far end is too dark with every dye.
     """
     base = load(SensorFile, "default")
     exposure_us, average = timing(rate_hz)
@@ -146,8 +149,8 @@ def best(length_mm: float, rate_hz: float) -> Design:
         found = [(design.resolution_um, i, design) for i, d in enumerate(dyes) if (design := at(d))]
         if not found:
             raise SpotsError(
-                f"no dye leaves light to read by at the end of {length_mm:g} mm at {rate_hz:g} Hz: "
-                "make the strip shorter, or read it more slowly"
+                f"the end of a {length_mm:g} mm strip is too dark at {rate_hz:g} Hz with any dye: "
+                "choose a shorter strip or a lower rate"
             )
         _, i, design = min(found)
         if dyes[1] < dyes[0] * (1 + _FINE_SHARE):
@@ -169,7 +172,7 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return gain, exposure and LED current that the board finds under the fullest press."""
+    """Search as the board does; return gain code, exposure in us and LED current in mA, or None."""
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
     outcome = AGAIN
@@ -177,16 +180,21 @@ def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | No
         setting = search.gain, exposure_us, search.led_mA
         peak = round(Bound(sensor, DEFAULT_PLAN, *setting).counts(NEAR_UM, FULL_MN).max())
         outcome = search.step(min(peak, full), full, peak >= full)
-    # Where it would lengthen the exposure, gain and current are spent.
+    # If the search would lengthen the exposure, gain and current are at their maximum.
     return setting if outcome in (DONE, AGAIN) else None
 
 
 def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
-    """Find a strip that resolves so much, so often.
+    """Return a design with a given length, resolution and rate.
 
     Parameters
     ----------
-    length_mm, resolution_um, rate_hz : float
+    length_mm : float
+        Length of the strip, in mm.
+    resolution_um : float
+        Largest allowed mean resolution, in um.
+    rate_hz : float
+        Rate of readings in Hz.
 
     Returns
     -------
@@ -195,7 +203,8 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     Raises
     ------
     SpotsError
-        If it cannot be done; the text says what can.
+        If a value is out of range, or the resolution cannot be reached. The text gives the best
+        resolution at this rate.
     """
     for name, value, low, high in (
         ("length-mm", length_mm, *_LENGTHS_MM),
@@ -204,20 +213,20 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     ):
         if not low <= value <= high:
             unit = name.rpartition("-")[2].replace("hz", "Hz")
-            raise SpotsError(f"--{name} is from {low:.3g} to {high:g} {unit}, not {value:g}")
+            raise SpotsError(f"--{name} must be from {low:.3g} to {high:g} {unit}, not {value:g}")
     found = best(length_mm, rate_hz)
     if found.resolution_um <= resolution_um:
         return found
     raise SpotsError(
         f"{resolution_um:g} um over {length_mm:g} mm cannot be reached at {rate_hz:g} Hz: the best "
-        f"there is {found.resolution_um:.3g} um, with dye of {found.dye_per_mm:.3g} per mm, "
+        f"resolution is {found.resolution_um:.3g} um, with dye of {found.dye_per_mm:.3g} per mm; "
         f"{_slower(length_mm, resolution_um, rate_hz)}"
     )
 
 
 def _slower(length_mm: float, resolution_um: float, rate_hz: float) -> str:
     if best(length_mm, _SLOWEST_HZ).resolution_um > resolution_um:
-        return f"and no rate down to {_SLOWEST_HZ:.3g} Hz would do"
+        return f"no rate down to {_SLOWEST_HZ:.3g} Hz reaches it: choose a shorter strip"
     low_hz, high_hz = _SLOWEST_HZ, rate_hz
     while high_hz > 1.01 * low_hz:
         middle_hz = math.sqrt(low_hz * high_hz)
@@ -225,17 +234,17 @@ def _slower(length_mm: float, resolution_um: float, rate_hz: float) -> str:
             low_hz = middle_hz
         else:
             high_hz = middle_hz
-    # Rounded down, so that the rate that is named will do.
+    # Rounded down, so that the resolution can be reached at the printed rate.
     digits = 10.0 ** (math.floor(math.log10(low_hz)) - 2)
-    return f"and it could be at {math.floor(low_hz / digits) * digits:.3g} Hz"
+    return f"choose a rate of at most {math.floor(low_hz / digits) * digits:.3g} Hz"
 
 
 def sensor_toml(found: Design) -> str:
-    """Return the sensor file of a design."""
+    """Return the sensor file of a design as TOML text."""
     lines = [
         f"# Designed for {found.sensor.length_mm:g} mm: {found.resolution_um:.3g} um expected with",
         f"# exposure_us={found.exposure_us} average={found.average}.",
-        "# All but length and dye is as in default.toml, which has the sources.",
+        "# Other values are those of default.toml, which names their sources.",
         "",
     ]
     return "\n".join(lines) + "\n" + to_toml(found.sensor)
@@ -249,9 +258,11 @@ def design_command(
     Parameters
     ----------
     length_mm, resolution_um, rate_hz : float
+        Length in mm, resolution in um and rate in Hz, as for `design`.
     as_json : bool
+        True to print a JSON object, False to print a table.
     out : str or None
-        A folder for ``sensor.toml`` and ``resolution.png``.
+        Folder for ``sensor.toml`` and ``resolution.png``; None to write no files.
     """
     if out is not None:
         figures.require()
@@ -272,7 +283,7 @@ def _text(found: Design) -> str:
         "length": f"{summary['length_mm']:g} mm",
         "dye": f"{summary['dye_per_mm']:g} per mm",
         "reading": f"{found.average} x {found.exposure_us / 1000:g} ms, {summary['rate_hz']:g} Hz",
-        "setting": f"gain {found.gain}, {found.led_mA} mA, as 'auto' will find it",
+        "setting": f"gain {found.gain}, {found.led_mA} mA, as 'auto' finds them",
         "resolution": f"{found.resolution_um:.3g} um, the mean from 5 to 95 % of the length",
         "": ", ".join(
             f"{end['resolution_um']:.3g} um at {end['position_mm']:g} mm" for end in ends

@@ -1,4 +1,4 @@
-"""The figures of a characterisation as PNG files. Needs matplotlib, the extra ``plots``."""
+"""Draws the figures of a characterisation as PNG files. Needs matplotlib (extra ``plots``)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _DPI = 110
 
 
 def require() -> None:
-    """Raise SpotsError if figures cannot be drawn here."""
+    """Raise SpotsError if matplotlib is not installed."""
     if find_spec("matplotlib") is None:
         raise missing("drawing figures needs", "matplotlib", "plots")
 
 
 def folder(path: str | Path) -> Path:
-    """Make a folder for files to be written to, and return it.
+    """Create a folder unless it exists, and return its path.
 
     Raises
     ------
@@ -40,19 +40,21 @@ def folder(path: str | Path) -> Path:
 
 
 def draw(run, responses: dict, out: Path) -> list[Path]:
-    """Draw every figure of a run.
+    """Draw all figures of a run.
 
     Parameters
     ----------
     run : measurements.Run
+        Results to draw.
     responses : dict
-        Of `family.family`.
+        Responses of other lengths and dyes, from `family.family`.
     out : Path
-        A folder.
+        Existing folder for the PNG files.
 
     Returns
     -------
     list of Path
+        The PNG files.
     """
     reading = f"{run.summary['reading_ms']:.3g} ms a reading"
     made = {
@@ -68,7 +70,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
 
 def save(figure, path: Path) -> Path:
-    """Write a figure and forget it.
+    """Write a figure to a file, and free its memory.
 
     Parameters
     ----------
@@ -80,12 +82,12 @@ def save(figure, path: Path) -> Path:
     Returns
     -------
     Path
-        The same.
+        `path`.
 
     Raises
     ------
     SpotsError
-        If it cannot be written.
+        If the file cannot be written.
     """
     with atomic.replacing(path) as file:
         # Without the versions and dates that would change the file though the picture stays.
@@ -94,22 +96,23 @@ def save(figure, path: Path) -> Path:
 
 
 def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 4.0, **options):
-    """Return a figure and its axes.
+    """Create a figure with a grid of axes.
 
     Parameters
     ----------
     columns, rows : int
-        How many axes.
+        Number of columns and rows of axes.
     width, height : float
         Size of the figure, in inches.
     **options
-        As for `matplotlib.figure.Figure.subplots`.
+        Further arguments of `matplotlib.figure.Figure.subplots`.
 
     Returns
     -------
     figure : matplotlib.figure.Figure
+        The figure.
     axes : matplotlib.axes.Axes or ndarray of them
-        Shape as that of `subplots`.
+        Axes with the shape that `subplots` returns.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -125,52 +128,52 @@ def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 
 
 
 def label(axis, title: str, x: str, y: str, **limits) -> None:
-    """Give axes their title and what they are of.
+    """Set the title and the labels of axes.
 
     Parameters
     ----------
     axis : matplotlib.axes.Axes
         The axes.
     title : str
-        Above, on the left.
+        Title, above the axes on the left.
     x, y : str
-        Labels, with units.
+        Labels of the x axis and the y axis, with units.
     **limits
-        As for `matplotlib.axes.Axes.set`.
+        Further arguments of `matplotlib.axes.Axes.set`, such as ``ylim``.
     """
     axis.set_title(title, loc="left", fontsize=11)
     axis.set(xlabel=x, ylabel=y, **limits)
 
 
 def line(axis, i: int, x, y, name=None, **options) -> None:
-    """Draw points joined by a line in the i-th colour and marker.
+    """Draw points that are joined by a line.
 
     Parameters
     ----------
     axis : matplotlib.axes.Axes
         The axes.
     i : int
-        Number of the colour and marker.
+        Number of the colour and marker, from 0.
     x, y : array_like, shape (n,)
         Coordinates in the units of the axes.
     name : str, optional
         Text in the legend.
     **options
-        As for `matplotlib.axes.Axes.plot`.
+        Further arguments of `matplotlib.axes.Axes.plot`.
     """
     style = {"color": _COLOURS[i], "marker": _MARKERS[i], "markersize": 4, "linewidth": 1.3}
     axis.plot(x, y, label=name, **(style | options))
 
 
 def legend(axis, **options) -> None:
-    """Draw the legend, without a frame over the data.
+    """Draw a legend without a frame.
 
     Parameters
     ----------
     axis : matplotlib.axes.Axes
         The axes.
     **options
-        As for `matplotlib.axes.Axes.legend`.
+        Further arguments of `matplotlib.axes.Axes.legend`.
     """
     axis.legend(**({"frameon": False, "fontsize": 9} | options))
 
@@ -187,13 +190,13 @@ def _position(run):
     figure, (top, bottom) = panels(rows=2, height=5.5, sharex=True, height_ratios=(2, 1))
     line(top, 0, x_mm, response, "measured", linestyle="none")
     top.plot(x_mm, zero + slope * x_mm, color=_COLOURS[1], label="straight line", zorder=1)
-    title = f"The colour is close to a straight line of the position: R² = {found['r2']:.7f}"
+    title = f"The log ratio is nearly linear in the position: R² = {found['r2']:.7f}"
     label(top, title, "", _ratio_name(run))
     legend(top)
     residual_um = 1000 * (response - zero - slope * x_mm) / slope
     line(bottom, 0, x_mm, residual_um)
     bottom.axhline(0, color=_GREY, linewidth=1)
-    title = "What the line leaves, and the calibration's tables take up"
+    title = "Deviation from the line; the calibration's tables correct it"
     label(bottom, title, "position (mm)", "residual (µm)")
     return figure
 
@@ -251,13 +254,13 @@ def _force(run, reading: str):
             line(left, 0, force_N, light / light.max(), "in the middle of the strip")
         line(right, i, force_N, series["error_mN"][rows] / 1000, f"{share:.1%}")
     left.axvspan(0, found["threshold_mN"] / 1000, color=_GREY, alpha=0.35, label="dead zone")
-    title = "More force, more light, ever more slowly"
-    label(left, title, "force (N)", "light, of its largest", xlim=(0, None), ylim=(0, 1.05))
+    title = "Light against force: the slope decreases"
+    label(left, title, "force (N)", "light, share of its maximum", xlim=(0, None), ylim=(0, 1.05))
     legend(left)
     right.axhline(0, color=_GREY, linewidth=1)
     title = f"Accuracy {found['accuracy_N']:.3f} N, {reading}"
     label(right, title, "force (N)", "mean error of held presses (N)")
-    legend(right, title="at, of the length")
+    legend(right, title="position / length")
     return figure
 
 
@@ -269,8 +272,8 @@ def _strain(run, reading: str):
         beyond = found["log_ratio"] - zero - slope * found["along_um"]
         line(left, i, found["along_um"] / 1000, beyond, f"{percent} %", markersize=3)
     left.axhline(0, color=_GREY, linewidth=1)
-    title = "Each strain has a response of its own"
-    label(left, title, "position on the stretched strip (mm)", "ln ratio less the line at rest")
+    title = "Each strain has its own response"
+    label(left, title, "position on the stretched strip (mm)", "ln ratio minus the line at rest")
     legend(left, title="strain", ncols=2)
     _bars(right, {percent: found["accuracy"][2] for percent, found in series.items()})
     title = f"Accuracy when the strain is known, {reading}"
@@ -296,10 +299,10 @@ def _bending(run, reading: str):
     for i, (degrees, (x_um, error_um, _)) in enumerate(series.items()):
         line(left, i, x_um / 1000, error_um, f"{degrees}°", linewidth=1)
     left.axhline(0, color=_GREY, linewidth=1)
-    label(left, "Errors at each place, bent", "position (mm)", "mean error (µm)")
+    label(left, "Errors of the bent strip", "position (mm)", "mean error (µm)")
     legend(left, title="bend", ncols=3)
     _bars(right, {degrees: found[2] for degrees, found in series.items()})
-    title = f"Accuracy bent, calibrated straight, {reading}"
+    title = f"Accuracy of the bent strip, calibrated straight, {reading}"
     label(right, title, "bend (°)", "mean absolute error (µm)")
     return figure
 

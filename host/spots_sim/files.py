@@ -76,7 +76,7 @@ class Led(_SimulationFile):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the current of the LED while it is on; `driver_mA` is what the chip was set to."""
+        """Return the LED current in mA while it is on; `driver_mA` is the chip's setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -100,7 +100,18 @@ class Dye(_SimulationFile):
 
 
 class ContactFile(_SimulationFile):
-    """Contact area by force, see `world.coupling`."""
+    """Contact area by force, see `world.coupling`.
+
+    Attributes
+    ----------
+    threshold_mN : float
+        Force of the first contact, in mN.
+    half_mN : float
+        Force above the threshold for half of the full contact, in mN.
+    early_share, early_mN : float
+        Share of full contact that couples just below the threshold, and the force over which it
+        falls by a factor of e.
+    """
 
     threshold_mN: NotNegative
     half_mN: Positive
@@ -138,7 +149,15 @@ class Stretch(_SimulationFile):
 
 
 class Surroundings(_SimulationFile):
-    """Constant ambient light; a scenario can add more."""
+    """Constant ambient light; a scenario can add more.
+
+    Attributes
+    ----------
+    irradiance_uW_cm2 : float
+        Mean irradiance in uW/cm2.
+    flicker_percent, flicker_hz, flicker_phase_deg : float
+        Amplitude in per cent of the mean, frequency and phase of the flicker.
+    """
 
     irradiance_uW_cm2: NotNegative = 0.0
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
@@ -165,7 +184,17 @@ class JointFile(_SimulationFile):
 
 
 class SensorFile(_SimulationFile):
-    """A strip and the chip at its end."""
+    """A strip and the chip at its end.
+
+    Attributes
+    ----------
+    length_mm : float
+        Length of the strip at rest, in mm.
+    led, dye, contact, converter, stretch, surroundings, joint, temperature
+        Tables of the file, see their types.
+    change : change.Change
+        Change of the sensor since its calibration.
+    """
 
     length_mm: Positive
     led: Led
@@ -180,7 +209,7 @@ class SensorFile(_SimulationFile):
 
     @property
     def mains_hz(self) -> int:
-        """What ``set mains_hz=`` is to be in its surroundings; 0 where no lamp flickers."""
+        """Value of the setting ``mains_hz`` for the ambient light; 0 without flicker."""
         around = self.surroundings
         lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
         return lamps.get(around.flicker_hz, 0)
@@ -191,9 +220,16 @@ class SensorFile(_SimulationFile):
 
 
 class Finger(_SimulationFile):
-    """One finger: points of (time s, position mm, force mN), joined by straight lines.
+    """One finger.
 
-    `tilt_percent` is the difference between the pressure at one end of its width and the mean.
+    Attributes
+    ----------
+    points : list of tuple
+        (time in s, position in mm, force in mN), joined by straight lines.
+    width_mm : float
+        Width of the finger along the strip, in mm.
+    tilt_percent : float
+        Difference between the pressure at one end of the width and the mean, in per cent.
     """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
@@ -207,7 +243,15 @@ class Finger(_SimulationFile):
 
 
 class Ambient(_SimulationFile):
-    """Ambient light, as (time s, irradiance uW/cm2) steps."""
+    """Ambient light that changes in steps.
+
+    Attributes
+    ----------
+    steps : list of tuple
+        (time in s, irradiance in uW/cm2 from that time on).
+    flicker_percent, flicker_hz, flicker_phase_deg : float
+        Amplitude in per cent of the mean, frequency and phase of the flicker.
+    """
 
     steps: Annotated[list[tuple[Time, NotNegative]], msgspec.Meta(min_length=1)]
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
@@ -223,7 +267,14 @@ class Ambient(_SimulationFile):
 class Moments(_SimulationFile):
     """Begin and duration of a fault: at fixed moments, at random moments, or both.
 
-    The moments in `at_s` repeat with the scenario.
+    Attributes
+    ----------
+    at_s : list of float
+        Fixed moments in seconds of the scenario; they repeat with it.
+    per_min : float
+        Mean number of random moments in a minute.
+    last_ms : float
+        Duration of the fault in ms.
     """
 
     at_s: list[Time] = []
@@ -238,7 +289,15 @@ class Bursts(Moments):
 
 
 class SerialFaults(_SimulationFile):
-    """Damage to the bytes in one direction: shares of damaged bytes, and bursts."""
+    """Damage to the bytes in one direction.
+
+    Attributes
+    ----------
+    flip_percent, drop_percent, double_percent, insert_percent : float
+        Share of the bytes that have a flipped bit, are lost, are doubled, or follow a random byte.
+    bursts : Bursts
+        Intervals of dense damage.
+    """
 
     flip_percent: Percent = 0.0
     drop_percent: Percent = 0.0
@@ -352,8 +411,17 @@ class ScenarioFile(_SimulationFile):
 class LinkageFile(_SimulationFile):
     """A five-bar linkage with a strip in each base joint: nominal values and their true errors.
 
-    The bars are inner 1, outer 1, outer 2, inner 2. `lowest_deg` is the angle of each joint (as in
-    Eqs. 3 and 4 of the paper) with its indenter at the low end of its travel.
+    Attributes
+    ----------
+    bar_mm, base_mm : tuple of float, float
+        Nominal lengths of inner bar 1, outer bar 1, outer bar 2, inner bar 2, and of the base.
+    lowest_deg : tuple of float
+        Angle of each joint (as in Eqs. 3 and 4 of the paper) at the low end of its indenter's
+        travel, in degrees.
+    bar_error_percent, base_error_percent : tuple of float, float
+        Relative errors of these lengths.
+    mount_error_deg : tuple of float
+        Error of each joint's mounting angle, in degrees.
     """
 
     bar_mm: tuple[Positive, Positive, Positive, Positive]
@@ -372,7 +440,17 @@ class Stroke(_SimulationFile):
 
 
 class PathFile(_SimulationFile):
-    """Path of a linkage's terminal, guided by hand: strokes, and straight lines between them."""
+    """Path of a linkage's terminal that a hand guides.
+
+    Attributes
+    ----------
+    speed_mm_s : float
+        Speed of the terminal in mm/s.
+    stroke : list of Stroke
+        Strokes, joined by straight lines.
+    tremor_mm, tremor_hz : float
+        Amplitude and frequency of the hand's tremor.
+    """
 
     speed_mm_s: Positive
     stroke: Annotated[list[Stroke], msgspec.Meta(min_length=1)]

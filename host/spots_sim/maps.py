@@ -83,7 +83,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
             x_mm, y_mm = iso_angles(linkage, joint, np.radians(degrees), usable)
             if x_mm.count() < 2:
                 continue
-            name = None if named else f"joint {joint + 1} stands, every {step_deg}°"
+            name = None if named else f"joint {joint + 1} fixed, every {step_deg}°"
             strong = degrees % 30 == 0
             axis.plot(x_mm, y_mm, color=colour, linewidth=1.5 if strong else 0.7, label=name)
             named = True
@@ -102,7 +102,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
                     fontsize=8,
                 )
     _bars(axis, linkage, (linkage.base_mm / 2, 1.5 * linkage.bar_mm[0]))
-    label(axis, "Where the terminal is with either joint at an angle", "x (mm)", "y (mm)")
+    label(axis, "Positions of the terminal with one joint fixed", "x (mm)", "y (mm)")
     axis.set_aspect("equal")
     legend(axis, loc="center", bbox_to_anchor=(0.5, 0.32))
     return save(figure, path)
@@ -130,9 +130,9 @@ def deviation(survey: Survey, path: Path) -> Path:
     """
     require()
     parts = {
-        "Lengths and mounting as drawn": survey.drawn,
-        "The true ones given": survey.given,
-        "Found from 40 places": survey.calibrated,
+        "Nominal lengths and mounting": survey.drawn,
+        "True lengths and mounting": survey.given,
+        "Calibrated at 40 places": survey.calibrated,
     }
     figure, axes = panels(columns=3, width=12.5, height=2.9, sharey=True)
     fine_mm = max(survey.given.max_mm, survey.calibrated.max_mm)
@@ -196,7 +196,7 @@ def trajectory(run: PathRun, path: Path) -> Path:
 
 
 def _bars(axis, linkage: Linkage, at_mm) -> None:
-    """Draw the bars of a linkage with its terminal at a place (x, y) in mm."""
+    """Draw the bars of a linkage on matplotlib axes, for the terminal at `at_mm` (x, y)."""
     theta1, theta2 = linkage.inverse(*at_mm)
     a1, _, _, a2 = linkage.bar_mm
     elbow1 = (a1 * np.sin(theta1), a1 * np.cos(theta1))

@@ -1,7 +1,7 @@
-"""The measurements of the paper's section III, on any simulated sensor, through the firmware.
+"""Measures a simulated sensor as section III of the paper does, through the firmware.
 
-Definitions are those of docs/calibration.md. Everything is measured on readings that the board
-made with its integers; the stage knows the truth.
+docs/calibration.md defines resolution, accuracy, bias and noise. All readings come from the real
+firmware; the simulated stage gives the true position and force.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .pair import OnePair
 from .rezeroed import NO_HAND, Hand, age
 from .rig import Rig
 
-PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length, none of them used to calibrate
+PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length; the calibration uses other places
 FORCE_MN = 3000.0
 STRAINS_PERCENT = (0, 5, 10, 15, 20, 25)
 BENDS_DEG = (0, 45, 90, 135, 180)
@@ -30,29 +30,29 @@ _FORCE_STEPS = 16
 _FORCE_PLACES = np.linspace(0.05, 0.95, 5)
 _JITTER_UM, _JITTER_FORCE = 50.0, 0.05
 _JOINT_ANGLES = 31
-_JOINT_SHARE = (0.1, 0.9)  # of the strip, that the indenter travels
+_JOINT_SHARE = (0.1, 0.9)  # travel of the indenter, as shares of the strip
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
-# Readings or presses of each kind; fewer where a reading takes long.
+# Number of readings or presses of each kind; reduced if a reading takes long.
 _AT_REST = 40
 _JITTERED = 80
 _ACCURACY = 14
 _HELD = 6
 _LEAST = 5
-# A sample costs the simulator as much as 30 ms of exposure do.
+# The simulator needs as much time for a sample as for 30 ms of exposure.
 _ALL_UP_TO_MS, _SAMPLE_MS = 140, 30
 
 
 @dataclass
 class Run:
-    """Everything that was measured, for figures and for the summary.
+    """Results of a characterisation.
 
     Attributes
     ----------
     summary : dict
-        The figures, as ``spots characterize --json`` prints them.
+        Results in numbers; ``spots characterize --json`` prints them.
     series : dict of dict of arrays
-        Arrays that are drawn, by figure.
+        Arrays to draw, by the name of the figure.
     """
 
     summary: dict = field(default_factory=dict)
@@ -73,16 +73,17 @@ def characterize(
     Parameters
     ----------
     sensor : SensorFile
+        Simulated sensor.
     seed : int
-        Seed of the noise.
+        Random seed of the noise.
     exposure_us, average : int
-        Integration time, and how many of them make a reading.
+        Integration time in us, and number of samples in a reading.
     progress : callable
-        Called with each step's name as it begins.
+        ``progress(name)`` is called at the begin of each step.
     change : Change
-        Change of the strip since its calibration, added to the one in the sensor file.
+        Change of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        How the user re-zeros the strip after that change.
+        Re-zero of the strip after that change.
 
     Returns
     -------
@@ -124,21 +125,21 @@ def characterize(
 
 
 def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
-    """Return the standard deviation of the position over its Cramer-Rao bound, see `characterize`.
+    """Return the standard deviation of the position divided by its Cramer-Rao bound.
 
     Parameters
     ----------
     rig : Rig
         A calibrated strip.
     seed : int
-        Seed of the places of the presses.
+        Random seed of the presses.
     jittered : int
         Number of presses at each place.
 
     Returns
     -------
     float
-        Mean over the places; 1 for an efficient estimator.
+        Mean ratio over `PLACES`; 1 for an efficient estimator.
     """
     rng = np.random.default_rng(seed)
     bound, pair = _bound(rig), OnePair(rig.along[0], rig.noise)
@@ -171,7 +172,10 @@ def _fewer(rig: Rig, count: int) -> int:
 
 
 def _jittered(rig: Rig, rng, place_um: float, count: int):
-    """Yield (truth_um, truth_mN, reading, counts) of presses scattered about a place."""
+    """Press `count` times around a place, with random offsets of position and force.
+
+    `rng` is the random generator. Yields true position in um, true force in mN, reading and counts.
+    """
     for _ in range(count):
         at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
         force_mN = FORCE_MN * (1 + rng.uniform(-_JITTER_FORCE, _JITTER_FORCE))
@@ -180,12 +184,22 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 
 
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
-    """Return errors, their standard deviation, that of one pair, the bound, untrusted per cent."""
+    """Press `count` times around a place; return errors of the position and their bound.
+
+    Returns
+    -------
+    errors : numpy.ndarray, shape (count,)
+        Errors of the position, in um.
+    scatter, pair_scatter, least : float
+        Standard deviation of these errors, and of those of `pair`, and the bound, in um.
+    untrusted : float
+        Share of untrusted readings, in per cent.
+    """
     true_um, _, readings, counts = zip(*_jittered(rig, rng, place_um, count))
     errors = np.array([r.position_um for r in readings]) - true_um
     untrusted = 100 * np.mean([not r.trusted for r in readings])
     pair_errors = pair.position_um(np.array(counts)) - true_um
-    # Over so little jitter the bound is as good as straight: that of the middle is the mean.
+    # Over so short a distance the bound is nearly linear: its value in the middle is the mean.
     least, _ = bound.sigma(place_um, FORCE_MN)
     return errors, errors.std(ddof=1), pair_errors.std(ddof=1), least, untrusted
 
@@ -246,10 +260,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return the pair's scatter over the bound, and light over noise, of single samples.
+    """Return the pair's scatter divided by the bound, and signal to noise, of single samples.
 
-    The board rounds the mean counts of longer readings, which would hide the noise of the one and
-    be held against the other.
+    For averaged readings the board rounds the mean counts. The rounding would hide noise in the
+    signal-to-noise ratio, and add noise to the pair's scatter.
     """
     average = rig.average
     rig.set_average(1)
@@ -301,7 +315,7 @@ def _force(rig: Rig, run: Run) -> None:
 
 
 def _threshold_mN(rig: Rig) -> float:
-    """Return the dead zone: the least force, in the middle of the strip, that gives a reading."""
+    """Return the dead zone: the least force in mN, mid-strip, that gives a position."""
     low, high = 0.0, FORCE_MN
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2
@@ -314,7 +328,11 @@ def _threshold_mN(rig: Rig) -> float:
 
 
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
-    """Return the places, the mean error and the mean absolute error at each."""
+    """Measure the accuracy along the strip; `rng` draws the presses.
+
+    Returns an array of shape (3, number of places): places, mean errors and mean absolute errors,
+    all in um.
+    """
     x_um = PLACES * rig.stage.length_um
     count = _fewer(rig, _ACCURACY)
     errors = np.array(
@@ -327,7 +345,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return the same of the strip neither bent nor stretched."""
+    """Return `_accuracy_um` of the flat, unstretched strip from the results in `run`."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 
@@ -382,7 +400,7 @@ def _joint(rig: Rig, run: Run) -> None:
             angles.append((direction, angle))
     rig.stage.held.bend_deg = 0.0
     (direction, angle), position = np.array(angles).T, np.array(rows, dtype=float)
-    # Every second angle calibrates, the others test; a reading each, not the mean of those held.
+    # Every second angle calibrates, the others test. Each reading counts, not their mean.
     learn = np.arange(len(angle)) % 2 == 0
     slope, zero = np.polyfit(position[learn].ravel(), np.repeat(angle[learn], held), 1)
     error = slope * position + zero - angle[:, None]

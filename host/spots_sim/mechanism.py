@@ -222,7 +222,7 @@ class JointScenario:
         return NONE
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
-        """Return 0, because a joint is covered."""
+        """Return 0: no ambient light enters a joint in any interval."""
         return 0.0
 
 
@@ -315,7 +315,11 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Return the angle of an arm from +y: intersection of circles about joint and terminal."""
+    """Return the angle of an arm in rad from +y, as intersection of two circles.
+
+    `x_mm` and `y_mm` are the terminal relative to the joint; `inner` and `outer` are the lengths of
+    the bars in mm.
+    """
     reach2 = x_mm**2 + y_mm**2
     with np.errstate(all="ignore"):
         along = (reach2 + inner**2 - outer**2) / (2 * reach2)
@@ -324,7 +328,7 @@ def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
 
 
 def _lag(angle_deg: np.ndarray, half_deg: float) -> np.ndarray:
-    """Return the angle of the indenter, which moves only when the joint has passed its backlash."""
+    """Return the angles of an indenter behind a backlash of +- `half_deg`, for joint angles."""
     lagging = np.empty(len(angle_deg))
     at = angle_deg[0]
     for i, angle in enumerate(angle_deg.tolist()):

@@ -1,8 +1,8 @@
-"""From LED to photodiode, wavelength by wavelength.
+"""Optics of a simulated strip: from the LED to the photodiodes, at each wavelength.
 
-LED spectrum x coupling x decay in the dyed guide (Eq. 1 of the paper, at every wavelength) x
-channel response, integrated. A channel is a band, not a line, so that the logarithms it leads to
-are not quite straight, as in the real sensor.
+A count is the integral over wavelength of four factors: LED spectrum, coupling, decay in the dyed
+guide (Eq. 1 of the paper) and channel response. A channel is a band of wavelengths. So the
+logarithm of its count is not exactly linear in the position, as in the real sensor.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from .files import Dye, Led, SensorFile
 WAVELENGTH_NM = np.arange(380.0, 1000.0, 4.0)
 
 # DS000504, table of optical characteristics: centre and FWHM in nm, and counts under a warm-white
-# 2700 K LED of 107.67 uW/cm2 at 64x in 27.8 ms. CLEAR has no FWHM there and is taken as silicon's
-# own broad response. NIR is left out: what little such a lamp emits there is not known.
+# 2700 K LED of 107.67 uW/cm2 at 64x in 27.8 ms. CLEAR has no FWHM there; the
+# broad response of silicon is used. NIR is omitted, because the lamp's emission there is unknown.
 _CHANNELS = {
     "F1": (415, 26, 55), "F2": (445, 30, 110), "F3": (480, 36, 210), "F4": (515, 39, 390),
     "F5": (555, 39, 590), "F6": (590, 40, 840), "F7": (630, 50, 1350), "F8": (680, 52, 1070),
@@ -52,8 +52,8 @@ def decay_per_mm(dye: Dye) -> np.ndarray:
 
 
 def _sensitivity(bands_nm: float = 0.0) -> np.ndarray:
-    # Counts at gain 1x per ms and uW/cm2, by channel and wavelength, so that the datasheet's
-    # counts come out under the datasheet's lamp where the filters are the datasheet's.
+    # Counts at gain 1x per ms and uW/cm2, by channel and wavelength. With `bands_nm` 0, the
+    # datasheet's lamp gives the datasheet's counts.
     lamp = 0.06 * _normalised(_bell(450, 26)) + 0.94 * _normalised(_bell(615, 140))
     lamp *= _REFERENCE_UW_CM2 * _REFERENCE_MS * _REFERENCE_GAIN
     bands = np.array([_bell(centre, fwhm) for centre, fwhm, _ in _CHANNELS.values()])
@@ -77,13 +77,13 @@ def _led_now(led: Led, now: Change) -> Led:
 
 
 _BLUEST_NM, _REDDEST_NM = 415.0, 680.0
-_KEPT = 256  # presses whose light is remembered
+_KEPT = 256  # number of presses whose light is cached
 
 
 class Optics:
-    """The strip of a sensor file, between LED and photodiodes.
+    """Computes the count rates of a strip's photodiodes.
 
-    Rates are counts at gain 1x per ms, in the order of `names`.
+    Rates are counts per ms at gain 1x, in the order of `names`.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Optics:
         self._lit = sensitivity * spectrum
         self._flat = sensitivity.mean(axis=1)
         self._light = _scale(now.light_percent)
-        self.press = lru_cache(_KEPT)(self._press)  # a finger mostly stays where it is
+        self.press = lru_cache(_KEPT)(self._press)  # a finger mostly rests
 
     def _press(
         self,
@@ -120,11 +120,23 @@ class Optics:
         bend_deg: float = 0.0,
         tilt_percent: float = 0.0,
     ) -> np.ndarray:
-        """Return the rates of a full contact at `position_mm`, for 1 uW/cm2 of source.
+        """Return the rates of a full contact, for a source of 1 uW/cm2.
 
-        Stretching thins the dye, since the volume grows (paper, section III.C); bending costs
-        light, the same at every wavelength and place. A tilted finger's pressure rises away from
-        the sensor, by `tilt_percent` of its mean from the middle to the end of the contact.
+        Stretching increases the volume and so dilutes the dye (paper, section III.C). Bending
+        reduces the light by the same share at every wavelength and position.
+
+        Parameters
+        ----------
+        position_mm : float
+            Distance of the contact's middle from the sensor's end, in mm.
+        width_mm : float
+            Width of the contact along the strip, in mm.
+        strain : float
+            Elongation divided by the length at rest.
+        bend_deg : float
+            Bending angle in degrees.
+        tilt_percent : float
+            Difference between the pressure at the far end of the contact and the mean, in per cent.
         """
         volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
         decay = self._clear + self._dyed / volume
@@ -136,10 +148,10 @@ class Optics:
         return kept * (self._lit @ (np.exp(-decay * position_mm) * spread))
 
     def source_uW_cm2(self, led_mA: float) -> float:
-        """Return what a full contact at the sensor's own end sends into it."""
+        """Return the irradiance of the sensor in uW/cm2, for a full contact at its end."""
         light_mA = led_mA / (1 + led_mA / self._led.bend_mA)
         return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 
     def ambient(self, irradiance_uW_cm2: float) -> np.ndarray:
-        """Return the rates under light of a flat spectrum that gets in from outside."""
+        """Return the rates of ambient light with a flat spectrum, for an irradiance in uW/cm2."""
         return self._flat * irradiance_uW_cm2

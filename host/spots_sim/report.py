@@ -1,4 +1,4 @@
-"""A characterisation as tables for people, and its steps as they happen."""
+"""Prints the tables of a characterisation, and the progress of its steps."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rich.table import Table
 
 
 def show(summary: dict) -> None:
-    """Print the tables of a summary of `characterize`."""
+    """Print the tables of a `measurements.Run.summary`."""
     Console(highlight=False).print(tables(summary))
 
 
 def tables(summary: dict) -> Group:
-    """Return the tables of a summary of `characterize`."""
+    """Return tables for rich from a `measurements.Run.summary`."""
     position, force, joint = summary["position"], summary["force"], summary["joint"]
     pair = position["one_pair"]
     figures = Table(box=box.SIMPLE_HEAD, title=_conditions(summary), title_justify="left")
@@ -27,10 +27,10 @@ def tables(summary: dict) -> Group:
         "position: R² of the response": f"{position['r2']:.7f}",
         "position: resolution": f"{position['resolution_um']:.1f} µm",
         "position: accuracy": f"{position['accuracy_um']:.1f} µm",
-        "position: scatter over the bound": f"{position['crb_ratio']:.2f}",
-        "position: rms error over the bound": f"{position['rms_ratio']:.2f}",
+        "position: scatter / bound": f"{position['crb_ratio']:.2f}",
+        "position: rms error / bound": f"{position['rms_ratio']:.2f}",
         "position: untrusted": f"{position['untrusted_percent']:.1f} %",
-        f"  the same by one pair, {'/'.join(pair['channels'])}": f"{pair['crb_ratio']:.2f}",
+        f"  scatter / bound of one pair, {'/'.join(pair['channels'])}": f"{pair['crb_ratio']:.2f}",
         "signal to noise": f"{summary['snr_db']:.1f} dB",
         "force: resolution": f"{force['resolution_mN']:.1f} mN",
         "force: accuracy": f"{force['accuracy_N']:.3f} N",
@@ -66,7 +66,7 @@ def _row(first: str, second: str, rows: list[dict]) -> Table:
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """Give a function that shows a step's name on a terminal's standard error."""
+    """Yield a function that shows the name of a step on stderr, if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield lambda step: None
         return

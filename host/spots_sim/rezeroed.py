@@ -1,4 +1,4 @@
-"""A strip on the stage that has changed since its calibration, and its re-zero."""
+"""Changes a calibrated strip on the simulated stage, and re-zeroes it."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from .change import Change
 from .rig import Rig
 from .stage_presser import StagePresser
 
-# Assumed of a finger that holds still. It spreads the rounding of dim counts, as in reality.
+# Assumed for a resting finger. As in reality, it averages the rounding of small counts.
 _TREMOR = 0.02
 _NOBODY = Path("characterize")
 
 
 @dataclass(frozen=True)
 class Hand:
-    """How a strip is re-zeroed.
+    """Options of a re-zero.
 
     Attributes
     ----------
     marks : int
-        0 for no re-zero, 1 for a quick one, 3 for a whole one.
+        Number of marks to press: 0 for no re-zero, 1 for a quick re-zero, 3 for a complete one.
     presses : int
         Number of presses of each mark.
     error_um : float
-        Standard deviation of where a mark is pressed; at the calibration it is exact.
+        Standard deviation of the position of a press, in um. The calibration has no such error.
     """
 
     marks: int = 0
@@ -44,11 +44,11 @@ class Hand:
     error_um: float = 0.0
 
     def check(self) -> None:
-        """Raise SpotsError for what no hand does."""
+        """Raise SpotsError if the number of marks or the error is invalid."""
         if self.marks not in (0, 1, len(MARKS)):
-            raise SpotsError(f"--rezero takes 0, 1 or {len(MARKS)} marks, not {self.marks}")
+            raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
         if self.error_um < 0:
-            raise SpotsError(f"--mark-error-um is 0 or more, not {self.error_um:g}")
+            raise SpotsError(f"--mark-error-um must be 0 or more, not {self.error_um:g}")
 
 
 NO_HAND = Hand()
@@ -65,20 +65,23 @@ class _ShakyPresser(StagePresser):
 
 
 def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
-    """Change a calibrated strip, then re-zero it; return the drift in words.
+    """Change a calibrated strip, then re-zero it; return a description of the drift.
 
     Parameters
     ----------
     rig : Rig
+        A calibrated strip.
     change : Change
+        Change of the strip since its calibration.
     hand : Hand
+        Options of the re-zero.
     seed : int
-        Seed of the errors of the hand.
+        Random seed of the position errors.
 
     Returns
     -------
     str or None
-        None if the hand presses no marks, so that nothing is re-zeroed.
+        Description of the drift; None without a re-zero.
     """
     if not hand.marks:
         rig.stage.held.changed = change

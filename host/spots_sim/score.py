@@ -1,4 +1,4 @@
-"""Scores a run: error against the scenario's truth, rate, latency."""
+"""Scores a run of a virtual board: errors of position and force, rate, latency."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spots.link.frames import LinkStats, Touch
 
 from .scenario import Scenario
 
-# Percentiles are those of so many last readings, and memory is bounded.
+# Percentiles are computed over this number of readings, which limits the memory.
 _LATENCIES = 10_000
 
 
@@ -21,9 +21,9 @@ class Score:
     Parameters
     ----------
     scenario : Scenario
-        The truth.
+        True fingers over time.
     started_s : float
-        Host time of the scenario's time 0.
+        Host time in seconds at which the scenario's time is 0.
     """
 
     def __init__(self, scenario: Scenario, started_s: float):
@@ -38,14 +38,14 @@ class Score:
         self.touches = 0
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading with the scenario's finger at its time, unless there were several.
+        """Compare a reading with the finger of the scenario, if there is exactly one.
 
         Parameters
         ----------
         touch : Touch
             The reading.
         arrived_s : float
-            When it arrived, in seconds by the host's clock.
+            Host time at which the reading arrived, in seconds.
         """
         if not self.readings:
             self._first_s = touch.time_s
@@ -62,29 +62,29 @@ class Score:
 
     @property
     def rate_hz(self) -> float:
-        """Readings per second of board time."""
+        """Mean rate of readings, in Hz."""
         span_s = self._last_s - self._first_s
         return (self.readings - 1) / span_s if span_s > 0 else 0.0
 
     @property
     def position_rmse_um(self) -> float | None:
-        """Root mean square error of the position while touching."""
+        """Root mean square error of the position in um; None without a compared reading."""
         return self._rms(self._position_um2)
 
     @property
     def force_rmse_mN(self) -> float | None:
-        """Root mean square error of the force while touching."""
+        """Root mean square error of the force in mN; None without a compared reading."""
         return self._rms(self._force_mN2)
 
     def latency_ms(self, percentile: float) -> float | None:
-        """Return a percentile of the time from mid-integration to the program."""
+        """Return a percentile of the latency in ms: from mid-integration to arrival."""
         return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
 
     def _rms(self, squares: float) -> float | None:
         return _rounded(math.sqrt(squares / self._compared)) if self._compared else None
 
     def facts(self) -> dict:
-        """Return what a picture of the run shows, see `spots.terminal.view.Judge`."""
+        """Return the values to show in a picture, see `spots.terminal.view.Judge.facts`."""
         if not self.readings:
             return {"link": {}, "rows": []}
         rows = []
@@ -95,14 +95,14 @@ class Score:
         return {"link": {"rate": f"{self.rate_hz:.1f} Hz", "latency": latency}, "rows": rows}
 
     def summary(self, info: dict, stats: LinkStats) -> dict:
-        """Return the run in figures.
+        """Return the figures of the run.
 
         Parameters
         ----------
         info : dict
-            The board's ``hello``.
+            The board's reply to ``hello``.
         stats : LinkStats
-            Of the run.
+            Statistics of the link.
 
         Returns
         -------

@@ -39,7 +39,7 @@ def reported_free_bytes(request: bytes) -> int | None:
 
 
 def fed_for_us(request: bytes) -> int | None:
-    """Return the watchdog timeout in us of a request that feeds it; None for other requests."""
+    """Return the timeout in us if a request feeds the watchdog; None for other requests."""
     return 1000 * _number(request) if request[:1] == bytes([protocol.FEED]) else None
 
 

@@ -169,7 +169,7 @@ class Simulation:
         Parameters
         ----------
         offset_rad : sequence of float, optional
-            Mounting angle of each joint in rad; the true ones by default.
+            Mounting angle of each joint in rad; the true angles by default.
         """
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))

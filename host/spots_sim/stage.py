@@ -188,13 +188,14 @@ def calibrate(sensor: SensorFile) -> tuple[str, ...]:
 
 
 def set_led(board: Board, sensor: SensorFile) -> None:
-    """Set a board as the LED of its strip is wired, with the dark frame that `calibrate` took.
+    """Set the LED's wiring on a board, and the dark frame that `calibrate` took for it.
 
     Parameters
     ----------
     board : Board
+        Board to change.
     sensor : SensorFile
-        The strip.
+        Sensor file of the strip, with the wiring of its LED.
     """
     if sensor.led.wired != "ldr":
         board.command("set " + _calibrated(sensor)[1])
@@ -202,7 +203,7 @@ def set_led(board: Board, sensor: SensorFile) -> None:
 
 @lru_cache(maxsize=8)
 def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
-    """Return the lines of a calibration and the settings of the LED that it was made with."""
+    """Return the calibration lines, and the LED settings as assignments for ``set``."""
     with Stage(sensor) as stage:
         stage.expose()
         along, pressed = stage.along(), stage.pressed()

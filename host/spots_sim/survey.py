@@ -268,7 +268,11 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 
 
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
-    """Return the places of a grid that covers the workspace, in random order."""
+    """Return x and y in mm of a grid that covers the workspace, in random order.
+
+    `pitch_mm` is the distance of the grid's places. Each place is moved by up to `jitter_mm`; `rng`
+    is the random generator.
+    """
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1
     x_mm, y_mm = (
@@ -289,7 +293,11 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return random errors in mm at each place, drawn from the encoders' standard errors."""
+    """Return random position errors in mm, shape (number of draws, number of places).
+
+    `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, places). `rng` is
+    the random generator.
+    """
     jacobian = np.asarray(linkage.jacobian(*theta))
     draws = sigmas.T * rng.standard_normal((_DRAWS, *sigmas.T.shape))
     return np.hypot(*np.moveaxis(np.einsum("nij,dnj->dni", jacobian, draws), -1, 0))

@@ -1,4 +1,4 @@
-"""Scores typing: each key that a board pressed against the fingers that were on the strip."""
+"""Scores typing: compares the keys that a board pressed with the fingers of a scenario."""
 
 from __future__ import annotations
 
@@ -11,42 +11,54 @@ from spots.keyboard.layout import KeyLayout
 
 from .files import ScenarioFile
 
-AFTER_S = 0.12  # a press belongs to a touch from its first light to so long after its end
-_STUCK_S = 0.5  # a key that is down although no finger was there for so long
+AFTER_S = 0.12  # a press may belong to a touch until this time after the end of the touch
+_STUCK_S = 0.5  # a key is stuck if it is down for this time without a finger
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """One finger on one key: from its first light to its end, in s."""
+    """One touch of a key.
+
+    Attributes
+    ----------
+    began_s, ended_s : float
+        Begin and end of the touch, in seconds of the scenario.
+    key : tuple of int or None
+        HID usage page and usage of the key that was touched; None between two keys.
+    """
 
     began_s: float
     ended_s: float
     key: tuple[int, int] | None
 
     def covers(self, time_s: float) -> bool:
-        """Return whether a press at this time may belong to this finger."""
+        """Return whether a press at `time_s` (s of the scenario) may belong to this touch."""
         return self.began_s <= time_s <= self.ended_s + AFTER_S
 
 
 def strokes(
     file: ScenarioFile, layout: KeyLayout, length_mm: float, from_s: float, to_s: float
 ) -> list[Stroke]:
-    """Return the fingers of a scenario that begin and end in a time, by the keys of layer 0.
+    """Return the touches of a scenario in an interval, with the key that each one types.
+
+    A touch types the tap of the key on which it begins, in the first layer.
 
     Parameters
     ----------
     file : ScenarioFile
-        It repeats.
+        Scenario; it repeats.
     layout : KeyLayout
+        Keys of the strip.
     length_mm : float
-        Of the strip.
+        Length of the strip, in mm.
     from_s, to_s : float
-        In seconds of the run; a finger counts if what it types comes within them.
+        Begin and end of the interval, in seconds of the scenario. A touch is included if it begins
+        after `from_s` and ends `AFTER_S` before `to_s`.
 
     Returns
     -------
     list of Stroke
-        By their first light. What a finger types is the tap of the key where it began.
+        Touches in the order of their begin.
     """
     keys = next(iter(layout.layers.values()))
     found = []
@@ -66,16 +78,18 @@ def _usage(action: int) -> tuple[int, int]:
 
 
 class TypingScore:
-    """Collects key events, and compares their presses with the fingers of a scenario.
+    """Collects key events, and compares the presses with the fingers of a scenario.
 
     Parameters
     ----------
     file : ScenarioFile
+        Scenario with the fingers.
     layout : KeyLayout
+        Keys of the strip.
     length_mm : float
-        Of the strip.
+        Length of the strip, in mm.
     from_s : float
-        When the board began to type, in seconds of the scenario.
+        Time at which the board began to type, in seconds of the scenario.
     """
 
     def __init__(self, file: ScenarioFile, layout: KeyLayout, length_mm: float, from_s: float):
@@ -85,16 +99,16 @@ class TypingScore:
         self._down: dict[tuple[int, int], float] = {}
 
     def key(self, page: int, usage: int, pressed: bool, time_s: float) -> None:
-        """Take a key event.
+        """Add a key event.
 
         Parameters
         ----------
         page, usage : int
-            Of USB HID.
+            HID usage page and usage of the key.
         pressed : bool
-            Whether it goes down.
+            True for a press, False for a release.
         time_s : float
-            When the host got it, in seconds of the scenario.
+            Time at which the host received the event, in seconds of the scenario.
         """
         key = page, usage
         if pressed:
@@ -104,7 +118,7 @@ class TypingScore:
             self._spans.append((self._down.pop(key), time_s))
 
     def summary(self, to_s: float) -> dict:
-        """Return the run up to a time in figures.
+        """Return the figures of the run up to a time.
 
         Parameters
         ----------
@@ -114,9 +128,10 @@ class TypingScore:
         Returns
         -------
         dict
-            ``touches``; ``right`` presses of the key where a finger was; ``wrong``, of another one
-            instead; ``missed`` fingers; ``extra`` presses; ``no_finger``, those among wrong and
-            extra whose key no finger was on; ``stuck`` keys; ``latency_ms`` of the right ones.
+            Numbers of ``touches``, ``right`` presses, and ``wrong`` presses (another key than the
+            touched one). ``missed``: touches without a press. ``extra``: presses without a touch.
+            ``no_finger``: wrong or extra presses of a key that no finger touched. ``stuck``: keys
+            that stayed down. ``latency_ms``: percentiles of the time from touch to right press.
         """
         fingers = strokes(*self._parts, to_s)
         presses = [press for press in self._presses if press[0] <= to_s]
@@ -148,7 +163,7 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Return which finger each right press is of, by their indices, and the other presses."""
+        """Return a dict (index of a right press: index of its touch), and the other presses."""
         right: dict[int, int] = {}
         matched, others = set(), []
         for p, (time_s, key) in enumerate(presses):

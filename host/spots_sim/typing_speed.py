@@ -1,4 +1,4 @@
-"""How many keys are wrong when somebody types fast: ``python -m spots_sim.typing_speed 60 100``."""
+"""Measures the errors of fast typing: ``python -m spots_sim.typing_speed 60 100`` (words/min)."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ def typed(words_per_min: float, touches: int, seed: int, sensor: str = "default"
     Parameters
     ----------
     words_per_min : float
+        Speed in words a minute; a word has five keys.
     touches : int
-        How many.
+        Number of touches.
     seed : int
-        Of text, hands and noise.
+        Random seed of the text, the touches and the noise.
     sensor : str, optional
-        A file, by path or name.
+        Sensor file: a path or a name.
 
     Returns
     -------
     dict
-        As `demo_applications.type_on_board` returns it.
+        Figures of the run, see `demo_applications.type_on_board`.
     """
     length_mm = load(SensorFile, sensor).length_mm
     file = fast_typing(load_layout("digits"), words_per_min, touches, length_mm, seed)
@@ -42,17 +43,18 @@ def typed(words_per_min: float, touches: int, seed: int, sensor: str = "default"
 
 
 def added(runs: list[dict]) -> dict:
-    """Return the counts of several runs together, and the worst latencies.
+    """Return the sums of the counts of several runs, and the worst latencies.
 
     Parameters
     ----------
     runs : list of dict
-        What `typed` returned; one at least.
+        Figures of at least one run, as `typed` returns them.
 
     Returns
     -------
     dict
-        With ``error_percent``: wrong, missed and extra keys in a hundred touches.
+        Counts and latencies as in `typing_score.TypingScore.summary`. ``error_percent`` is the
+        number of wrong, missed and extra keys per hundred touches.
     """
     total = {name: sum(run[name] for run in runs) for name in _COUNTS}
     off = total["wrong"] + total["missed"] + total["extra"]
@@ -61,10 +63,10 @@ def added(runs: list[dict]) -> dict:
 
 
 def main() -> None:
-    """Print the figures for each speed."""
+    """Parse the command line, and print the figures for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words_per_min", type=float, nargs="+")
-    parser.add_argument("--touches", type=int, default=150, help="a seed (150)")
+    parser.add_argument("--touches", type=int, default=150, help="touches of each run (150)")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--sensor", default="default")
     options = parser.parse_args()

@@ -1,4 +1,4 @@
-"""A strip as a keyboard in the terminal: the keys, the finger, the lit key, what was typed."""
+"""Picture of a strip as a keyboard in the terminal: keys, finger, typed text."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ _LEVELS = "▁▂▃▄▅▆▇█"
 def picture(
     layout: KeyLayout, engine: KeyEngine, touch: Touch | None, typed: TypedText, stats: LinkStats
 ) -> Panel:
-    """Return the picture as it is now.
+    """Return the present picture of the keyboard; the touched key is highlighted.
 
     Parameters
     ----------
     layout : KeyLayout
-        The keys.
+        Keys of the strip.
     engine : KeyEngine
-        For its layer and firm force.
+        Key engine; its layer and its force of a firm press are shown.
     touch : Touch or None
-        The latest reading.
+        Latest reading.
     typed : TypedText
-        What was typed so far.
+        Text typed so far.
     stats : LinkStats
-        Shown below.
+        Statistics of the link, shown below the text.
 
     Returns
     -------
@@ -69,14 +69,14 @@ def picture(
 
 
 def firm_scale(force_mN: int, firm_mN: int) -> Text:
-    """Return the force as a bar whose colour changes where a press is firm.
+    """Return the force as a bar whose colour changes at the force of a firm press.
 
     Parameters
     ----------
     force_mN : int
-        The force to show, in mN.
+        Force to show, in mN.
     firm_mN : int
-        Where a press is firm, in mN.
+        Least force of a firm press, in mN.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A simulated person who types: text to fingers on a strip, and key events back to text."""
+"""A simulated typist: converts text to fingers on a strip, and key events to text."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ from spots_device import layout as lines_of
 
 from .files import Finger, ScenarioFile
 
-_SHIFT = 0x22  # either one's bit
+_SHIFT = 0x22  # bits of the left and the right shift key
 _SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
 _CHARACTERS = {" ": "SPACEBAR", "\n": "ENTER"}
 _RISE_S, _FIRM_MN = 0.02, 7000.0
 
 
 class TypedText:
-    """The text that a computer shows after key events.
+    """Converts key events to the text that a computer would show.
 
     Attributes
     ----------
     text : str
-        A key without a character stands in angle brackets.
+        The typed text. A key without a character appears as its name in angle brackets.
     down : set of (int, int)
-        Pages and usages of the keys that are down.
+        HID usage page and usage of each pressed key.
     presses : int
+        Number of key presses.
     """
 
     def __init__(self):
@@ -38,7 +39,17 @@ class TypedText:
         self.presses = 0
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Take an event."""
+        """Handle a key event.
+
+        Parameters
+        ----------
+        page, usage : int
+            HID usage page and usage of the key.
+        modifiers : int
+            Bits of the modifier keys that are pressed with the key.
+        pressed : bool
+            True for a press, False for a release.
+        """
         if not pressed:
             self.down.discard((page, usage))
             return
@@ -67,18 +78,20 @@ def _character(page: int, usage: int, modifiers: int) -> str | None:
 
 
 class Typist:
-    """Turns a text into a scenario of fingers that vary from key to key.
+    """Converts text to a scenario of fingers with random position, force and duration.
 
     Parameters
     ----------
     layout : KeyLayout
+        Keys of the strip.
     length_mm : float
-        Of the strip.
+        Length of the strip, in mm.
     rng : numpy.random.Generator
+        Generator of the random values.
     pause_s : tuple of float
-        Least and longest time between two fingers.
+        Shortest and longest pause between two fingers, in seconds.
     start_s : float
-        When the first one comes.
+        Time of the first touch, in seconds.
     """
 
     def __init__(
@@ -89,33 +102,33 @@ class Typist:
         self._rng = rng
         self._pause_s = pause_s
         self._rows = list(layout.layers.values())
-        # A compiled layout names them all, each in a line.
+        # A compiled layout has a line for each limit.
         said = (line.split() for line in layout.lines)
         self._limits = {words[0]: int(words[1]) for words in said if words[0] in lines_of.LIMITS}
         self.touches: list[Finger] = []
         self.seconds = start_s
 
     def type(self, text: str) -> None:
-        """Add the fingers for a text.
+        """Add the fingers that type a text.
 
         Raises
         ------
         SpotsError
-            If the layout has no way to a character.
+            If the layout has no key for a character.
         """
         for character in text:
             for layer, key, slot in self._way(character):
                 self.do(self._rows[layer][key], slot)
 
     def do(self, key, slot: str = "tap") -> None:
-        """Add the finger for one slot of a key, at any place on it.
+        """Add the touch that triggers an action of a key, at a random place on the key.
 
         Parameters
         ----------
         key : PlacedKey
-            With its place, as a share of the strip.
+            Key to press.
         slot : str
-            ``tap``, ``hold``, ``firm`` or ``double``.
+            Action of the key: ``tap``, ``hold``, ``firm`` or ``double``.
         """
         margin = 0.1 * (key.high - key.low)
         share = self._rng.uniform(key.low + margin, key.high - margin)
@@ -138,14 +151,14 @@ class Typist:
         self.seconds += pause_s
 
     def press(self, share: float, held_s: float, force_mN: float) -> None:
-        """Add one finger at a share of the strip, for so long above half of its force.
+        """Add one finger.
 
         Parameters
         ----------
         share : float
-            Place as a share of the strip, from 0 at the sensor to 1.
+            Position as a share of the strip's length, from 0 at the sensor to 1.
         held_s : float
-            In seconds.
+            Time for which the force is above half of its maximum, in seconds.
         force_mN : float
             Largest force, in mN.
         """
@@ -162,7 +175,7 @@ class Typist:
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:
-        """Return the keys for a character, those that change the layer first."""
+        """Return (layer, index, slot) of each key to press for a character, layer keys first."""
         wanted = _action_of(character)
         waiting = deque([(0, [])])
         seen = {0}
@@ -190,30 +203,33 @@ def _action_of(character: str) -> int:
 
 @dataclass(frozen=True)
 class Hands:
-    """How people type, as published.
+    """Statistics of typing, from published studies where possible.
 
     Attributes
     ----------
     dwell_s, dwell_sd_s : float
-        How long a finger is there. Dhakal et al., Observations on Typing from 136 Million
-        Keystrokes, CHI 2018, doi 10.1145/3173574.3174220: 116 ms, standard deviation 24 ms, much
-        the same at any speed; fast typists press the next key before they release the last one.
+        Mean duration of a touch and its standard deviation, in seconds. Source: Dhakal et al.,
+        Observations on Typing from 136 Million Keystrokes, CHI 2018, doi 10.1145/3173574.3174220.
+        The duration hardly depends on the speed: fast typists press the next key before they
+        release the last one.
     spread : float
-        Standard deviation of the logarithm of the time from key to key, so that 12 % of touches
-        overlap the last one at 60 words a minute, and half of them at 100.
+        Standard deviation of the natural logarithm of the time between two key presses. With this
+        value, 12 % of the touches overlap the last one at 60 words a minute, and 50 % at 100.
     force_mN, force_spread : float
-        Median of the largest force, and standard deviation of its logarithm: 4.1 to 7.0 times what
-        keys of 0.28 N need, 2.2 to 3.5 times what keys of 0.83 N need (Effects of key stiffness
-        on force and the development of fatigue while typing, Am. Ind. Hyg. Assoc. J. 57, 849,
-        1996, doi 10.1080/15428119691014549).
+        Median of the largest force of a touch in mN, and standard deviation of its natural
+        logarithm. Source: Effects of key stiffness on force and the development of fatigue while
+        typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549. People press
+        with 4.1 to 7.0 times the force of a 0.28 N key, and 2.2 to 3.5 times that of a 0.83 N key.
     ramp_s : tuple of float
-        Least and longest rise and fall; *assumed*, as are the next ones.
+        Shortest and longest time in which the force rises or falls, in seconds. This value and all
+        values below are *assumed*.
     same_s, least_s : float
-        The least time from one touch of a finger to its next one, and from key to key.
+        Shortest time between two touches of the same finger, and between two key presses, in
+        seconds.
     apart_mm : float
-        Two fingers do not fit closer together.
+        Smallest distance between two fingers, in mm.
     roll_mm : float
-        Standard deviation of what a finger rolls while it is down.
+        Standard deviation of the distance that a finger rolls during a touch, in mm.
     """
 
     dwell_s: float = 0.116
@@ -237,28 +253,30 @@ def fast_typing(
     start_s: float = 3.0,
     hands: Hands = Hands(),
 ) -> ScenarioFile:
-    """Return the scenario of a person who types random keys at a speed, with rollover.
+    """Return the scenario of a person who types random keys at a given speed, with rollover.
 
     Parameters
     ----------
     layout : KeyLayout
-        The taps of its first layer are typed.
+        Keys of the strip; the taps of the first layer are typed.
     words_per_min : float
-        Of five keys each.
+        Speed in words a minute; a word has five keys.
     touches : int
-        How many.
+        Number of touches.
     length_mm : float
-        Of the strip.
+        Length of the strip, in mm.
     seed : int
-        Of the text and of the person's variation.
+        Random seed of the text, and of position, force and duration of the touches.
     start_s : float
-        When the first finger comes; up to one exposure of 10 ms later, as the seed says.
+        Earliest time of the first touch, in seconds. A random delay of up to 10 ms, one exposure,
+        is added.
     hands : Hands, optional
+        Statistics of typing.
 
     Returns
     -------
     ScenarioFile
-        It ends half a second after the last finger.
+        Scenario that ends half a second after the last touch.
     """
     rng = np.random.default_rng(seed)
     keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
@@ -271,7 +289,7 @@ def fast_typing(
         middle, half = (key.low + key.high) / 2, 0.4 * (key.high - key.low)
         x_mm = length_mm * (middle + half * np.clip(rng.normal(0, 0.5), -1, 1))
         for other in fingers[-6:]:
-            # A finger lifts before it comes down again, and no two are on one place.
+            # A finger lifts before its next touch; two fingers cannot be at the same place.
             if abs(other.points[-1][1] - x_mm) < hands.apart_mm:
                 now_s = max(now_s, other.points[-1][0] + hands.same_s)
         rise_s, fall_s = rng.uniform(*hands.ramp_s, 2)
@@ -287,7 +305,7 @@ def fast_typing(
             (full_s + fall_s, rolled_mm, 0.0),
         ]
         fingers.append(Finger(points=[tuple(map(float, point)) for point in points]))
-        # Who had to wait for a finger catches up.
+        # After a delay, the next touches are faster until the average speed is reached.
         due_s += mean_s * np.exp(hands.spread * rng.normal() - hands.spread**2 / 2)
         now_s = max(now_s + hands.least_s, due_s)
     end_s = max(finger.points[-1][0] for finger in fingers)
@@ -302,17 +320,20 @@ def typing(
     Parameters
     ----------
     layout : KeyLayout
+        Keys of the strip.
     text : str
+        Text to type.
     length_mm : float
-        Of the strip.
+        Length of the strip, in mm.
     seed : int
-        Of the person's variation.
+        Random seed of position, force and duration of the touches.
     start_s : float
-        When the first finger comes.
+        Time of the first touch, in seconds.
 
     Returns
     -------
     ScenarioFile
+        Scenario that ends half a second after the last touch.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A strip in a scenario, as the light source of a simulated chip."""
+"""The light that a simulated chip receives from a strip in a scenario."""
 
 from __future__ import annotations
 
@@ -12,28 +12,30 @@ from .files import ContactFile, SensorFile
 from .optics import Optics
 from .scenario import flicker
 
-# A moving finger is followed in steps of at most this within one integration.
+# Longest step in which the movement of a finger is followed within one integration.
 _STEP_US = 2_500.0
-# Optics are made again for each hundredth of a kelvin of the LED: less than 1 um.
+# Optics are computed for each hundredth of a kelvin of the LED: an error below 1 um.
 _LED_K_DIGITS = 2
 _KEPT = 64
 
 
 def coupling(contact: ContactFile, force_mN: float) -> float:
-    """Return the share of full contact at a force: 0 below the threshold, towards 1 above it.
+    """Return the contact area at a force, as a share of full contact.
 
-    Hyper-elastic: each further newton adds less area (paper, section III.B and Fig. 3A). A
-    little may couple across the closing gap before contact.
+    The material is hyper-elastic: each further newton adds less area (paper, section III.B and
+    Fig. 3A). Below the threshold, a small share couples across the gap before contact.
 
     Parameters
     ----------
     contact : ContactFile
+        Contact area by force, from the sensor file.
     force_mN : float
+        Force of the press in mN.
 
     Returns
     -------
     float
-        0 to 1.
+        Share of full contact, from 0 to 1.
     """
     over_mN = force_mN - contact.threshold_mN
     if over_mN <= 0:
@@ -43,13 +45,16 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
 
 class World:
-    """Collects light for a chip: ``collect(start_us, end_us, led_mA)``.
+    """The light source of a simulated chip: a strip with its LED, fingers and ambient light.
 
     Parameters
     ----------
     sensor : SensorFile
+        Simulated sensor.
     scenario : scenario.Scenario or scenario.Held
+        Fingers, strain and ambient light over time.
     rng : numpy.random.Generator
+        Generator of the LED's noise.
     """
 
     def __init__(self, sensor: SensorFile, scenario, rng):
@@ -57,21 +62,21 @@ class World:
         self._scenario = scenario
         self._rng = rng
         self._optics = Optics(sensor)
-        self._led_K = 0.0  # at this time
+        self._led_K = 0.0  # at the time `_led_us`
         self._led_us = 0.0
         self._optics_at = lru_cache(_KEPT)(partial(Optics, sensor))
         self._pin_on = False
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
-        """Return the counts at gain 1x by diode that an ideal converter would make.
+        """Return the counts of an ideal converter at gain 1x, for each diode.
 
         Parameters
         ----------
         start_us, end_us : float
             Bounds of the integration, in us of simulated time.
         led_mA : float
-            Current of the chip's LED driver, in mA; 0 for off. Only an LED that is wired to it
-            has that current.
+            Current of the chip's LED driver, in mA; 0 for off. It flows only in an LED that is
+            wired to the driver.
 
         Returns
         -------
@@ -95,7 +100,7 @@ class World:
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
     def switch(self, on: bool) -> None:
-        """Set the board's pin, which switches the LED if ``led.wired`` is ``gpio``."""
+        """Set the board's LED pin; it switches the LED if ``led.wired`` is ``gpio``."""
         self._pin_on = on
 
     def _strip_mA(self, driver_mA: float) -> float:
@@ -109,7 +114,7 @@ class World:
         Parameters
         ----------
         start_us, end_us : float
-            The interval, in us of simulated time.
+            Begin and end of the interval, in us of simulated time.
 
         Returns
         -------
@@ -142,7 +147,7 @@ class World:
             )
 
     def _warm(self, end_us: float, led_mA: float) -> None:
-        # The LED goes on towards the warmth of its present power; so it did while none was asked.
+        # The LED approaches the temperature of its present power, also between two calls.
         warmth = self._sensor.temperature
         in_the_end_K = warmth.led_K_per_mA * led_mA
         share = math.exp(-max(end_us - self._led_us, 0.0) * 1e-6 / warmth.led_warm_up_s)
@@ -157,16 +162,16 @@ class World:
 
 
 def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
-    """Return a simulated AS7341 at the end of a strip.
+    """Return a simulated AS7341 that receives the light of a strip.
 
     Parameters
     ----------
     sensor : SensorFile
-        Description of strip and converter.
+        Simulated sensor: strip and converter.
     scenario : Scenario or Held
-        What happens to the strip.
+        Fingers, strain and ambient light over time.
     seed : int
-        Seed of the noise.
+        Random seed of the noise.
 
     Returns
     -------

@@ -228,7 +228,7 @@ def test_a_request_that_is_interrupted_is_answered(rig):
     made.settle(0.1)
     replies = [reply.content for reply in made.board._replies]
     assert [reply["re"] for reply in replies] == ["auto", "set"]
-    assert "before this ended" in replies[0]["error"]
+    assert "before the command ended" in replies[0]["error"]
 
 
 def test_one_request_at_a_time(rig):

@@ -277,7 +277,7 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
     assert made.board.command("keys on") == {
         "re": "keys",
         "keys": "on",
-        "note": "save and reboot, and the board is a USB keyboard too; keys go out as frames",
+        "note": "save and reboot to make the board a USB keyboard; keys are sent as frames only",
     }
     made.settle(0.3)
     made.press(ZONES_MM[0], 1500)
@@ -289,7 +289,7 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
 
 def test_without_a_calibration_a_note_says_so(rig):
     made = rig()
-    assert "without a calibration" in made.board.command("keys on")["note"]
+    assert "need a calibration" in made.board.command("keys on")["note"]
     assert "note" not in made.board.command("keys off")
 
 
@@ -309,7 +309,7 @@ def test_a_board_without_usb_reports_says_so_and_sends_frames(plugged, tmp_path)
     made.press(ZONES_MM[0], 1500)
     assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
     note = made.board.command("keys on")["note"]
-    assert note == "this board has no USB keyboard; keys go out as frames"
+    assert note == "this board has no USB keyboard; keys are sent as frames only"
     assert "no USB keyboard and gamepad" in made.board.command("gamepad on")["note"]
     assert reports(made) == []
 
@@ -341,4 +341,4 @@ def test_a_board_without_the_library_says_what_to_install_and_sends_frames(plugg
     assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
     (line,) = [line for line in made.board.log if line["log"] == "error"]
     assert "mpremote mip install usb-device-hid" in line["text"]
-    assert made.board.command("keys on")["note"] == line["text"] + "; keys go out as frames"
+    assert made.board.command("keys on")["note"] == line["text"] + "; keys are sent as frames only"

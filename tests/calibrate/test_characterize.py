@@ -163,10 +163,10 @@ def test_json_is_one_object(capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--exposure-us", "999"], "--exposure-us takes 1000 to 1000000"),
+        (["--exposure-us", "999"], "--exposure-us must be from 1000 to 1000000"),
         (["--exposure-us", "1000001"], "1000 to 1000000"),
         (["--average", "0"], "1 to 64"),
-        (["--average", "65"], "--average takes 1 to 64"),
+        (["--average", "65"], "--average must be from 1 to 64"),
         (["--sensor", "nosuch"], "cannot read the sensor file"),
     ],
 )

@@ -66,8 +66,8 @@ def test_what_is_impossible_is_said_with_a_rate_that_is_not(capsys):
     assert code == 2
     assert output.out == ""
     assert output.err.count("\n") == 1
-    assert "the best there is" in output.err
-    rate_hz = float(output.err.rsplit("could be at ", 1)[1].split()[0])
+    assert "the best resolution is" in output.err
+    rate_hz = float(output.err.rsplit("a rate of at most ", 1)[1].split()[0])
     assert design.best(85, rate_hz).resolution_um <= 7
     assert design.best(85, 1.05 * rate_hz).resolution_um > 7
 
@@ -82,15 +82,15 @@ def test_what_no_rate_would_do(capsys):
     ("numbers", "says"),
     [
         ((0, 50, 100), "--length-mm"),
-        ((0.085, 50, 100), "--length-mm is from 1 to 10000 mm, not 0.085"),
-        ((85_000, 50, 100), "--length-mm is from 1 to 10000 mm, not 85000"),
-        ((85, 5e-5, 100), "--resolution-um is from 0.001 to 85000 um, not 5e-05"),
-        ((85, 90_000, 100), "--resolution-um is from 0.001 to 85000 um, not 90000"),
+        ((0.085, 50, 100), "--length-mm must be from 1 to 10000 mm, not 0.085"),
+        ((85_000, 50, 100), "--length-mm must be from 1 to 10000 mm, not 85000"),
+        ((85, 5e-5, 100), "--resolution-um must be from 0.001 to 85000 um, not 5e-05"),
+        ((85, 90_000, 100), "--resolution-um must be from 0.001 to 85000 um, not 90000"),
         ((85, -1, 100), "--resolution-um"),
         ((85, 50, 2000), "--rate-hz"),
         ((85, 50, 0), "--rate-hz"),
         (("nan", 50, 100), "--length-mm"),
-        ((5000, 50, 100), "no dye leaves light"),
+        ((5000, 50, 100), "too dark at 100 Hz with any dye"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, numbers, says):

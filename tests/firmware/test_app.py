@@ -128,7 +128,7 @@ def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):
     board = Board()
     with monkeypatch.context() as patch:
         patch.setattr(Search, "__init__", full)
-        assert "no memory left" in board.command("auto")["error"]
+        assert "no memory is left" in board.command("auto")["error"]
     assert board.command("dark") is None  # answered when it is done
     while not board.replies:
         board.app.step()

@@ -313,7 +313,7 @@ def main():
 
 
 def _strip_led(board_config):
-    """Return what switches the strip's LED by a pin; that is an output from its first use on."""
+    """Return a function ``gpio(on)`` that switches the strip's LED; the first call opens it."""
     pin = None
 
     def switch(on):

@@ -32,7 +32,7 @@ def keyboard(parser: Parser):
       spots keyboard --layout mini --dry-run
     """
     parser.option("--layout", "LAYOUT", "a .toml file, or a name such as mini", default="digits")
-    _add_output(parser, "print the keys, press none")
+    _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.keyboard.keyboard:keyboard_command")
 
 
@@ -42,8 +42,8 @@ def wearable(parser: Parser):
     example:
       spots wearable --dry-run
     """
-    parser.option("--gestures", "FILE.toml", "gestures; the default ones if not given")
-    _add_output(parser, "print the keys, press none")
+    parser.option("--gestures", "FILE.toml", "gestures file; default: the package's own")
+    _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.wearable.wearable:wearable_command")
 
 
@@ -54,9 +54,9 @@ def controller(parser: Parser):
       spots controller --calibrate
       spots controller --dry-run
     """
-    parser.option("--settings", "FILE.toml", "the default ones if not given")
+    parser.option("--settings", "FILE.toml", "settings file; default: the package's own")
     parser.flag("--calibrate", "measure the rest position and the ends")
-    _add_output(parser, "print the states, move nothing")
+    _add_output(parser, "print the states, control no gamepad")
     return calls("spots.controller.controller:controller_command")
 
 
@@ -71,10 +71,10 @@ def twin(parser: Parser):
     parser.flag("--json", "print a JSON object a line")
     arguments.add_ports(parser)
     parser.option(
-        "--record", "FILE.spots", "record a board; once for each board", action="append", default=[]
+        "--record", "FILE.spots", "record a board; once per board", action="append", default=[]
     )
     group = parser.add_argument_group("calibrate a linkage")
-    group.add_argument("--measure", metavar="POINTS.csv", help="ask for points of the terminal")
+    group.add_argument("--measure", metavar="POINTS.csv", help="measure points of the terminal")
     group.add_argument("--calibrate", metavar="POINTS.csv", help="compute lengths and mounting")
     group.add_argument(
         "--place-sigma-mm",

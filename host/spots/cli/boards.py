@@ -14,12 +14,12 @@ PURPOSE = "set up a board"
 
 
 def ports(parser: Parser):
-    """List the USB serial ports and what answers there.
+    """List the USB serial ports and the board on each.
 
     example:
       spots ports --json
     """
-    parser.flag("--json", "one JSON list")
+    parser.flag("--json", "print one JSON list")
     return _ports
 
 
@@ -29,7 +29,7 @@ def boards(parser: Parser):
     example:
       spots boards --json
     """
-    parser.flag("--json", "one JSON list")
+    parser.flag("--json", "print one JSON list")
     return _boards
 
 
@@ -51,12 +51,12 @@ def flash(parser: Parser):
       spots flash pico --dry-run
     """
     _add_board(parser)
-    parser.flag("--dry-run", "print the changes only, and make none")
+    parser.flag("--dry-run", "print the changes, but copy nothing")
     return calls("spots.deploy.flash:flash", "board", "port", "dry_run")
 
 
 def doctor(parser: Parser):
-    """Check a board from its cable to its light, and print what to do.
+    """Check a board and its light, and print a remedy for each problem.
 
     examples:
       spots doctor

@@ -35,16 +35,16 @@ def serve(parser: Parser):
       spots serve --http-port 8080
     """
     arguments.add_ports(parser)
-    parser.option("--linkage", "FILE.toml", "the linkage of these joints")
+    parser.option("--linkage", "FILE.toml", "linkage file of two boards")
     arguments.add_simulation(parser)
-    parser.option("--layout", "LAYOUT", "the keys to show", default="digits")
+    parser.option("--layout", "LAYOUT", "key layout: a file or a name", default="digits")
     parser.add_argument(
         "--address", default="127.0.0.1", help="address to listen on; other machines need the token"
     )
     parser.option(
         "--http-port", "N", "port of the server; 0 for any", type=arguments.http_port, default=8765
     )
-    parser.option("--record-to", "FOLDER", "let browsers with the token record here")
+    parser.option("--record-to", "FOLDER", "let browsers with the token record to it")
     return calls("spots.web.serve:serve_command")
 
 

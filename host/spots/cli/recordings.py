@@ -13,7 +13,7 @@ PURPOSE = "record and replay"
 
 
 def record(parser: Parser):
-    """Write what a board sends to a file.
+    """Record the data of a board in a file.
 
     examples:
       spots record run.spots
@@ -43,13 +43,13 @@ def replay(parser: Parser):
 
 
 def info(parser: Parser):
-    """Print what is in a recording.
+    """Print a summary of a recording.
 
     example:
       spots info run.spots
     """
     parser.option("file", "FILE.spots", "a recording")
-    parser.flag("--json", "one JSON object")
+    parser.flag("--json", "print one JSON object")
     return _info
 
 

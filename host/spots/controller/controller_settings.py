@@ -31,7 +31,13 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Smooth(_Struct):
-    """Settings of the filter `one_euro.OneEuro`; its signal is the deflection, from -1 to 1."""
+    """Settings of the filter of an axis; its signal is the deflection, from -1 to 1.
+
+    Attributes
+    ----------
+    min_cutoff_hz, beta, derivative_cutoff_hz : float
+        Parameters of `one_euro.OneEuro`.
+    """
 
     min_cutoff_hz: Hertz = 2.0
     beta: Annotated[float, msgspec.Meta(ge=0, le=1000)] = 16.0
@@ -46,7 +52,13 @@ class _Axis(_Struct, tag_field="from"):
 
 
 class PositionAxis(_Axis, tag="position"):
-    """An axis that follows the position of the finger, in % of the strip from the sensor."""
+    """An axis that follows the position of the finger.
+
+    Attributes
+    ----------
+    rest_percent, min_percent, max_percent : float
+        Positions for 0, -1 and 1 of the axis, in % of the strip's length from the sensor.
+    """
 
     rest_percent: Percent = 50.0
     min_percent: Percent = 5.0
@@ -58,7 +70,13 @@ class PositionAxis(_Axis, tag="position"):
 
 
 class ForceAxis(_Axis, tag="force"):
-    """An axis that follows the force of the finger, in mN."""
+    """An axis that follows the force of the finger.
+
+    Attributes
+    ----------
+    rest_mN, max_mN : float
+        Forces for 0 and 1 of the axis, in mN.
+    """
 
     rest_mN: Force = 300.0
     max_mN: Annotated[float, msgspec.Meta(ge=_FINGER_MN, le=65_535)] = 6000.0
@@ -79,7 +97,13 @@ class _Button(_Struct, tag_field="when"):
 
 
 class Pressed(_Button, tag="pressed"):
-    """A button that is down while a touch that began in its zone presses hard enough."""
+    """A button that is down while a touch that began in its zone presses hard enough.
+
+    Attributes
+    ----------
+    press_mN, release_mN : float
+        Least force to press the button, and force below which it is released, in mN.
+    """
 
     press_mN: Force = 0.0
     release_mN: Force = 0.0
@@ -95,14 +119,36 @@ class Pressed(_Button, tag="pressed"):
 
 
 class Tapped(_Button, tag="tapped"):
-    """A button that a short touch in its zone presses for `pulse_ms`."""
+    """A button that is pressed after a short touch in its zone.
+
+    Attributes
+    ----------
+    longest_ms : float
+        Longest duration of the touch, in ms.
+    pulse_ms : float
+        Time for which the button is down, in ms.
+    """
 
     longest_ms: Annotated[float, msgspec.Meta(ge=10, le=10_000)] = 200.0
     pulse_ms: Annotated[float, msgspec.Meta(ge=1, le=10_000)] = 50.0
 
 
 class ControllerSettings(_Struct):
-    """All settings of a controller."""
+    """All settings of a controller.
+
+    Attributes
+    ----------
+    hold_ms : float
+        Time for which the last valid state is held while readings are untrusted or missing, in ms.
+    release_ms : float
+        Time without light after which a touch ends, in ms.
+    rate_hz : float
+        Largest number of states a second.
+    x, y, z : PositionAxis, ForceAxis or None
+        Settings of the axes; None for an axis that is not used.
+    button : list of Pressed or Tapped
+        Settings of the buttons.
+    """
 
     hold_ms: Time = 100.0
     release_ms: Time = 15.0

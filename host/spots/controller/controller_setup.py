@@ -24,10 +24,10 @@ _APART_PERCENT = 5.0
 
 _STEPS = {
     "rest": "hold a finger at the middle of the stick",
-    "near": "now hold it at the end of the stick towards the sensor",
-    "far": "now hold it at the other end",
-    "light": "now touch it as lightly as by accident, and hold it",
-    "hard": "now press as hard as for a full deflection, and hold it",
+    "near": "now hold the finger at the end of the stick towards the sensor",
+    "far": "now hold the finger at the other end of the stick",
+    "light": "now touch the strip as lightly as by accident, and hold",
+    "hard": "now press as hard as for a full deflection, and hold",
 }
 
 

@@ -62,5 +62,5 @@ class OneEuro:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Return the weight of a new sample in a first-order low-pass filter."""
+    """Return the weight (0 to 1) of a sample `dt_s` after the last, for a cutoff in Hz."""
     return 1 / (1 + 1 / (2 * math.pi * cutoff_hz * dt_s))

@@ -1,1 +1,1 @@
-"""Firmware onto a board and off it: build, flash, erase, doctor."""
+"""Builds, flashes, erases and checks the firmware of a board."""

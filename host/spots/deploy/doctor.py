@@ -1,4 +1,4 @@
-"""Checks a board from its cable to its light. Each problem comes with what to do."""
+"""Checks a board: port, firmware, sensor, LED and calibration; prints a remedy for each problem."""
 
 from __future__ import annotations
 
@@ -39,7 +39,17 @@ _WIRES = {
 
 
 class Finding(NamedTuple):
-    """Result of a check: its name, whether it passed, and a text for the user."""
+    """Result of a check.
+
+    Attributes
+    ----------
+    check : str
+        Name of the check.
+    ok : bool
+        Whether the board passed it.
+    text : str
+        What was found and, after a failure, what to do.
+    """
 
     check: str
     ok: bool
@@ -147,12 +157,26 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 
 
 def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
-    """Return the counts that the LED adds in the best channel, the largest raw count, and the fit.
+    """Measure the light of the LED in lit samples between two dark frames.
 
-    The fit is False if no sample fits one press of the calibration, see `decode.MISFIT`.
+    A press couples ambient light into the strip, too, and ambient light changes. So the larger dark
+    frame is subtracted from the smallest count of each channel.
 
-    A press couples ambient light into the strip, too, and ambient light changes. So the LED's
-    light is what each lit sample has above both dark frames, before and after it.
+    Parameters
+    ----------
+    board : Board
+        Board whose strip is pressed.
+    reading_s : float
+        Duration of a reading, in seconds.
+
+    Returns
+    -------
+    light : float
+        Counts of the LED in the brightest channel.
+    peak : int
+        Largest raw count of all channels.
+    fits : bool
+        Whether a sample fits one press of the calibration, see `decode.MISFIT`.
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2

@@ -71,7 +71,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     port : str, optional
         Name of a serial port, or folder of a CircuitPython drive. If not given, it is searched.
     dry_run : bool
-        Whether to print the changes only, and make none.
+        Whether to print the changes and copy nothing.
 
     Raises
     ------

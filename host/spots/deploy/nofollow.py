@@ -152,7 +152,7 @@ class Tree:
 
     @contextlib.contextmanager
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Yield the `dir_fd` of a path's folder, and the name of the file relative to it."""
+        """Yield the `dir_fd` of a path's folder and the file's name; `make` creates the folder."""
         *folders, name = path.split("/")
         walk = self._by_handle if _BY_HANDLE else self._by_path
         with walk(folders, make) as (parent, prefix):

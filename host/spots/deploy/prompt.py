@@ -101,7 +101,7 @@ class Prompt:
             raise missing("flashing needs", "mpremote", "flash") from None
         self.port = port
         self._refused = TransportExecError
-        # What mpremote raises when the cable is pulled depends on what it was doing.
+        # At a disconnect, the exception of mpremote depends on its operation.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
         SerialLink(port).close()  # its error explains why a port cannot be opened
         self._transport = None

@@ -1,4 +1,4 @@
-"""Copies the files of a board into a folder, as they go onto the board's file system."""
+"""Collects the files of a board in a folder with the structure of the board's file system."""
 
 from __future__ import annotations
 

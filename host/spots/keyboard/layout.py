@@ -232,7 +232,7 @@ class _Compiler:
 
 
 def _label(key: _Key) -> str:
-    """Return the characters of tap, firm press and hold, if there are several; else the tap."""
+    """Return the text on a key: characters of tap, firm press and hold, or name of the tap."""
     written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
     characters = [text for text in written if len(text) == 1]
     return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
@@ -268,7 +268,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, value: str) -> str:
-    """Return the number of the first line with a value as ``, line 7``; empty if not found."""
+    """Return the place of a string value in a TOML text, as ``, line 7``; empty if not found."""
     for number, line in enumerate(text.splitlines(), 1):
         if f'"{value}"' in line or f"'{value}'" in line:
             return f", line {number}"
@@ -276,7 +276,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return the line of the key in an error message of msgspec as ``, line 7``, if found."""
+    """Return the place of the key in an error of msgspec, as ``, line 7``; empty if not found."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

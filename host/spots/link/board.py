@@ -47,9 +47,9 @@ class Board:
     """A connected board. Close it, or use it in a ``with`` block.
 
     A board that restarts (a brown-out, a crash) stops its streams, and its port may disappear for
-    a while and appear again under another name. While frames are waited for, the port is opened
-    again and the streams are resumed; see `state` and `stats.restarts`. Another board on the port
-    is refused.
+    a while and appear again under another name. While a program waits for frames, this object
+    opens the port again and resumes the streams; see `state` and `stats.restarts`. It refuses
+    another board on the port.
 
     Several threads may use a board at once. Each iterator gets all frames of its kinds, and a
     command in one thread does not hold back frames from the others.
@@ -156,7 +156,7 @@ class Board:
 
     @property
     def drift_ppm(self) -> float:
-        """Drift of the board's clock in ppm, known after a minute of readings; positive is fast."""
+        """Drift of the board's clock in ppm, positive if fast; measured in a minute of readings."""
         return self._clocks.clock.drift_ppm
 
     @property
@@ -279,7 +279,7 @@ class Board:
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
         """Iterate over the readings of the strip as they arrive; unread older readings come first.
 
-        This starts the stream of readings, which goes on until the board is closed.
+        This starts the stream of readings, which continues until the board is closed.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What applications need of a calibrated board: strip length, rate, baseline and readings."""
+"""Functions for applications of a calibrated board: strip length, rate, baseline, readings."""
 
 from __future__ import annotations
 

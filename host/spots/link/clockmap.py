@@ -25,8 +25,8 @@ class ClockMap:
     A question is sent at host time a, answered at board time t, and the answer arrives at host
     time b: so t lies between a and b. Each round trip bounds the offset between the clocks from
     both sides, and all bounds together are tighter than the shortest round trip alone. Because
-    clocks drift, the offset is a line: the one with the most room between the bounds of the latest
-    round trips.
+    clocks drift, the offset is a linear function of time. Its slope is chosen so that the distance
+    between the bounds of the latest round trips is largest.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ class ClockMap:
         return abs(off_s) > _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
 
     def _unwrap(self, t_us: int, arrived_s: float) -> int:
-        """Return an unwrapped board time; after a round trip, any time may have passed."""
+        """Return the unwrapped board time of `t_us`; `arrived_s` resolves gaps of several wraps."""
         board_us = self.unwrap(t_us)
         if self._high_s != float("inf"):
             age_s = arrived_s - (board_us * 1e-6 + self._offset_s(board_us))

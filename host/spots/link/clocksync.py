@@ -38,7 +38,7 @@ class ClockSync:
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Start the schedule for a clock that is already known."""
+        """Schedule the regular questions from the host time `now_s` (s); the map stays valid."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 

@@ -15,9 +15,10 @@ and may have
     Returns a `calibrate.steps.Setup` that presses the strip by itself. ``made`` is a session, or
     the calibration of a strip that may have drifted.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Returns a `linkage.twin_source.DrivenLinkage`, a whole linkage. The last three have defaults.
+    Returns a `linkage.twin_source.DrivenLinkage`: a linkage that opens its boards itself. `path`,
+    `seed` and `exposure_us` must have defaults.
 ``run_linkage(options)``
-    Follows a linkage with a known truth, for ``spots twin`` without boards.
+    Runs ``spots twin`` with a simulated linkage and compares it with the true positions.
 ``flash_place(device)``
     Returns a context manager with a `deploy.place.Place`, a board to flash.
 """

@@ -140,7 +140,10 @@ class SerialLink:
         time.sleep(duration_s)
 
     def read(self, timeout_s: float) -> bytes:
-        """Raises PortLostError if the port disappeared, SpotsError if it is closed."""
+        """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
+
+        Raises PortLostError if the port disappeared, SpotsError if it is closed.
+        """
         if not self._serial.is_open:
             raise SpotsError(f"the port {self.name} is closed: open the board again")
         end_s = self.now_s() + timeout_s
@@ -164,7 +167,10 @@ class SerialLink:
         return data and data + self._serial.read(_CHUNK)
 
     def write(self, data: bytes) -> None:
-        """Raises PortLostError if the port disappeared, SpotsError if it accepts no data."""
+        """Send bytes.
+
+        Raises PortLostError if the port disappeared, SpotsError if it accepts no data.
+        """
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:

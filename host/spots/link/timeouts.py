@@ -13,7 +13,7 @@ SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
 LOST, REFUSED = "lost", "refused"
 
 _NEVER = float("inf")
-# On slow boards ASK_S, STALLED_S and SEARCH_S last as long as so many readings.
+# On slow boards ASK_S, STALLED_S and SEARCH_S are at least the time of this number of readings.
 _SILENT_READINGS = 3
 
 ASK_S = 0.15

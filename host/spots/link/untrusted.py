@@ -19,7 +19,7 @@ _CAUSES = {
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
     ),
     decode.LED_OFF: (
-        "the board takes its dark frame again and again; next: lift all fingers, keep light steady"
+        "the board keeps measuring its dark frame; next: lift all fingers, keep the light steady"
     ),
     decode.MISFIT: (
         "the spectrum does not fit one press; next: lift all fingers and wipe the strip, and if "

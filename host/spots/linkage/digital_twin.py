@@ -235,7 +235,7 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return the angle of a joint at a time; None if the time is not between two readings."""
+    """Return a joint's angle at `time_s`, interpolated in its readings; None if impossible."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
@@ -260,9 +260,10 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 
 
 def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
-    """Return the distance of a parabola through three readings from the line through the last two.
+    """Return a correction of linear interpolation between the last two readings, in rad.
 
-    The result is 0 if the curvature is within the noise, which a parabola would only amplify.
+    It is the distance, at `time_s`, between the line and a parabola through three readings. It is 0
+    if the curvature is within the noise.
     """
     first, old, new = last
     before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s

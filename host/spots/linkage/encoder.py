@@ -16,7 +16,7 @@ from ..link.clockmap import ClockMap
 from ..link.frames import Touch
 
 _WINDOW_LEAST, _WINDOW = 3, 8  # least and largest number of readings for a velocity
-_CLEAR = 10.0  # a velocity of so many standard errors needs no more readings
+_CLEAR = 10.0  # a velocity above this number of standard errors needs no more readings
 _WINDOW_S = 2.0  # after a longer pause the readings before it are dropped
 _MEAN = 4  # number of readings that are averaged to detect a slow movement
 _SIGMAS = 4.0  # a movement must exceed the noise by this factor
@@ -167,7 +167,17 @@ class Encoder:
         return low_um - slack_um <= position_um <= high_um + slack_um
 
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
-        """Update the direction of movement: from one reading if it is far, else from means."""
+        """Update the direction of movement if the indenter moved by more than its noise.
+
+        A large movement is detected in one reading, a small one in the means of several readings.
+
+        Parameters
+        ----------
+        indenter_deg : float
+            Angle of the indenter in degrees.
+        noise_deg : float
+            Noise of this angle in degrees.
+        """
         self._still_for += 1
         last_deg = self._since[-1] if self._since else indenter_deg
         moved_deg, least_deg = indenter_deg - last_deg, _SIGMAS * math.sqrt(2) * noise_deg
@@ -185,7 +195,11 @@ class Encoder:
         self._since, self._still_for = [indenter_deg], 0
 
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
-        """Return the slope over as few of the last readings as exceed the noise, and its error."""
+        """Return velocity and its standard error in degrees per second; None if unknown.
+
+        The slope is fitted to the last readings: to as few as give a slope above the noise.
+        `noise_deg` is the noise of a reading in degrees.
+        """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):
             time_s, deg = np.array(self._recent)[-count:].T

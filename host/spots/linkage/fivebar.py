@@ -320,7 +320,10 @@ class Linkage:
         return np.arcsin(np.minimum(abs(across) / (b1 * b2), 1)), limit
 
     def _outer(self, theta1, theta2, x, y):
-        """Return the outer bars as vectors to the terminal, and their cross product."""
+        """Return the outer bars as vectors from elbow to terminal, and their cross product.
+
+        `theta1` and `theta2` are the joint angles in rad; `x` and `y` the terminal in mm.
+        """
         a1, _, _, a2 = self.bar_mm
         u1 = (x - a1 * np.sin(theta1), y - a1 * np.cos(theta1))
         u2 = (x - self.base_mm + a2 * np.sin(theta2), y - a2 * np.cos(theta2))
@@ -372,7 +375,11 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of one arm, and its `Limit` codes as those of arm 1."""
+    """Return the angle of an arm in rad, and its `Limit` codes (always those of arm 1).
+
+    `x` and `y` are the terminal relative to the arm's joint, `inner` and `outer` the lengths of its
+    bars, in mm.
+    """
     reach = np.hypot(x, y)
     # The cosine rule; for equal bars it is Eq. 3's sqrt(x^2 + y^2) / 2l.
     if inner == outer:
@@ -386,7 +393,17 @@ def _arm(x, y, inner, outer):
 
 
 def _bar_limits(apart, a, b, beyond, within, meet):
-    """Return the `Limit` codes of two bars with a common end and their other ends `apart`."""
+    """Return the `Limit` codes of two bars that are joined at one end.
+
+    Parameters
+    ----------
+    apart : array_like
+        Distance of their other ends, in mm.
+    a, b : float
+        Lengths of the bars, in mm.
+    beyond, within, meet : Limit
+        Codes if the ends are too far apart, too close together, or at the same place.
+    """
     whole, difference = a + b, abs(a - b)
     slack = whole * _ROUNDING
     limit = np.where(apart > whole * (1 + _ROUNDING), beyond, 0)
@@ -401,7 +418,22 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Return the results of `solve`: plain for scalars, or LimitError; masked for arrays."""
+    """Return the results of a solution without those at a limit.
+
+    Parameters
+    ----------
+    solve : callable
+        ``solve(first, second)`` returns its results and, as last value, the `Limit` codes.
+    what : str
+        Format of the arguments in an error message.
+    first, second : float or array_like
+        Arguments of `solve`.
+
+    Returns
+    -------
+    tuple
+        For scalars the results, or LimitError is raised. For arrays masked arrays.
+    """
     *found, limit = solve(*_arrays(first, second))
     if limit.ndim == 0:
         if limit:

@@ -32,8 +32,8 @@ MOUNTING = ("offset1_rad", "offset2_rad", "gain1", "gain2")
 FRAME = ("frame_x_mm", "frame_y_mm", "frame_rad")
 NAMES = LENGTHS + tuple(_PRIORS)
 STANDARD = LENGTHS + MOUNTING + FRAME
-_ROBUST = 2.0  # beyond so many standard errors a residual counts less than its square
-_OUTLIER = 5.0  # a place is an outlier beyond so many standard errors
+_ROBUST = 2.0  # above this number of standard errors, a residual is weighted less
+_OUTLIER = 5.0  # standard errors beyond which a place is an outlier
 _KNOWN = 0.5  # a combination is determined if its error is below this share of its prior
 _NAMED = 0.3  # a parameter is part of a combination from this share of the largest one
 _ROUNDS = 4  # number of fits, each with weights and outliers from the fit before
@@ -234,7 +234,12 @@ def calibrate(
 
 
 class _Fit:
-    """Model of the places; its parameters are differences from the start in units of the priors."""
+    """Model of the measured places, for a least-squares fit.
+
+    The argument `found` of the methods is an array of shape (p,): differences of the p free
+    parameters from their start, divided by their prior standard deviations. `scale` are whitening
+    matrices from `weights`, shape (n, 2, 2).
+    """
 
     def __init__(self, angles, places, start, names, side):
         self._angles, self._places, self._side = angles, places, side
@@ -260,7 +265,7 @@ class _Fit:
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
     def solve(self, scale, begin) -> np.ndarray:
-        """Return the parameters of the best fit."""
+        """Return the array `found` of the best fit; the fit starts from `begin`."""
         from scipy.optimize import least_squares
 
         def residuals(found):
@@ -273,7 +278,11 @@ class _Fit:
         return least_squares(residuals, begin, method="trf", xtol=1e-12, ftol=1e-12).x
 
     def weights(self, found, angle_sigma_rad, place_sigma_mm) -> np.ndarray:
-        """Return the matrices that scale each residual to unit variance, shape (n, 2, 2)."""
+        """Return whitening matrices of the residuals, shape (n, 2, 2).
+
+        `angle_sigma_rad` (shape (2, n)) and `place_sigma_mm` are the standard errors of the
+        measured angles and coordinates.
+        """
         values = self.values(found)
         step = 1e-6
         slopes = [
@@ -318,7 +327,24 @@ def framed(values, x_mm, y_mm):
 
 
 def _identified(jacobian, names, misfit):
-    """Return errors in units of the priors, unidentified groups, rank and condition."""
+    """Return which parameters a fit determines.
+
+    Parameters
+    ----------
+    jacobian : ndarray, shape (2n, p)
+        Whitened Jacobian from `_Fit.jacobian`.
+    names : tuple of str
+        Names of the p parameters.
+    misfit : float
+        Scatter of the residuals, see `Kinematics`.
+
+    Returns
+    -------
+    errors : ndarray, shape (p,)
+        Standard errors in units of the priors.
+    unidentified, rank, condition
+        As in `Kinematics`.
+    """
     _, sizes, ways = np.linalg.svd(jacobian, full_matrices=False)
     sizes = sizes / misfit
     left = 1 / np.sqrt(1 + sizes**2)  # remaining share of the prior, in each direction

@@ -114,6 +114,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     Returns
     -------
     twin : Twin
+        Twin of the linkage.
     strips : list of CalibrationFile
         Calibration of joint 1 and calibration of joint 2.
 
@@ -208,7 +209,7 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
 
 
 def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
-    """Return the boards of the strips; all boards on USB are searched."""
+    """Find the boards of two strips on USB; `stack` closes them at its end."""
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(

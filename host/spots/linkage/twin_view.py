@@ -105,7 +105,7 @@ class TwinView:
 
 
 def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
-    """Return the corners of both arms: joint, elbow, and the terminal if there is one."""
+    """Return the corners of both arms in mm: joint, elbow and, if known, terminal; shape (n, 2)."""
     inner1, _, _, inner2 = twin.linkage.bar_mm
     base_mm = twin.linkage.base_mm
     a, b = terminal.theta_rad
@@ -116,7 +116,7 @@ def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
 
 
 def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
-    """Return points on the line between two points, a dot apart."""
+    """Return points on the line between the two points `ends` in mm, one for each dot."""
     return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 
@@ -133,7 +133,7 @@ def _numbers(last: Terminal | None, remark: str) -> Table:
             error = f"{major:.3f} x {minor:.3f} mm at {math.degrees(angle):.0f}°, one sigma"
         if last.velocity_mm_s is not None:
             x, y = last.velocity_mm_s
-            speed = f"{x:.1f}  {y:.1f} mm/s, {math.hypot(x, y):.1f} in all"
+            speed = f"{x:.1f}  {y:.1f} mm/s, {math.hypot(x, y):.1f} total"
     grid.add_row("terminal", Text(where, style="bold"))
     grid.add_row("uncertainty", error)
     grid.add_row("velocity", speed)

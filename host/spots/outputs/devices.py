@@ -1,4 +1,4 @@
-"""Output devices of this computer: base classes of keyboards and gamepads, and ones that print.
+"""Output devices of this computer: base classes, and devices that only print.
 
 An open output releases everything on every exit path and when the process stops, see `signals`::
 

@@ -31,7 +31,7 @@ _HEADER = [
 
 
 class _Table:
-    """The layout of a kind of frames, on the wire and in an array.
+    """Layout of one kind of frames: of its bytes, and of its rows in an array.
 
     Parameters
     ----------
@@ -48,7 +48,20 @@ class _Table:
         self.dtype = np.dtype([*_HEADER, *columns], align=True)
 
     def array(self, columns: np.ndarray, time_s: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
-        """Return payloads, each a column of bytes, as rows."""
+        """Convert payloads to rows of an array.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (size of a payload, n), uint8
+            Payloads; each column is a payload.
+        time_s, arrived_s : ndarray, shape (n,)
+            Host time of measurement and of arrival, in seconds.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Structured array with the fields of `dtype`.
+        """
         wire: Any = np.ascontiguousarray(columns.T).view(self._wire)[:, 0]
         rows = np.zeros(len(wire), self.dtype)
         for name in wire.dtype.names[1:]:
@@ -76,7 +89,9 @@ _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
 
 
 class _Run(NamedTuple):
-    """Consecutive valid frames with a table, and bare notes. Indices count the pieces of the run.
+    """Consecutive valid frames with a table, and notes without a body.
+
+    A piece is a frame or a note; indices count the pieces of the run.
 
     Attributes
     ----------
@@ -95,10 +110,10 @@ class _Run(NamedTuple):
 
 
 class _BlockDecoder(Decoder):
-    """Decodes a block at once. It finds the same frames as `Decoder`, and counts the same."""
+    """Decodes a block of bytes at once; frames and statistics are those of `Decoder`."""
 
     def feed_block(self, data: bytes) -> Iterator[_Run | Frame]:
-        """Yield the runs of a block, and between them each other frame."""
+        """Yield the runs in a block of bytes, and between runs each frame without a table."""
         stream = self._completed(data)
         ends = np.flatnonzero(stream == 0)
         starts = np.concatenate(([0], ends[:-1] + 1))[: len(ends)]
@@ -126,7 +141,7 @@ class _BlockDecoder(Decoder):
             yield from found
 
     def _completed(self, data: bytes) -> np.ndarray:
-        """Return the bytes up to the last delimiter, and keep the others for the next block."""
+        """Return the bytes up to the last delimiter; store the others for the next block."""
         self.stats.bytes += len(data)
         data = self._rest + data
         end = data.rfind(b"\0") + 1

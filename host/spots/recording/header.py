@@ -73,7 +73,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def encoded(header: Header) -> bytes:
-    """Return a header as notes; each note twice, so that one copy survives a damaged place."""
+    """Return a header as notes. Each note is written twice, in case one copy is damaged."""
     text = json.dumps(msgspec.to_builtins(header))  # ASCII, so no cut divides a character
     pieces = [text[i : i + _PIECE] for i in range(0, len(text), _PIECE)]
     of = len(pieces)

@@ -130,7 +130,7 @@ def _noted(path: Path, content: object) -> ClockMap:
     try:
         return _clock_map(msgspec.convert(content, Clock))
     except msgspec.ValidationError as error:
-        raise SpotsError(f"{path} is damaged: a note is invalid: {error}") from None
+        raise SpotsError(f"{path} is damaged, a note is invalid ({error}): name another") from None
 
 
 def _others(path: Path, first: Header) -> dict[Path, Header]:

@@ -48,8 +48,8 @@ class Replay(Board):
     """A board whose frames come from a recording, at the times at which they had arrived.
 
     It is read like any other board, but its iterators end with the recording, and it refuses all
-    commands but ``hello`` and ``stream``. All recorded frames come, whatever ``stream`` names.
-    `now_s` is the time of the recording.
+    commands but ``hello`` and ``stream``. ``stream`` has no effect: all recorded frames are
+    returned. `now_s` is the time of the recording.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Replay(Board):
         raise SpotsError(f"cannot send '{line}': {self.port} is a recording; open a board")
 
     def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
-        """Raises SpotsError: a recording cannot be recorded."""
+        """Raise SpotsError, because a recording cannot be recorded."""
         raise SpotsError(f"{self.port} is a recording already: copy the file")
 
     def close(self) -> None:

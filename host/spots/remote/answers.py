@@ -75,7 +75,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Answer queries of one kind; return whether the board replied."""
+        """Reply to the queries `asked` with the board's reply to `command`; return if it came."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None

@@ -14,8 +14,9 @@ _STREAMS = {"touch", "spectrum"}
 class Remote(Board):
     """A published board, which is read like any other board.
 
-    All published frames come, whatever ``stream`` names. The publisher replies to the commands
-    ``hello``, ``get`` and ``sync``, and this object to ``stream``. Other commands are refused.
+    ``stream`` only starts or stops the reception; all published frames are returned. The publisher
+    replies to the commands ``hello``, ``get`` and ``sync``, and this object to ``stream``. Other
+    commands are refused.
 
     Parameters
     ----------

@@ -73,7 +73,22 @@ def _print(mail: Mailbox, written: Callable[[str, dict], str], seconds: float | 
 
 
 def _text(written: Callable[[str, dict], str], name: str, data: bytes) -> str | None:
-    """Return the line of a message: empty if it is not shown, None if it is invalid."""
+    """Return the line to print for a message.
+
+    Parameters
+    ----------
+    written : callable
+        ``written(name, content)`` formats a message.
+    name : str
+        Zenoh key of the message.
+    data : bytes
+        Its JSON text, from an untrusted sender.
+
+    Returns
+    -------
+    str or None
+        Empty if the message is not shown; None if it is invalid.
+    """
     try:
         return printable(written(name, decoded(data)))
     except Exception:  # anyone may publish anything under such a name
@@ -85,7 +100,7 @@ def _as_json(name: str, content: dict) -> str:
 
 
 class _Lines:
-    """Formats messages as lines for people; of frequent messages only some are shown."""
+    """Formats messages as lines for people; omits some of the frequent messages."""
 
     def __init__(self):
         self._began_s = time.time()

@@ -58,7 +58,13 @@ class ZenohLink:
             self._frames = self._session.declare_subscriber(frames, direct(self._receive))
 
     def read(self, timeout_s: float) -> bytes:
-        """Raises PortLostError if the publisher disconnected or the board restarted."""
+        """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
+
+        Raises
+        ------
+        PortLostError
+            If the publisher disconnected, or the board restarted.
+        """
         mail = self._mail
         with mail.changed:
             mail.changed.wait_for(lambda: mail or not self._alive, timeout_s)
@@ -74,7 +80,7 @@ class ZenohLink:
         self.listen(False)
 
     def reopen(self) -> None:
-        """Raises SpotsError while the board is not published."""
+        """Subscribe to the board again; raise SpotsError while the board is not published."""
         self.listen(False)
         self._run = None
         if not self._alive:

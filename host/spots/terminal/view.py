@@ -22,7 +22,7 @@ from ..link.timeouts import CONNECTED
 
 _FULL_FORCE_MN = 10_000
 _DEFAULT_LENGTH_UM = 85_000
-_BAR_LEFT = 24  # a bar has so many columns less than a strip
+_BAR_LEFT = 24  # columns by which a bar is shorter than a strip
 _TRACE_COLUMNS = 64
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _LEVELS = " ▁▂▃▄▅▆▇█"

@@ -199,7 +199,7 @@ class _Health:
         self._pace = Pace(_HEALTH_PER_S)
 
     def took(self, now_s: float, latency_s: float) -> None:
-        """Count a reading that arrived at `now_s` of the link's clock."""
+        """Count a reading; arrival time by the link's clock and latency in seconds."""
         self._latest.append((now_s, latency_s))
         self.show()
 

@@ -94,7 +94,15 @@ class Feel:
             self._state.put(name, None)
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Add a key event, and find its key in the layout."""
+        """Add a key event to the state, with the place of its key in the layout.
+
+        Parameters
+        ----------
+        page, usage, modifiers : int
+            HID usage page, usage, and bits of the modifier keys.
+        pressed : bool
+            True for a press, False for a release.
+        """
         event = page, usage, modifiers
         if pressed:
             self._down[event] = self._place(action(*event))

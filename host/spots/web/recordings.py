@@ -72,7 +72,7 @@ class Recordings:
             except SpotsError as error:
                 answer.set_exception(error)
             except Exception as error:
-                # The client gets an answer at once, and the reader goes on.
+                # The client gets an answer at once, and the reader continues.
                 sentence = sentence_of("a recording", error)
                 print(f"spots: {sentence}", file=sys.stderr, flush=True)
                 answer.set_exception(SpotsError(sentence))

@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from typing import Any, NamedTuple
 
-# A client that is more than so many events behind loses the oldest ones.
+# Stored events. A slower client misses the oldest events.
 EVENTS_KEPT = 512
 
 
