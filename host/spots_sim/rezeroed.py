@@ -13,7 +13,7 @@ from spots.calibrate.calibration_file import CalibrationFile, Marks
 from spots.calibrate.guide import Guide
 from spots.calibrate.presses import FIRM_MN, MARKS
 from spots.calibrate.rezero import rezero
-from spots.calibrate.steps import Setup
+from spots.calibrate.steps import DARK_S, Setup
 from spots.errors import SpotsError
 
 from .change import Change
@@ -89,7 +89,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     reader = rig.stage.reader
     setup = Setup(reader, presser, guide, None, rig.stage.length_um, _NOBODY)
     places_um = [share * rig.stage.length_um for share in MARKS]
-    setup.reader.set_up()
+    setup.reader.set_up(dark_s=DARK_S)
     logs = rig.stage.read(places_um, [FIRM_MN], setup.taker.mark_samples).logs
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))

@@ -23,7 +23,7 @@ from .drift import described
 from .guide import Guide
 from .session import Wanted
 from .shift import shifted
-from .steps import Setup
+from .steps import DARK_S, Setup
 
 _STRAY_UM = 1500.0  # from the other presses of a mark; people place a finger to 300 um
 _STRAY_SHARE = 0.5  # of the distance to the next mark, whose press this is beyond that
@@ -83,7 +83,7 @@ def rezero(
             f"with: {again}, which ends with three marks"
         )
     table = Calibration(made.lines)
-    reason = table.mismatch(setup.reader.conditions, setup.reader.info["mains_hz"])
+    reason = table.mismatch(setup.reader.conditions, setup.reader.info.get("mains_hz", 0))
     if reason is not None:
         raise SpotsError(f"{setup.out}: {reason}")
     at = slice(1, 2) if quick else slice(None)
@@ -95,7 +95,7 @@ def rezero(
     limit_um = _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     force_now_mN = force_mN or marks.force_mN
     setup.guide.say("dark frames: touch nothing")
-    setup.reader.set_up()
+    setup.reader.set_up(dark_s=DARK_S)
     setup.taker.given_up = "nothing has changed"
     setup.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, setup.length_um)
     shifts = np.array(

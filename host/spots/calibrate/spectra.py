@@ -15,7 +15,6 @@ from ..link.frames import Spectrum
 from .presses import own_variance
 
 _CHANNELS_MIN = 3  # of fewer, the noise that all share cannot be separated
-_DARK_US = 2_500_000  # of dark frames that are averaged; a LED that is off for longer cools
 _TIMEOUT_S = 10.0  # more than any dark window takes
 
 
@@ -62,13 +61,15 @@ class SpectrumReader:
         self._average = 1
         self.set_up()
 
-    def set_up(self, line: str = "") -> None:
+    def set_up(self, line: str = "", dark_s: float = 0.0) -> None:
         """`set` something, if given; then read the settings and the mean of some dark frames.
 
         Parameters
         ----------
         line : str
             Arguments of the board's ``set``, for example ``gain=9``; empty for no change.
+        dark_s : float
+            Time of dark frames that are averaged; one is taken in any case.
 
         Raises
         ------
@@ -82,7 +83,7 @@ class SpectrumReader:
             self._average = self.info["average"]
             self.board.command("set average=1")
             self.info = self.board.command("hello")
-        darks = max(1, _DARK_US // (DARK_SAMPLES * self.info["exposure_us"]))
+        darks = max(1, round(1e6 * dark_s / (DARK_SAMPLES * self.info["exposure_us"])))
         dark = [self.board.command("dark", timeout_s=30)["dark"] for _ in range(darks)]
         self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
         self.board.command("stream spectrum")

@@ -44,6 +44,7 @@ _CHOOSE_PLACES = 9
 _DARK_SHARE = 0.85
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
+DARK_S = 2.5  # of marks, whose noise shifts whole tables; an LED that is off for longer cools
 
 
 @dataclass(frozen=True)
@@ -243,7 +244,7 @@ def _forces(setup: Setup, count: int) -> None:
 def _marks(setup: Setup) -> None:
     """Press what a re-zero will press again, when all else is known."""
     setup.guide.say("dark frames: touch nothing")
-    setup.reader.set_up()
+    setup.reader.set_up(dark_s=DARK_S)
     setup.guide.begin("marks for a re-zero", len(MARKS), setup.plan(), setup.length_um)
     for share in MARKS:
         place_um = round(share * setup.length_um, -2)

@@ -30,7 +30,6 @@ class Settings(TypedDict):
     led_mA: _Number
     led: str
     strain_ppm: _Number
-    mains_hz: _Number
     keys: _Number
     gamepad: _Number
 
@@ -93,7 +92,7 @@ _SETTINGS: dict[str, object] = {
     "exposure_us": 1,
     "average": 1,
     "led": "ldr",
-    **dict.fromkeys(("gain", "led_mA", "strain_ppm", "mains_hz", "keys", "gamepad"), 0),
+    **dict.fromkeys(("gain", "led_mA", "strain_ppm", "keys", "gamepad"), 0),
 }
 _HELLO: dict[str, object] = {
     **dict.fromkeys(("board", "runtime", "firmware"), "?"),
