@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from spots.calibrate.calibration_file import CalibrationFile, Marks
+from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.guide import Guide
 from spots.calibrate.presses import FIRM_MN, MARKS
 from spots.calibrate.rezero import rezero
@@ -94,7 +94,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
     )
-    made = CalibrationFile.now(rig.conditions, rig.lines, [], marks=marks)
+    made = CalibrationFile(date=now(), **rig.conditions._asdict(), lines=rig.lines, marks=marks)
     rig.stage.held.changed = change
     done = rezero(setup, made, hand.presses, quick=hand.marks == 1).rezeros[-1]
     rig.stage.held.tremor = 0.0

@@ -55,10 +55,11 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         _residual(lines, strain, places, pressed if strain == 0 else None)
         for strain, places in along.items()
     ]
-    return file.CalibrationFile.now(
-        session.conditions,
-        lines,
-        residuals,
+    return file.CalibrationFile(
+        date=file.now(),
+        **session.conditions._asdict(),
+        lines=tuple(lines),
+        residuals=residuals,
         marks=_marks(session.presses("mark")),
         **_joint(session, say),
     )
