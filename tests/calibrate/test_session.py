@@ -19,7 +19,8 @@ from sensors import replaced
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
-from spots.calibrate import steps as guided
+from spots.calibrate import steps
+from spots.calibrate.bench import Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
@@ -252,10 +253,10 @@ def test_a_session_that_broke_off_still_knows_how_long_the_strip_is(full, sensor
     cut = Session(path)
     assert cut.length_um == (length_um if told else None)
     if told:
-        assert "calibrate position" in guided._missing(cut)
+        assert "calibrate position" in steps.missing_step(cut)
     path.write_bytes(b"".join(lines[: kinds.index("force") + 1]))
     assert Session(path).length_um == length_um
-    assert "calibrate force" in guided._missing(Session(path))
+    assert "calibrate force" in steps.missing_step(Session(path))
 
 
 def test_more_places_add_to_those_there_are(full, tmp_path):
@@ -326,7 +327,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
     made = session.conditions
     for name, value, says in (
         ("board", "0123", f"belongs to board {made.board}, this is 0123"),
-        ("plan", ("F1", *made.plan[1:]), "made at other settings: bring them back with 'spots com"),
+        ("plan", ("F1", *made.plan[1:]), "made at other settings: restore them with 'spots com"),
         ("gain", 4, "set plan=F3,F4,F5,F6,F7,F8 gain=9"),
         ("exposure_us", 20_000, "exposure_us=10000"),
     ):
@@ -411,11 +412,10 @@ MISTAKES = [
 
 
 def session_of(stage, presser, path, guide, kind="position", **options):
-    setup = guided.Setup(
-        stage.reader, presser, guide, Session(path), stage.length_um, path.with_suffix(".toml")
-    )
+    bench = Bench(stage.reader, presser, guide, stage.length_um, path.with_suffix(".toml"))
     options = argparse.Namespace(**{"plan": "F3,F4,F5,F6,F7,F8", "keep_settings": True, **options})
-    guided.calibrate(setup, kind, {"position": 17, "force": 16, "joint": 5}[kind], None, options)
+    count = {"position": 17, "force": 16, "joint": 5}[kind]
+    steps.calibrate(bench, Session(path), kind, count, None, options)
 
 
 def guide():
@@ -461,7 +461,7 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     shown, _ = guide()
     with Stage(clear, seed=2) as stage:
         session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
-        with pytest.raises(SpotsError, match=r"not monotone|too noisy"):
+        with pytest.raises(SpotsError, match=r"does not change in one direction|too noisy"):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
         assert stage.board.command("hello")["calibration"] is None
     assert not (tmp_path / "a.toml").exists()
@@ -501,7 +501,7 @@ def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(
         for name, value, says in (
             ("board ", "board 0123", "made on board 0123"),
             ("made ", "made 8 10000 20", "made at gain=8"),
-            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with channels F1"),
+            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with plan=F1"),
         ):
             lines = [value if line.startswith(name) else line for line in touched.made.lines]
             foreign = msgspec.structs.replace(touched.made, lines=tuple(lines))
@@ -550,7 +550,7 @@ def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
         presser = PersonPresser(shown)
         for kind in ("position", "force"):
             session_of(stage, presser, path, shown, kind)
-        assert "'nonsense' is not a number that fits" in person.getvalue()
+        assert "'nonsense' is not valid: type a number from" in person.getvalue()
         stage.held.press = None
         session_of(stage, presser, path, shown, "joint")
     made = file.load(path.with_suffix(".toml"))
@@ -562,12 +562,9 @@ def test_a_least_force_in_grams_is_asked_again():
     out = io.StringIO()
     shown = Guide(Console(file=out, width=200), stdin=io.StringIO("20\n11,3\nnan\n0,2\n"))
     wanted = Wanted(kind="force", place_um=76_500, force_mN=FULL_MN)
-    assert PersonPresser(shown).least_mN(wanted, None) == pytest.approx(210)
+    assert PersonPresser(shown).least_mN(wanted, None) == pytest.approx(200)
     for answer in ("20", "11,3", "nan"):
-        assert (
-            f"'{answer}' is not a number that fits: type one such as 1.5, at most 6"
-            in out.getvalue()
-        )
+        assert f"'{answer}' is not valid: type a number from 0.01 to 6" in out.getvalue()
 
 
 def test_nobody_there_is_said(sensor, tmp_path):
