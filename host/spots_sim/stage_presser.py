@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spots.calibrate.presser import Presser
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
 from spots.link.board import Board
@@ -14,7 +15,7 @@ _LEAST_STEP = 1.05  # relative error of the least force
 _JOINT_SHARE = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
 
 
-class StagePresser:
+class StagePresser(Presser):
     """Presses a simulated strip for a calibration session, see `spots.calibrate.presser`.
 
     Parameters

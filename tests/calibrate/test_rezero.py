@@ -16,7 +16,7 @@ from spots.calibrate.bench import Bench
 from spots.calibrate.drift import described
 from spots.calibrate.guide import Guide
 from spots.calibrate.make import make
-from spots.calibrate.presser import PersonPresser
+from spots.calibrate.presser import Presser
 from spots.calibrate.rezero import rezero, use
 from spots.calibrate.session import Session, settings
 from spots.calibrate.shift import shifted
@@ -66,7 +66,7 @@ class Drifted:
         self.stage.reader.set_up()
         self.said = io.StringIO()
         guide = Guide(Console(file=self.said, width=200))
-        press = presser(guide) if presser is PersonPresser else presser(self.stage)
+        press = presser(guide) if presser is Presser else presser(self.stage)
         self.bench = Bench(self.stage.reader, press, guide, self.stage.length_um, path)
 
     def __enter__(self):
@@ -335,7 +335,7 @@ def test_a_mark_that_is_let_go_too_early_is_asked_for_again(made, sensor, tmp_pa
 
 def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
     change = Change(phosphor_nm=1.0, dye_percent=-2.0)
-    with Drifted(sensor, made, tmp_path / "a.toml", PersonPresser, change) as strip:
+    with Drifted(sensor, made, tmp_path / "a.toml", Presser, change) as strip:
         held = strip.stage.held
 
         class Hands(io.StringIO):
@@ -347,7 +347,7 @@ def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
                 return super().write(text)
 
         guide = Guide(Console(file=Hands(), width=200))
-        presser = PersonPresser(guide)
+        presser = Presser(guide)
         bench = Bench(strip.stage.reader, presser, guide, 85_000.0, tmp_path / "a.toml")
         drift = rezero(bench, made).rezeros[0].drift
         said = re.match(r"dye (.*) % paler, LED (.*) nm redder", drift)

@@ -24,7 +24,7 @@ from spots.calibrate.bench import Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
-from spots.calibrate.presser import PersonPresser
+from spots.calibrate.presser import Presser
 from spots.calibrate.presses import FULL_MN
 from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
@@ -547,7 +547,7 @@ def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
     with Stage(sensor, seed=4) as stage:
         person = Person(stage.held, sensor)
         shown = Guide(Console(file=person, width=200), stdin=person)
-        presser = PersonPresser(shown)
+        presser = Presser(shown)
         for kind in ("position", "force"):
             session_of(stage, presser, path, shown, kind)
         assert "'nonsense' is not valid: type a number from" in person.getvalue()
@@ -562,7 +562,7 @@ def test_a_least_force_in_grams_is_asked_again():
     out = io.StringIO()
     shown = Guide(Console(file=out, width=200), stdin=io.StringIO("20\n11,3\nnan\n0,2\n"))
     wanted = Wanted(kind="force", place_um=76_500, force_mN=FULL_MN)
-    assert PersonPresser(shown).least_mN(wanted, None) == pytest.approx(200)
+    assert Presser(shown).least_mN(wanted, None) == pytest.approx(200)
     for answer in ("20", "11,3", "nan"):
         assert f"'{answer}' is not valid: type a number from 0.01 to 6" in out.getvalue()
 
@@ -570,7 +570,7 @@ def test_a_least_force_in_grams_is_asked_again():
 def test_nobody_there_is_said(sensor, tmp_path):
     with Stage(sensor) as stage:
         shown = Guide(Console(file=io.StringIO()), stdin=io.StringIO())
-        presser = PersonPresser(shown)
+        presser = Presser(shown)
         presser.release = lambda: None
         with pytest.raises(SpotsError, match="standard input is closed"):
             session_of(stage, presser, tmp_path / "a.jsonl", shown, "force")

@@ -13,7 +13,7 @@ from ..link.ports import offered
 from .bench import Bench
 from .calibration_file import CalibrationFile
 from .guide import Guide
-from .presser import PersonPresser
+from .presser import Presser
 from .session import Session
 from .spectra import SpectrumReader
 from .steps import COUNTS, calibrate
@@ -80,4 +80,4 @@ def opened(
 def _by_hand(options, made: Session | CalibrationFile, path: Path, guide: Guide) -> Bench:
     reader = SpectrumReader(open(options.port))
     length_um = 1000 * (options.length_mm or 0) or made.length_um or 1000 * _LENGTH_MM
-    return Bench(reader, PersonPresser(guide), guide, length_um, path)
+    return Bench(reader, Presser(guide), guide, length_um, path)

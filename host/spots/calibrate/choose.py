@@ -7,7 +7,7 @@ difference of the shared diodes is the difference of the force between the passe
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -80,13 +80,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
             f"only {len(usable)} channels are neither dark nor clipped: run without "
             "--keep-settings, or set gain and LED current, and begin another session"
         )
-    columns = [np.isin(plan, usable) for plan in plans]
-    noise = Noise.of(
-        *(
-            replace(p, counts=p.counts[:, used], variance=p.variance[:, used])
-            for p, used in zip(measured, columns)
-        )
-    )
+    used = [np.isin(plan, usable) for plan in plans]
+    noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
     curves = Curves(places_um, logs, _DEGREE)
     x_um = np.linspace(*curves.ends_um, _PLACES)
     slopes, variance = curves.slopes(x_um), noise.log_variance(2.0 ** curves.logs(x_um))

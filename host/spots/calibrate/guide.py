@@ -17,6 +17,8 @@ from .session import Wanted
 from .spectra import Reading
 
 _MESSAGES = 4
+_STRIP = "sensor ▐"
+_BAR_COUNTS = 100  # least count of a full bar
 _LOW = 24  # lines of a terminal that has room for one message
 
 
@@ -36,10 +38,7 @@ class Guide:
         self._stdin = stdin
         self._live: Live | None = None
         self._messages: deque[str] = deque(maxlen=_MESSAGES)
-        self._wanted: Wanted | None = None
-        self._reading: Reading | None = None
-        self._trouble: str | None = None
-        self._steady = 0.0
+        self._strip, self._bars = Text(), Table()
         self._title = ""
         self._plan: tuple[str, ...] = ()
         self._length_um = 1.0
@@ -82,7 +81,12 @@ class Guide:
 
     def want(self, wanted: Wanted) -> None:
         """Mark the place of the next press."""
-        self._wanted, self._reading = wanted, None
+        columns, share = strip_columns(), wanted.place_um / self._length_um
+        at = len(_STRIP) + round(min(max(share, 0), 1) * (columns - 1))
+        self._strip = Text(_STRIP + "█" * columns, style="rgb(140,60,60)")
+        self._strip.stylize("rgb(255,235,180)", at, at + 1)
+        self._strip.append("\n" + " " * at + "▲")
+        self._bars = bars(self._plan, [0.0] * len(self._plan), _BAR_COUNTS)
         self._draw()
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
@@ -97,7 +101,10 @@ class Guide:
         steady : float
             Share of the steady readings that are needed, 0 to 1.
         """
-        self._reading, self._trouble, self._steady = reading, trouble, steady
+        self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
+        self._bars.add_row("held", "", Text(bar(steady), style="green"))
+        style = "yellow" if trouble else "green"
+        self._bars.add_row("", "", Text(trouble or "steady", style=style))
         self._draw()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
@@ -165,35 +172,16 @@ class Guide:
             self.say(f"'{answer}' is not valid: type a number from {lowest:g} to {highest:g}")
 
     def _draw(self) -> None:
-        if self._live is not None:
-            self._live.update(self._picture(), refresh=True)
-
-    def _picture(self) -> Panel:
-        columns = strip_columns()
-        parts = [self._strip(columns), Text(), self._bars(), Text()]
+        if self._live is None:
+            return
         shown = [Text(message, style="dim") for message in self._messages]
         if shown:
             shown[-1].style = "bold"
-        parts += shown if self._console.height > _LOW else shown[-1:]
-        title = f"{self._title}  {self._done} of {self._total}"
-        return Panel(
-            Group(*parts), title=Text(printable(title)), width=columns + 16, padding=(1, 2)
+        parts = shown if self._console.height > _LOW else shown[-1:]
+        picture = Panel(
+            Group(self._strip, Text(), self._bars, Text(), *parts),
+            title=Text(printable(f"{self._title}  {self._done} of {self._total}")),
+            width=strip_columns() + 16,
+            padding=(1, 2),
         )
-
-    def _strip(self, columns: int) -> Text:
-        line = Text("sensor ▐" + "█" * columns, style="rgb(140,60,60)")
-        if self._wanted is not None:
-            share = self._wanted.place_um / self._length_um
-            at = len("sensor ▐") + round(min(max(share, 0), 1) * (columns - 1))
-            line.stylize("rgb(255,235,180)", at, at + 1)
-            line.append("\n" + " " * at + "▲")
-        return line
-
-    def _bars(self) -> Table:
-        counts = [0.0] * len(self._plan) if self._reading is None else self._reading.counts
-        grid = bars(self._plan, counts, 100)
-        if self._reading is not None:
-            grid.add_row("held", "", Text(bar(self._steady), style="green"))
-            style = "yellow" if self._trouble else "green"
-            grid.add_row("", "", Text(self._trouble or "steady", style=style))
-        return grid
+        self._live.update(picture, refresh=True)

@@ -40,13 +40,12 @@ def fit_joint(points: list[Point]) -> Joint:
     )
     up = np.repeat([True, False], [len(way) for way in ways])
     learn = np.concatenate([np.arange(len(way)) % 2 == 0 for way in ways])
-    orders = [
-        order[np.argsort(angle[order])] for order in (np.flatnonzero(up), np.flatnonzero(~up))
-    ]
-    if any((np.diff(angle[order]) == 0).any() for order in orders):
+    order = np.lexsort((angle, up))
+    same_way = np.diff(up[order].astype(int)) == 0
+    if (np.diff(angle[order])[same_way] == 0).any():
         raise SpotsError("two presses of one direction have the same angle: begin another session")
-    rises = np.concatenate([np.diff(position[order]) > 0 for order in orders])
-    if rises.any() and not rises.all():
+    steps = np.diff(position[order])[same_way]
+    if not ((steps > 0).all() or (steps < 0).all()):
         raise SpotsError(
             "the position does not go with the angle: check the angles, and that the indenter "
             "does not slip; then begin another session"

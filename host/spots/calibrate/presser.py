@@ -1,8 +1,6 @@
-"""Who presses the strip in a session: a person, or a machine with the same methods."""
+"""Presses the strip in a session: a person, or a machine in a subclass."""
 
 from __future__ import annotations
-
-from typing import Protocol
 
 from ..link.board import Board
 from .dark import take_dark
@@ -14,8 +12,13 @@ from .spectra import SpectrumReader
 _ANGLE_MAX_DEG = 3600.0
 
 
-class Presser(Protocol):
-    """Presses the strip on request.
+class Presser:
+    """A person with a ruler and a scale; a machine overrides all methods.
+
+    Parameters
+    ----------
+    guide : Guide
+        Shows the requests, and reads the answers.
 
     Attributes
     ----------
@@ -25,8 +28,11 @@ class Presser(Protocol):
         Number of steady readings in a row that make a press.
     """
 
-    patience_s: float
-    steady: int
+    patience_s = 120.0
+    steady = 3
+
+    def __init__(self, guide: Guide):
+        self._guide = guide
 
     def stretch(self, strain_ppm: int, length_um: float) -> None:
         """Stretch the strip to a length, and do not press it.
@@ -38,15 +44,24 @@ class Presser(Protocol):
         length_um : float
             Length of the stretched strip in um.
         """
+        if strain_ppm:
+            length = f"the strip to {length_um / 1000:.1f} mm ({strain_ppm / 10_000:g} %)"
+            self._guide.ask(f"stretch {length}, do not touch it, then press Enter: ")
 
     def press(self, wanted: Wanted) -> None:
         """Begin a press with the place and force of `wanted`."""
+        if wanted.kind == "mark" and wanted.angle_deg is not None:
+            self._guide.say(f"turn the joint up to {wanted.angle_deg:g} degrees and hold")
+        elif wanted.kind != "joint":
+            self._guide.say(f"press at {wanted} and hold")
 
     def release(self) -> None:
         """End the press."""
+        self._guide.say("release")
 
     def dark(self, board: Board) -> None:
         """Take the dark frame of a board whose LED is always on. The strip is not pressed."""
+        take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         """Find the least force that lights every channel at a place.
@@ -63,57 +78,6 @@ class Presser(Protocol):
         float
             The least force in mN.
         """
-
-    def turn(self, direction: int, share: float) -> Wanted:
-        """Turn the joint to its next angle.
-
-        Parameters
-        ----------
-        direction : int
-            Direction of the turn: 1 up, -1 down.
-        share : float
-            Proposed angle as a share of the joint's travel, 0 to 1.
-
-        Returns
-        -------
-        Wanted
-            Press of the joint's indenter, with the angle in degrees.
-        """
-
-
-class PersonPresser:
-    """A person with a ruler and a scale.
-
-    Parameters
-    ----------
-    guide : Guide
-        Shows the requests, and reads the answers.
-    """
-
-    patience_s = 120.0
-    steady = 3
-
-    def __init__(self, guide: Guide):
-        self._guide = guide
-
-    def stretch(self, strain_ppm: int, length_um: float) -> None:
-        if strain_ppm:
-            length = f"the strip to {length_um / 1000:.1f} mm ({strain_ppm / 10_000:g} %)"
-            self._guide.ask(f"stretch {length}, do not touch it, then press Enter: ")
-
-    def press(self, wanted: Wanted) -> None:
-        if wanted.kind == "mark" and wanted.angle_deg is not None:
-            self._guide.say(f"turn the joint up to {wanted.angle_deg:g} degrees and hold")
-        elif wanted.kind != "joint":
-            self._guide.say(f"press at {wanted} and hold")
-
-    def release(self) -> None:
-        self._guide.say("release")
-
-    def dark(self, board: Board) -> None:
-        take_dark(board, self._guide.ask)
-
-    def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         # A scale may show grams. A strip that needs more than a firm press has no positions.
         return 1000 * self._guide.ask_number(
             f"press at {wanted.place_um / 1000:.1f} mm with the least force that lights every "
@@ -123,6 +87,20 @@ class PersonPresser:
         )
 
     def turn(self, direction: int, share: float) -> Wanted:
+        """Turn the joint to its next angle.
+
+        Parameters
+        ----------
+        direction : int
+            Direction of the turn: 1 up, -1 down.
+        share : float
+            Angle as a share of the joint's travel, 0 to 1; a person chooses another one.
+
+        Returns
+        -------
+        Wanted
+            Press of the joint's indenter, with the angle in degrees.
+        """
         way = "up" if direction > 0 else "down"
         angle = self._guide.ask_number(
             f"turn the joint {way} to its next angle and hold; which is it, in degrees? ",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,6 +48,11 @@ class Presses:
     def keep(self, rows) -> Presses:
         """Return only these presses; `rows` is a boolean mask or a list of indices."""
         return Presses(*(array[rows] for array in vars(self).values()))
+
+    def channels(self, columns) -> Presses:
+        """Return only these channels; `columns` is a boolean mask or a list of indices."""
+        counts, variance = self.counts[:, columns], self.variance[:, columns]
+        return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
         """Return only the presses with forces that lit all channels at all of their places."""
