@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spots_device.settings import DEFAULT_PLAN
+
 from ..errors import SpotsError
 from .fit import Curves
 from .presses import Noise, Presses
 
 DIODES = ("F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8", "CLEAR")
-_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 _DEGREE = 4
 _FULLEST = 0.95  # largest usable count as a share of full scale
 _WORTH = 0.03  # least relative improvement that is worth a new plan
@@ -47,7 +48,7 @@ def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
     The first plan is the present one, or the usual one if the present one has another diode.
     """
-    first = present if set(present) <= set(DIODES) else _PLAN
+    first = present if set(present) <= set(DIODES) else DEFAULT_PLAN
     others = [diode for diode in DIODES if diode not in first]
     return first, tuple(others) + first[::2]
 

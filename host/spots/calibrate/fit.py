@@ -81,14 +81,8 @@ def fit(
         _statement("fit", test),
         *(_statement("segment", [*position, *force]) for position, force in parts),
     ]
-    # At each knot of the force: the largest noise of the position and of the misfit.
-    places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     dimmer = (brightnesses - firm) / ONE_Q20
-    variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
-    weights = np.array([_part_at(rest, parts, x)[0] for x in places])
-    slopes = np.abs((rest.slopes(places) * weights).sum(axis=-1))
-    sigma_um = (np.sqrt((variance * weights**2.0).sum(axis=-1)) / slopes).max(axis=1)
-    sigma_misfit = np.sqrt(variance @ test**2.0).max(axis=1) / ONE_Q13
+    sigma_um, sigma_misfit = _sigmas(rest, parts, test, noise, dimmer)
     if sigma_um.min() > _TOUCH_SIGMA_UM:
         raise SpotsError(
             "the position is too noisy at every force: raise exposure, gain or LED current"
@@ -197,6 +191,17 @@ def _estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Return generalised least squares: one row of weights for each column of the design."""
     weighted = design * information[:, None]
     return np.linalg.solve(design.T @ weighted, weighted.T)
+
+
+def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
+    """Return the largest noise of position and misfit along the strip, for each brightness."""
+    places = np.linspace(*rest.ends_um, _NOISE_PLACES)
+    variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
+    weights = np.array([_part_at(rest, parts, x)[0] for x in places])
+    slopes = np.abs((rest.slopes(places) * weights).sum(axis=-1))
+    sigma_um = np.sqrt((variance * weights**2.0).sum(axis=-1)) / slopes
+    sigma_misfit = np.sqrt(variance @ test**2.0) / ONE_Q13
+    return sigma_um.max(axis=1), sigma_misfit.max(axis=1)
 
 
 def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]:
