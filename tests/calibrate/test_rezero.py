@@ -309,7 +309,7 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
         rezero(strip.bench, made)
 
 
-def test_a_mark_that_is_let_go_too_early_is_asked_for_again(made, sensor, tmp_path):
+def test_a_mark_that_is_released_too_early_is_asked_for_again(made, sensor, tmp_path):
     class Hasty(StagePresser):
         presses = 0
 
@@ -537,7 +537,7 @@ def named(sensor, *, marks=3, **keys):
 
 
 @pytest.mark.parametrize("name", ["default", "long_200mm", "steep_150mm"])
-def test_drift_is_named_as_far_as_it_can_be_told(name):
+def test_the_causes_of_a_drift_are_named(name):
     sensor = load(SensorFile, name)
     assert named(sensor) == "no drift"
     assert named(sensor, light_percent=10) == "no drift"

@@ -115,7 +115,7 @@ def test_touches_on_the_stretched_strip_are_where_they_are(sensor, full):
         assert np.all(abs(np.reshape(errors_um, (3, -1)).mean(axis=0)) < 100)
 
 
-def test_the_file_tells_what_was_measured(sensor, full):
+def test_the_file_has_the_measured_residuals_and_joint(sensor, full):
     made = file.load(full.out)
     assert [r.strain_ppm for r in made.residuals] == [0, STRAIN_PPM]
     assert all(0 < r.position_rms_um < 50 for r in made.residuals)
@@ -240,19 +240,19 @@ def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
         assert len(angles) == len(set(angles)) == 5
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_session_that_broke_off_still_knows_how_long_the_strip_is(full, sensor, tmp_path, told):
+@pytest.mark.parametrize("has_length", [True, False])
+def test_an_interrupted_session_has_the_length_of_the_strip(full, sensor, tmp_path, has_length):
     path = tmp_path / "a.jsonl"
     length_um = 1000 * sensor.length_mm
     lines = full.session.read_bytes().splitlines(keepends=True)
-    if not told:  # as older programs wrote them
+    if not has_length:  # as older programs wrote them
         lines = [re.sub(rb'"length_um":[0-9.]+,', b"", line) for line in lines]
     kinds = [json.loads(line)["kind"] for line in lines]
     assert Session(full.session).length_um == length_um
     path.write_bytes(b"".join(lines[: kinds.index("position") + 14]))
     cut = Session(path)
-    assert cut.length_um == (length_um if told else None)
-    if told:
+    assert cut.length_um == (length_um if has_length else None)
+    if has_length:
         assert "calibrate position" in steps.missing_step(cut)
     path.write_bytes(b"".join(lines[: kinds.index("force") + 1]))
     assert Session(path).length_um == length_um
@@ -567,7 +567,7 @@ def test_a_least_force_in_grams_is_asked_again():
         assert f"'{answer}' is not valid: type a number from 0.01 to 6" in out.getvalue()
 
 
-def test_nobody_there_is_said(sensor, tmp_path):
+def test_a_closed_standard_input_is_an_error(sensor, tmp_path):
     with Stage(sensor) as stage:
         shown = Guide(Console(file=io.StringIO()), stdin=io.StringIO())
         presser = Presser(shown)
@@ -621,7 +621,7 @@ def agree(calibration, counts, dark, position_um, force_mN):
 
 
 @pytest.mark.parametrize("strain_ppm", [0, STRAIN_PPM])
-def test_the_integers_tell_what_float64_tells(sensor, full, strain_ppm):
+def test_the_integers_agree_with_float64(sensor, full, strain_ppm):
     made = file.load(full.out)
     calibration = Calibration(made.lines, strain_ppm)
     bound = Bound(sensor, made.plan, made.gain, made.exposure_us, made.led_mA)
@@ -643,7 +643,7 @@ def test_the_integers_tell_what_float64_tells(sensor, full, strain_ppm):
     assert decoded > 2300
 
 
-def test_the_board_tells_what_float64_tells(sensor, full):
+def test_the_board_agrees_with_float64(sensor, full):
     with Touched(sensor, full.out) as touched:
         calibration = Calibration(touched.made.lines)
         dark = np.array(touched.board.command("get")["dark"]) / (DARK_SAMPLES / 4)
@@ -653,8 +653,8 @@ def test_the_board_tells_what_float64_tells(sensor, full):
                     if not touch.touching:  # and so without a place
                         continue
                     assert touch.force_mN
-                    told = touch.position_um, touch.force_mN
-                    assert agree(calibration, spectrum.counts, dark, *told)
+                    found = touch.position_um, touch.force_mN
+                    assert agree(calibration, spectrum.counts, dark, *found)
 
 
 def test_the_session_file_holds_all_raw_material(full):

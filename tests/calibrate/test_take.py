@@ -79,8 +79,8 @@ def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, bench):
         bench.take(msgspec.structs.replace(wanted, kind="position"))
 
 
-def test_a_joint_whose_press_is_refused_is_not_asked_to_be_let_go(bench):
-    bench.release = lambda: pytest.fail("let go")
+def test_a_joint_whose_press_is_refused_need_not_be_released(bench):
+    bench.release = lambda: pytest.fail("the joint was asked to release the strip")
     tries = []
 
     def judge(reading):

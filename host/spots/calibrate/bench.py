@@ -77,7 +77,7 @@ class Bench:
         Parameters
         ----------
         wanted : Wanted
-            The press. Of kind ``choose``, channels may be saturated or dark.
+            The press. If its kind is ``choose``, channels may be saturated or dark.
         noise : Noise, optional
             Noise of the sensor, if it is known.
         judge : callable

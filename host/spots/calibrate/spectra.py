@@ -104,31 +104,43 @@ class SpectrumReader:
 
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
         """Return new dark-subtracted samples, shape (count, 6), and whether any was saturated."""
-        frames = self._frames(count, lambda f: isinstance(f, Spectrum) and not f.flags & LED_OFF)
+        limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
+        frames = self._frames(count, _is_lit, limit_s)
         if len(frames) < count:
             raise SpotsError("the board sends no spectra: 'spots command get' shows why")
         saturated = any(frame.flags & SATURATED for frame in frames)
         return np.array([frame.counts for frame in frames], dtype=float) - self._dark, saturated
 
-    def positions_um(self, count: int) -> np.ndarray:
-        """Return new positions of the pressed strip in um, shape (count,); the board streams them.
+    def positions_um(self, count: int, timeout_s: float) -> np.ndarray:
+        """Return new positions of a calibrated board, which must stream touches.
+
+        Parameters
+        ----------
+        count : int
+            Number of positions.
+        timeout_s : float
+            Longest time to wait for them, in s.
+
+        Returns
+        -------
+        numpy.ndarray, shape (count,)
+            Positions in um.
 
         Raises
         ------
         SpotsError
             If the board reports too few positions.
         """
-        frames = self._frames(count, lambda f: isinstance(f, Touch) and f.trusted)
+        frames = self._frames(count, lambda f: isinstance(f, Touch) and f.trusted, timeout_s)
         if len(frames) < count:
             raise SpotsError(
                 "the board reports no position: press the strip firmly with the indenter"
             )
         return np.array([frame.position_um for frame in frames], dtype=float)
 
-    def _frames(self, count: int, is_wanted: Callable[[Frame], bool]) -> list:
+    def _frames(self, count: int, is_wanted: Callable[[Frame], bool], limit_s: float) -> list:
         """Return up to `count` wanted frames whose exposure begins after this call."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
-        limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
         found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)
         return list(islice(found, count))
 
@@ -143,3 +155,7 @@ class SpectrumReader:
         if lit.sum() >= _CHANNELS_MIN:
             variance[lit] = own_variance(samples[:, lit])
         return Reading(mean, variance, float(drift), clipped)
+
+
+def _is_lit(frame: Frame) -> bool:
+    return isinstance(frame, Spectrum) and not frame.flags & LED_OFF

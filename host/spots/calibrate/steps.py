@@ -261,7 +261,7 @@ class _Steps:
             self.bench.guide.say(f"{wanted} was taken already: turn further")
             return
         reading = self.bench.take(wanted, self._noise())
-        position = self.bench.reader.positions_um(self.bench.window)
+        position = self.bench.reader.positions_um(self.bench.window, self.bench.presser.patience_s)
         self._add(
             wanted,
             reading,
