@@ -12,6 +12,7 @@ import numpy as np
 
 from spots_device.calibration import Conditions
 
+from .. import atomic
 from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from .presses import Presses
@@ -164,8 +165,7 @@ class Session:
             with open(self.path, "ab") as file:
                 file.truncate(self._whole)
                 file.write(msgspec.json.encode(taken) + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
+                atomic.sync(file)
                 self._whole = file.seek(0, os.SEEK_END)
         except OSError as error:
             raise SpotsError(f"cannot write the session {self.path}: {error.strerror}") from None
