@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from spots.calibrate.calibration_file import CalibrationFile, Marks
+from spots.calibrate.bench import Bench
+from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.guide import Guide
 from spots.calibrate.presses import FIRM_MN, MARKS
 from spots.calibrate.rezero import rezero
-from spots.calibrate.steps import DARK_S, Setup
+from spots.calibrate.steps import DARK_S
 from spots.errors import SpotsError
 
 from .change import Change
@@ -90,16 +91,16 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     guide = Guide(Console(file=io.StringIO()))
     presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
     reader = rig.stage.reader
-    setup = Setup(reader, presser, guide, None, rig.stage.length_um, _NOBODY)
+    bench = Bench(reader, presser, guide, rig.stage.length_um, _NOBODY)
     places_um = [share * rig.stage.length_um for share in MARKS]
-    setup.reader.set_up(dark_s=DARK_S)
-    logs = rig.stage.read(places_um, [FIRM_MN], setup.taker.mark_samples).logs
+    reader.set_up(dark_s=DARK_S)
+    logs = rig.stage.read(places_um, [FIRM_MN], bench.mark_samples).logs
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
     )
-    made = CalibrationFile.now(rig.conditions, rig.lines, [], marks=marks)
+    made = CalibrationFile(date=now(), **rig.conditions._asdict(), lines=rig.lines, marks=marks)
     rig.stage.held.changed = change
-    done = rezero(setup, made, hand.presses, quick=hand.marks == 1).rezeros[-1]
+    done = rezero(bench, made, hand.presses, quick=hand.marks == 1).rezeros[-1]
     rig.stage.held.tremor = 0.0
     rig.shift(done.place_um, done.shifts)
     return done.drift

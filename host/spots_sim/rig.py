@@ -14,7 +14,7 @@ from spots_device.decode import DARK_SAMPLES, LED_OFF
 
 from .change import NONE
 from .files import SensorFile
-from .stage import Stage
+from .stage import Stage, check_light
 
 _DARK_TIMEOUT_S = 60.0
 _REQUEST_US = 2_000_000  # of a dark frame on request
@@ -106,6 +106,7 @@ class Rig:
         self.average = average
 
     def _use(self) -> None:
+        check_light(self.along[0], self._pressed)
         self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
         upload(self.board, shifted(self.lines, *self._shift) if self._shift else self.lines)
         self.board.command(f"set average={self.average}")

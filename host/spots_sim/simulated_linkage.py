@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spots.calibrate.calibration_file import CalibrationFile
+from spots.calibrate.calibration_file import CalibrationFile, now
 from spots.calibrate.joint import fit_joint
 from spots.link.board import Board
 from spots.link.connect import prepare
@@ -95,7 +95,9 @@ def calibrated(
             points.append(
                 Turned(angle, way, float(np.mean(places_um)), float(np.std(places_um, ddof=1)))
             )
-        return CalibrationFile.now(rig.conditions, rig.lines, [], fit_joint(points))
+        conditions = rig.conditions._asdict()
+        joint = fit_joint(points)
+        return CalibrationFile(date=now(), **conditions, lines=rig.lines, joint=joint)
 
 
 class Simulation:

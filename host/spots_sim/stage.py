@@ -9,6 +9,7 @@ import numpy as np
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import SpectrumReader
+from spots.errors import SpotsError
 from spots.link.board import Board
 
 from .files import SensorFile
@@ -187,6 +188,31 @@ def calibrate(sensor: SensorFile) -> tuple[str, ...]:
     return _calibrated(sensor)[0]
 
 
+def check_light(along: Presses, pressed: Presses) -> None:
+    """Raise an error if a press along the strip is too dark, or if any press is saturated.
+
+    Parameters
+    ----------
+    along : Presses
+        Presses along the strip, see `Stage.along`.
+    pressed : Presses
+        Presses with different forces, see `Stage.pressed`.
+
+    Raises
+    ------
+    SpotsError
+        With the place of the first such press.
+    """
+    for presses, bad, trouble in (
+        (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
+        (along, along.saturated, "saturated: lower the gain"),
+        (pressed, pressed.saturated, "saturated: lower the gain"),
+    ):
+        if bad.any():
+            where_mm = presses.position_um[bad][0] / 1000
+            raise SpotsError(f"the press at {where_mm:g} mm is {trouble}")
+
+
 def set_led(board: Board, sensor: SensorFile) -> None:
     """Set the LED's wiring on a board, and the dark frame that `calibrate` took for it.
 
@@ -208,6 +234,7 @@ def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
         stage.expose()
         along, pressed = stage.along(), stage.pressed()
         noise = Noise.of(along, pressed)
+        check_light(along, pressed)
         lines = tuple(fit({0: along}, pressed, noise, stage.reader.conditions))
         led = "led=" + sensor.led.wired
         if sensor.led.wired == "always":

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from spots.calibrate.presser import LEAST_MARGIN
+from spots.calibrate.presser import Presser
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
 from spots.link.board import Board
 
 from .stage import Stage
 
+_LEAST_STEP = 1.05  # relative error of the least force
 _JOINT_SHARE = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
 
 
-class StagePresser:
+class StagePresser(Presser):
     """Presses a simulated strip for a calibration session, see `spots.calibrate.presser`.
 
     Parameters
@@ -45,7 +46,7 @@ class StagePresser:
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         low_mN, high_mN = 1.0, wanted.force_mN
-        while high_mN > LEAST_MARGIN * low_mN:
+        while high_mN > _LEAST_STEP * low_mN:
             middle_mN = (low_mN * high_mN) ** 0.5
             self._stage.press(wanted.place_um, middle_mN)
             if reader.read(8).dark:
@@ -53,7 +54,7 @@ class StagePresser:
             else:
                 high_mN = middle_mN
         self._stage.release()
-        return LEAST_MARGIN * high_mN
+        return high_mN
 
     def turn(self, direction: int, share: float) -> Wanted:
         joint = self._stage.sensor.joint

@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from spots.calibrate.bench import Bench
 from spots.calibrate.calibration_file import CalibrationFile
 from spots.calibrate.guide import Guide
 from spots.calibrate.session import settings
-from spots.calibrate.steps import Setup
 from spots.deploy.drive import Drive
 from spots.deploy.place import Place
 from spots.deploy.prompt import Prompt
@@ -85,7 +85,7 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     load(ScenarioFile, scenario)
 
 
-def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
+def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     """Return a simulated strip on a simulated stage, for ``spots calibrate`` and ``spots rezero``.
 
     For ``spots rezero``, the strip has the change of the sensor file.
@@ -97,15 +97,15 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
     made_with : Session or CalibrationFile
         Session of ``spots calibrate``, or calibration of ``spots rezero``. The board gets the
         settings stored in it.
-    out : Path
+    path : Path
         Calibration file to write.
     guide : Guide
         Prints the progress.
 
     Returns
     -------
-    Setup
-        Strip, stage and guide of the session.
+    Bench
+        The board of the strip, pressed by the stage.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def calibration_setup(options, made_with, out: Path, guide: Guide) -> Setup:
         stage.take_dark()
         stage.reader.set_up()
     length_um = 1000 * (options.length_mm or sensor.length_mm)
-    return Setup(stage.reader, StagePresser(stage), guide, made_with, length_um, out)
+    return Bench(stage.reader, StagePresser(stage), guide, length_um, path)
 
 
 # Functions of the port scheme for a whole linkage.

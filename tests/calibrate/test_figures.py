@@ -99,7 +99,7 @@ def test_departure_is_measured_along_the_strip():
     assert departure_um({100.0: far, 40.0: near}) == pytest.approx(30)
 
 
-def test_the_document_tells_what_was_measured_and_what_cannot_be(run):
+def test_the_document_has_what_was_measured_and_what_cannot_be(run):
     page = document([run, run], [42.0, 6.0], 85.0)
     for number in ("7.2 µm", "1.02", "1.57", "0.9991234", "within 42 µm", "30.0 µm, then 35.0 to"):
         assert number in page

@@ -26,7 +26,13 @@ JOINT = file.Joint(
 @pytest.fixture
 def made(calibration):
     conditions = Calibration(calibration).conditions
-    return file.CalibrationFile.now(conditions, calibration, RESIDUALS, JOINT)
+    return file.CalibrationFile(
+        date=file.now(),
+        **conditions._asdict(),
+        lines=tuple(calibration),
+        residuals=RESIDUALS,
+        joint=JOINT,
+    )
 
 
 @pytest.fixture

@@ -12,14 +12,14 @@ from rich.console import Console
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
+from spots.calibrate.bench import Bench
 from spots.calibrate.drift import described
 from spots.calibrate.guide import Guide
 from spots.calibrate.make import make
-from spots.calibrate.presser import PersonPresser
+from spots.calibrate.presser import Presser
 from spots.calibrate.rezero import rezero, use
 from spots.calibrate.session import Session, settings
 from spots.calibrate.shift import shifted
-from spots.calibrate.steps import Setup
 from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_device.calibration import Calibration
@@ -55,7 +55,7 @@ def made(full):
 
 
 class Drifted:
-    """A calibrated board, whose strip has changed since, and a set-up to press its marks."""
+    """A calibrated board, whose strip has changed since, and a bench to press its marks."""
 
     def __init__(self, sensor, made, path, presser=StagePresser, change=DRIFT):
         self.stage = Stage(sensor, seed=5)
@@ -66,8 +66,8 @@ class Drifted:
         self.stage.reader.set_up()
         self.said = io.StringIO()
         guide = Guide(Console(file=self.said, width=200))
-        press = presser(guide) if presser is PersonPresser else presser(self.stage)
-        self.setup = Setup(self.stage.reader, press, guide, made, self.stage.length_um, path)
+        press = presser(guide) if presser is Presser else presser(self.stage)
+        self.bench = Bench(self.stage.reader, press, guide, self.stage.length_um, path)
 
     def __enter__(self):
         return self
@@ -130,7 +130,7 @@ def test_a_session_of_before_marks_is_asked_for_them_alone(full, tmp_path, capsy
 
 def test_a_file_with_marks_and_history_is_loaded_as_it_was_saved(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        new = rezero(strip.setup, made)
+        new = rezero(strip.bench, made)
     file.save(new, tmp_path / "a.toml")
     assert file.load(tmp_path / "a.toml") == new
     assert new.original == made.lines != new.lines
@@ -198,7 +198,7 @@ def test_a_drifted_strip_is_right_again(made, sensor, tmp_path):
         assert np.abs(off_um).mean() > 1000
         assert trust.mean() < 0.5
         strip.stage.reader.set_up()
-        name = use(strip.setup, made, rezero(strip.setup, made))
+        name = use(strip.bench, made, rezero(strip.bench, made))
         assert strip.uses == name == checksum(list(file.load(tmp_path / "a.toml").lines))
         off_um, _, trust = strip.errors()
         assert np.abs(off_um).mean() < 40
@@ -215,7 +215,7 @@ def test_a_strained_strip_is_right_again(made, sensor, tmp_path):
         strip.stage.held.strain = 0.0
         strip.board.command("set strain_ppm=0")
         strip.stage.reader.set_up()
-        use(strip.setup, made, rezero(strip.setup, made))
+        use(strip.bench, made, rezero(strip.bench, made))
         off_um, _, trust = strip.errors(strain=0.1)
         assert np.abs(off_um).mean() < 100
         assert trust.min() == 1
@@ -226,7 +226,7 @@ def test_a_scale_brings_the_force_back(made, sensor, tmp_path):
     found = []
     for force_mN in (None, 3000.0):
         with Drifted(sensor, made, tmp_path / "a.toml", change=change) as strip:
-            use(strip.setup, made, rezero(strip.setup, made, force_mN=force_mN))
+            use(strip.bench, made, rezero(strip.bench, made, force_mN=force_mN))
             found.append(np.abs(strip.errors()[1]).mean())
     assert found[0] > 250  # mN of 3000
     assert found[1] < 60
@@ -235,17 +235,17 @@ def test_a_scale_brings_the_force_back(made, sensor, tmp_path):
 def test_a_quick_one_takes_out_what_is_alike_everywhere(made, sensor, tmp_path):
     led = Change(phosphor_nm=1.0)
     with Drifted(sensor, made, tmp_path / "a.toml", change=led) as strip:
-        new = rezero(strip.setup, made, quick=True)
+        new = rezero(strip.bench, made, quick=True)
         assert len(new.rezeros[-1].place_um) == 1
-        use(strip.setup, made, new)
+        use(strip.bench, made, new)
         assert np.abs(strip.errors()[0]).mean() < 300
 
 
 def test_a_second_one_starts_from_the_original(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        first = rezero(strip.setup, made)
+        first = rezero(strip.bench, made)
         strip.stage.held.changed = NONE
-        second = rezero(strip.setup, first)
+        second = rezero(strip.bench, first)
         assert second.original == made.lines
         assert len(second.rezeros) == 2
         assert second.rezeros[0] == first.rezeros[0]
@@ -273,11 +273,11 @@ def stray(at, times, off_um):
 @pytest.mark.parametrize("at", [0, 1, 2])
 def test_a_press_that_disagrees_is_asked_for_again(made, sensor, tmp_path, at):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(at, 1, 3000.0)) as strip:
-        got = rezero(strip.setup, made, presses=3)
+        got = rezero(strip.bench, made, presses=3)
         assert strip.said.getvalue().count("press this mark again") == 1
-        assert strip.setup.presser.count == 10
+        assert strip.bench.presser.count == 10
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        right = rezero(strip.setup, made, presses=3)
+        right = rezero(strip.bench, made, presses=3)
     assert np.array(got.rezeros[0].shifts) == pytest.approx(
         np.array(right.rezeros[0].shifts), abs=0.003
     )
@@ -285,14 +285,14 @@ def test_a_press_that_disagrees_is_asked_for_again(made, sensor, tmp_path, at):
 
 def test_one_press_of_another_mark_is_asked_for_again(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(1, 1, 34_000.0)) as strip:
-        rezero(strip.setup, made)
+        rezero(strip.bench, made)
         assert "a press of 42.5 mm with 6 N lies elsewhere" in strip.said.getvalue()
 
 
 def test_presses_that_never_agree_are_given_up_and_nothing_has_changed(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(0, 99, 40_000.0)) as strip:
         with pytest.raises(SpotsError, match=r"mark at 8.5 mm disagree.*nothing has changed"):
-            rezero(strip.setup, made)
+            rezero(strip.bench, made)
         assert strip.uses == checksum(list(made.lines))
         assert not (tmp_path / "a.toml").exists()
 
@@ -306,10 +306,10 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
         Drifted(sensor, made, tmp_path / "a.toml", Away) as strip,
         pytest.raises(SpotsError, match=r"no press is seen; nothing has changed$"),
     ):
-        rezero(strip.setup, made)
+        rezero(strip.bench, made)
 
 
-def test_a_mark_that_is_let_go_too_early_is_asked_for_again(made, sensor, tmp_path):
+def test_a_mark_that_is_released_too_early_is_asked_for_again(made, sensor, tmp_path):
     class Hasty(StagePresser):
         presses = 0
 
@@ -328,14 +328,14 @@ def test_a_mark_that_is_let_go_too_early_is_asked_for_again(made, sensor, tmp_pa
             held.presses = presses
 
     with Drifted(sensor, made, tmp_path / "a.toml", Hasty) as strip:
-        rezero(strip.setup, made)
-        assert strip.setup.presser.presses == 4
+        rezero(strip.bench, made)
+        assert strip.bench.presser.presses == 4
         assert re.search(r"hold still; press again", strip.said.getvalue())
 
 
 def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
     change = Change(phosphor_nm=1.0, dye_percent=-2.0)
-    with Drifted(sensor, made, tmp_path / "a.toml", PersonPresser, change) as strip:
+    with Drifted(sensor, made, tmp_path / "a.toml", Presser, change) as strip:
         held = strip.stage.held
 
         class Hands(io.StringIO):
@@ -347,10 +347,9 @@ def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
                 return super().write(text)
 
         guide = Guide(Console(file=Hands(), width=200))
-        setup = Setup(
-            strip.stage.reader, PersonPresser(guide), guide, made, 85_000.0, tmp_path / "a.toml"
-        )
-        drift = rezero(setup, made).rezeros[0].drift
+        presser = Presser(guide)
+        bench = Bench(strip.stage.reader, presser, guide, 85_000.0, tmp_path / "a.toml")
+        drift = rezero(bench, made).rezeros[0].drift
         said = re.match(r"dye (.*) % paler, LED (.*) nm redder", drift)
         assert [float(number) for number in said.groups()] == pytest.approx([2, 0.9], abs=0.25)
 
@@ -371,12 +370,12 @@ def test_a_joint_uses_its_stops(full, sensor, tmp_path):
         paler = Change(dye_percent=-3.0, tilt_percent=0.3)
         with Drifted(sensor, made, path.with_suffix(".toml"), change=paler) as strip:
             if rezeroed:
-                use(strip.setup, made, rezero(strip.setup, made, joint=True))
+                use(strip.bench, made, rezero(strip.bench, made, joint=True))
             strip.board.command("stream touch")
             off_deg = []
             for share in np.linspace(0.03, 0.97, 12):
-                wanted = strip.setup.presser.turn(1, float(share))
-                strip.setup.presser.press(wanted)
+                wanted = strip.bench.presser.turn(1, float(share))
+                strip.bench.presser.press(wanted)
                 begun_s = strip.board.now_s() + 0.02
                 held = [
                     f.position_um
@@ -395,7 +394,7 @@ def test_a_file_without_marks_of_a_joint_says_what_to_do(made, sensor, tmp_path)
         Drifted(sensor, made, tmp_path / "a.toml") as strip,
         pytest.raises(SpotsError, match=r"no \[joint_marks\].*spots calibrate joint"),
     ):
-        rezero(strip.setup, made, joint=True)
+        rezero(strip.bench, made, joint=True)
 
 
 # ---- all or nothing
@@ -414,7 +413,7 @@ def test_an_interrupted_re_zero_changes_nothing(made, sensor, tmp_path):
 
     with Drifted(sensor, made, path, Interrupted) as strip:
         with pytest.raises(KeyboardInterrupt):
-            rezero(strip.setup, made)
+            rezero(strip.bench, made)
         assert strip.uses == checksum(list(made.lines))
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == ["a.toml"]
@@ -427,7 +426,7 @@ def test_an_interrupt_while_the_board_is_written_leaves_file_and_board(
     path = tmp_path / "a.toml"
     file.save(made, path)
     with Drifted(sensor, made, path) as strip:
-        new = rezero(strip.setup, made)
+        new = rezero(strip.bench, made)
         command, sent = strip.board.command, []
 
         def cut(line, *words, **options):
@@ -440,7 +439,7 @@ def test_an_interrupt_while_the_board_is_written_leaves_file_and_board(
 
         monkeypatch.setattr(strip.board, "command", cut)
         with pytest.raises(KeyboardInterrupt):
-            use(strip.setup, made, new)
+            use(strip.bench, made, new)
         monkeypatch.undo()
         assert strip.uses == checksum(list(made.lines))
         strip.board.command("reboot")
@@ -455,7 +454,7 @@ def test_a_power_cut_in_the_upload_leaves_the_old_calibration_or_the_new_one(
     made, sensor, tmp_path, lines
 ):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        new = rezero(strip.setup, made)
+        new = rezero(strip.bench, made)
         if lines is None:
             upload(strip.board, new.lines)
             strip.board.command("save")
@@ -471,9 +470,9 @@ def test_a_power_cut_in_the_upload_leaves_the_old_calibration_or_the_new_one(
 
 def test_a_file_that_cannot_be_written_leaves_the_board(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "nowhere" / "a.toml") as strip:
-        new = rezero(strip.setup, made)
+        new = rezero(strip.bench, made)
         with pytest.raises(SpotsError, match="there is no folder"):
-            use(strip.setup, made, new)
+            use(strip.bench, made, new)
         assert strip.uses == checksum(list(made.lines))
 
 
@@ -486,14 +485,14 @@ def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
         Drifted(sensor, bare, tmp_path / "a.toml") as strip,
         pytest.raises(SpotsError, match=r"a\.toml has no \[marks\].*calibrate again"),
     ):
-        rezero(strip.setup, bare)
+        rezero(strip.bench, bare)
 
 
 def test_other_settings_are_refused(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        strip.setup.reader.set_up("gain=8")
+        strip.bench.reader.set_up("gain=8")
         with pytest.raises(SpotsError, match=r"a\.toml: .*made at gain=9 "):
-            rezero(strip.setup, made)
+            rezero(strip.bench, made)
 
 
 def test_another_board_is_refused(made, full, capsys, tmp_path):
@@ -538,7 +537,7 @@ def named(sensor, *, marks=3, **keys):
 
 
 @pytest.mark.parametrize("name", ["default", "long_200mm", "steep_150mm"])
-def test_drift_is_named_as_far_as_it_can_be_told(name):
+def test_the_causes_of_a_drift_are_named(name):
     sensor = load(SensorFile, name)
     assert named(sensor) == "no drift"
     assert named(sensor, light_percent=10) == "no drift"

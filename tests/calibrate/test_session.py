@@ -19,11 +19,12 @@ from sensors import replaced
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
-from spots.calibrate import steps as guided
+from spots.calibrate import steps
+from spots.calibrate.bench import Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
-from spots.calibrate.presser import PersonPresser
+from spots.calibrate.presser import Presser
 from spots.calibrate.presses import FULL_MN
 from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
@@ -114,7 +115,7 @@ def test_touches_on_the_stretched_strip_are_where_they_are(sensor, full):
         assert np.all(abs(np.reshape(errors_um, (3, -1)).mean(axis=0)) < 100)
 
 
-def test_the_file_tells_what_was_measured(sensor, full):
+def test_the_file_has_the_measured_residuals_and_joint(sensor, full):
     made = file.load(full.out)
     assert [r.strain_ppm for r in made.residuals] == [0, STRAIN_PPM]
     assert all(0 < r.position_rms_um < 50 for r in made.residuals)
@@ -239,23 +240,23 @@ def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
         assert len(angles) == len(set(angles)) == 5
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_session_that_broke_off_still_knows_how_long_the_strip_is(full, sensor, tmp_path, told):
+@pytest.mark.parametrize("has_length", [True, False])
+def test_an_interrupted_session_has_the_length_of_the_strip(full, sensor, tmp_path, has_length):
     path = tmp_path / "a.jsonl"
     length_um = 1000 * sensor.length_mm
     lines = full.session.read_bytes().splitlines(keepends=True)
-    if not told:  # as older programs wrote them
+    if not has_length:  # as older programs wrote them
         lines = [re.sub(rb'"length_um":[0-9.]+,', b"", line) for line in lines]
     kinds = [json.loads(line)["kind"] for line in lines]
     assert Session(full.session).length_um == length_um
     path.write_bytes(b"".join(lines[: kinds.index("position") + 14]))
     cut = Session(path)
-    assert cut.length_um == (length_um if told else None)
-    if told:
-        assert "calibrate position" in guided._missing(cut)
+    assert cut.length_um == (length_um if has_length else None)
+    if has_length:
+        assert "calibrate position" in steps.missing_step(cut)
     path.write_bytes(b"".join(lines[: kinds.index("force") + 1]))
     assert Session(path).length_um == length_um
-    assert "calibrate force" in guided._missing(Session(path))
+    assert "calibrate force" in steps.missing_step(Session(path))
 
 
 def test_more_places_add_to_those_there_are(full, tmp_path):
@@ -326,7 +327,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
     made = session.conditions
     for name, value, says in (
         ("board", "0123", f"belongs to board {made.board}, this is 0123"),
-        ("plan", ("F1", *made.plan[1:]), "made at other settings: bring them back with 'spots com"),
+        ("plan", ("F1", *made.plan[1:]), "made at other settings: restore them with 'spots com"),
         ("gain", 4, "set plan=F3,F4,F5,F6,F7,F8 gain=9"),
         ("exposure_us", 20_000, "exposure_us=10000"),
     ):
@@ -411,11 +412,10 @@ MISTAKES = [
 
 
 def session_of(stage, presser, path, guide, kind="position", **options):
-    setup = guided.Setup(
-        stage.reader, presser, guide, Session(path), stage.length_um, path.with_suffix(".toml")
-    )
+    bench = Bench(stage.reader, presser, guide, stage.length_um, path.with_suffix(".toml"))
     options = argparse.Namespace(**{"plan": "F3,F4,F5,F6,F7,F8", "keep_settings": True, **options})
-    guided.calibrate(setup, kind, {"position": 17, "force": 16, "joint": 5}[kind], None, options)
+    count = {"position": 17, "force": 16, "joint": 5}[kind]
+    steps.calibrate(bench, Session(path), kind, count, None, options)
 
 
 def guide():
@@ -461,7 +461,7 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     shown, _ = guide()
     with Stage(clear, seed=2) as stage:
         session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
-        with pytest.raises(SpotsError, match=r"not monotone|too noisy"):
+        with pytest.raises(SpotsError, match=r"does not change in one direction|too noisy"):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
         assert stage.board.command("hello")["calibration"] is None
     assert not (tmp_path / "a.toml").exists()
@@ -501,7 +501,7 @@ def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(
         for name, value, says in (
             ("board ", "board 0123", "made on board 0123"),
             ("made ", "made 8 10000 20", "made at gain=8"),
-            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with plan=F1,"),
+            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with plan=F1"),
         ):
             lines = [value if line.startswith(name) else line for line in touched.made.lines]
             foreign = msgspec.structs.replace(touched.made, lines=tuple(lines))
@@ -547,10 +547,10 @@ def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
     with Stage(sensor, seed=4) as stage:
         person = Person(stage.held, sensor)
         shown = Guide(Console(file=person, width=200), stdin=person)
-        presser = PersonPresser(shown)
+        presser = Presser(shown)
         for kind in ("position", "force"):
             session_of(stage, presser, path, shown, kind)
-        assert "'nonsense' is not a number that fits" in person.getvalue()
+        assert "'nonsense' is not valid: type a number from" in person.getvalue()
         stage.held.press = None
         session_of(stage, presser, path, shown, "joint")
     made = file.load(path.with_suffix(".toml"))
@@ -562,18 +562,15 @@ def test_a_least_force_in_grams_is_asked_again():
     out = io.StringIO()
     shown = Guide(Console(file=out, width=200), stdin=io.StringIO("20\n11,3\nnan\n0,2\n"))
     wanted = Wanted(kind="force", place_um=76_500, force_mN=FULL_MN)
-    assert PersonPresser(shown).least_mN(wanted, None) == pytest.approx(210)
+    assert Presser(shown).least_mN(wanted, None) == pytest.approx(200)
     for answer in ("20", "11,3", "nan"):
-        assert (
-            f"'{answer}' is not a number that fits: type one such as 1.5, at most 6"
-            in out.getvalue()
-        )
+        assert f"'{answer}' is not valid: type a number from 0.01 to 6" in out.getvalue()
 
 
-def test_nobody_there_is_said(sensor, tmp_path):
+def test_a_closed_standard_input_is_an_error(sensor, tmp_path):
     with Stage(sensor) as stage:
         shown = Guide(Console(file=io.StringIO()), stdin=io.StringIO())
-        presser = PersonPresser(shown)
+        presser = Presser(shown)
         presser.release = lambda: None
         with pytest.raises(SpotsError, match="standard input is closed"):
             session_of(stage, presser, tmp_path / "a.jsonl", shown, "force")
@@ -624,7 +621,7 @@ def agree(calibration, counts, dark, position_um, force_mN):
 
 
 @pytest.mark.parametrize("strain_ppm", [0, STRAIN_PPM])
-def test_the_integers_tell_what_float64_tells(sensor, full, strain_ppm):
+def test_the_integers_agree_with_float64(sensor, full, strain_ppm):
     made = file.load(full.out)
     calibration = Calibration(made.lines, strain_ppm)
     bound = Bound(sensor, made.plan, made.gain, made.exposure_us, made.led_mA)
@@ -646,7 +643,7 @@ def test_the_integers_tell_what_float64_tells(sensor, full, strain_ppm):
     assert decoded > 2300
 
 
-def test_the_board_tells_what_float64_tells(sensor, full):
+def test_the_board_agrees_with_float64(sensor, full):
     with Touched(sensor, full.out) as touched:
         calibration = Calibration(touched.made.lines)
         dark = np.array(touched.board.command("get")["dark"]) / (DARK_SAMPLES / 4)
@@ -656,8 +653,8 @@ def test_the_board_tells_what_float64_tells(sensor, full):
                     if not touch.touching:  # and so without a place
                         continue
                     assert touch.force_mN
-                    told = touch.position_um, touch.force_mN
-                    assert agree(calibration, spectrum.counts, dark, *told)
+                    found = touch.position_um, touch.force_mN
+                    assert agree(calibration, spectrum.counts, dark, *found)
 
 
 def test_the_session_file_holds_all_raw_material(full):

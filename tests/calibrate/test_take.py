@@ -2,15 +2,17 @@
 
 import dataclasses
 import io
+from pathlib import Path
 
+import msgspec
 import pytest
 from rich.console import Console
 
 from spots import SpotsError
+from spots.calibrate.bench import BadPressError, Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
-from spots.calibrate.take import BadPressError, Taker
 from spots_sim.scenario import Press
 from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
@@ -26,10 +28,11 @@ def stage(sensor):
 
 
 @pytest.fixture
-def taker(stage):
-    """A taker, and what it says."""
+def bench(stage):
+    """A bench, and what it prints."""
     said = io.StringIO()
-    made = Taker(stage.reader, StagePresser(stage), Guide(Console(file=said, width=200)))
+    guide = Guide(Console(file=said, width=200))
+    made = Bench(stage.reader, StagePresser(stage), guide, stage.length_um, Path("a.toml"))
     made.said = said.getvalue
     return made
 
@@ -43,7 +46,7 @@ def test_a_board_that_averages_is_read_sample_by_sample_and_averages_again(stage
     reader = SpectrumReader(stage.board)
     stage.held.press = PRESS
     assert reader.read(200).variance.sum() == pytest.approx(expected, rel=0.3)
-    reader.give_back()
+    reader.restore()
     assert stage.board.command("get")["average"] == 8
 
 
@@ -61,7 +64,7 @@ def test_channels_that_are_lit_have_their_noise_beside_a_dark_one(stage):
     assert (variance[1:] > 0.05).all()
 
 
-def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, taker):
+def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, bench):
     read = stage.reader.read
 
     def dim(count):
@@ -70,14 +73,14 @@ def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, taker):
 
     stage.reader.read = dim
     wanted = Wanted(kind="choose", place_um=60_000.0, force_mN=6000.0)
-    assert taker.take(wanted, as_it_is=True).dark
-    assert "press again" not in taker.said()
+    assert bench.take(wanted).dark
+    assert "press again" not in bench.said()
     with pytest.raises(SpotsError, match="too dark"):
-        taker.take(wanted)
+        bench.take(msgspec.structs.replace(wanted, kind="position"))
 
 
-def test_a_joint_whose_press_is_refused_is_not_asked_to_be_let_go(taker):
-    taker.release = lambda: pytest.fail("let go")
+def test_a_joint_whose_press_is_refused_need_not_be_released(bench):
+    bench.release = lambda: pytest.fail("the joint was asked to release the strip")
     tries = []
 
     def judge(reading):
@@ -86,5 +89,5 @@ def test_a_joint_whose_press_is_refused_is_not_asked_to_be_let_go(taker):
             raise BadPressError("a channel is saturated")
 
     wanted = Wanted(kind="joint", place_um=40_000.0, force_mN=3000.0, angle_deg=4.0)
-    taker.take(wanted, judge)
-    assert taker.said().count("press again") == 2
+    bench.take(wanted, judge=judge)
+    assert bench.said().count("press again") == 2

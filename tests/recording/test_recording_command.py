@@ -133,8 +133,9 @@ def test_a_calibration_file_has_to_be_that_of_the_board(fast, tmp_path, capsys):
 def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_path, capsys):
     fast.calibration = None
     made = Conditions(fast.info["id"], tuple(fast.info["plan"]), 9, 10_000, 20)
-    residuals = [file.Residual(strain_ppm=0, position_rms_um=1.0, presses=1)]
-    file.save(file.CalibrationFile.now(made, calibration, residuals), tmp_path / "mine.toml")
+    lines = tuple(calibration)
+    mine = file.CalibrationFile(date=file.now(), **made._asdict(), lines=lines)
+    file.save(mine, tmp_path / "mine.toml")
     arguments = ["--seconds", "0.1", "--calibration", tmp_path / "mine.toml"]
     assert cli.main(["record", *map(str, [tmp_path / "a.spots", *arguments])]) == 0
     assert replayed(tmp_path / "a.spots")[1].header.calibration == calibration

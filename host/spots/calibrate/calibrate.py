@@ -1,4 +1,4 @@
-"""``spots calibrate``: guided sessions for position, force, strain and joint, on any board."""
+"""``spots calibrate``: guided sessions for position, force, strain and joint."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ from pathlib import Path
 from ..errors import SpotsError
 from ..link.connect import open
 from ..link.ports import offered
+from .bench import Bench
+from .calibration_file import CalibrationFile
 from .guide import Guide
-from .presser import PersonPresser
+from .presser import Presser
 from .session import Session
 from .spectra import SpectrumReader
-from .steps import COUNTS, LEAST_COUNTS, Setup, calibrate
+from .steps import COUNTS, calibrate
 
 _LENGTH_MM = 85.0
 
 
 def calibrate_command(options: argparse.Namespace) -> None:
     """Run ``spots calibrate`` with the options that `cli` parsed."""
-    count = COUNTS[options.kind] if options.places is None else options.places
-    if count < LEAST_COUNTS[options.kind]:
-        raise SpotsError(f"--places: {options.kind} needs {LEAST_COUNTS[options.kind]} or more")
+    usual, least = COUNTS[options.kind]
+    count = usual if options.places is None else options.places
+    if count < least:
+        raise SpotsError(f"--places: {options.kind} needs {least} or more")
     if (options.kind == "strain") != (options.strain_percent is not None):
         raise SpotsError("give --strain-percent with 'strain', and only there")
     session = Session(Path(options.session))
@@ -33,48 +36,48 @@ def calibrate_command(options: argparse.Namespace) -> None:
             f"the calibration would replace the session {session.path}: name another file with "
             "--out"
         )
-    with opened(options, session, out, Guide()) as setup:
-        calibrate(setup, options.kind, count, options.strain_percent, options)
+    with opened(options, session, out) as bench:
+        calibrate(bench, session, options.kind, count, options.strain_percent, options)
 
 
 @contextmanager
-def opened(options: argparse.Namespace, made, out: Path, guide: Guide) -> Iterator[Setup]:
-    """Open the board that options name, with whoever presses its strip.
+def opened(
+    options: argparse.Namespace, made: Session | CalibrationFile, path: Path
+) -> Iterator[Bench]:
+    """Open the board that the options name, with the person or machine that presses its strip.
 
     Parameters
     ----------
     options : argparse.Namespace
+        ``port``; ``length_mm``: length of the strip, or None; options of a simulator.
     made : Session or CalibrationFile
-        What the board was calibrated with: ``conditions`` and ``length_um``.
-    out : Path
-    guide : Guide
+        Presses or calibration of the strip.
+    path : Path
+        Calibration file of the strip.
 
     Yields
     ------
-    Setup
-        Board, presser and session; the board is closed at the end.
+    Bench
+        The board is closed on exit.
 
     Raises
     ------
     SpotsError
-        If a file is wrong, or the board cannot be opened.
+        If a file is invalid, or the board cannot be opened.
     """
     with ExitStack() as stack:
         set_up = offered(options.port, "calibration_setup") or _by_hand
-        setup = set_up(options, made, out, guide)
-        stack.enter_context(setup.reader.board)
-        stack.enter_context(guide)
-        stack.callback(_give_back, setup.reader)
-        yield setup
+        bench = set_up(options, made, path, Guide())
+        stack.enter_context(bench.reader.board)
+        stack.enter_context(bench.guide)
+        try:
+            yield bench
+        finally:
+            with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
+                bench.reader.restore()
 
 
-def _give_back(reader: SpectrumReader) -> None:
-    with suppress(SpotsError):  # the error of a lost board is reported elsewhere
-        reader.give_back()
-
-
-def _by_hand(options, session: Session, out: Path, guide: Guide) -> Setup:
+def _by_hand(options, made: Session | CalibrationFile, path: Path, guide: Guide) -> Bench:
     reader = SpectrumReader(open(options.port))
-    given_um = options.length_mm and 1000 * options.length_mm
-    length_um = given_um or session.length_um or 1000 * _LENGTH_MM
-    return Setup(reader, PersonPresser(guide), guide, session, length_um, out)
+    length_um = 1000 * (options.length_mm or 0) or made.length_um or 1000 * _LENGTH_MM
+    return Bench(reader, Presser(guide), guide, length_um, path)

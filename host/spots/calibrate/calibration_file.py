@@ -1,7 +1,7 @@
-"""The calibration file: the board's lines, their residuals, and what they were made with.
+"""The calibration file: the calibration lines of a board, their residuals, marks and re-zeros.
 
-TOML, readable by people. A CRC-32 of all text before the section ``[end]`` detects a file that was
-cut short or changed.
+The file is TOML. The section ``[end]`` has a CRC-32 of all text before it, so that `load` detects a
+file that was cut short or changed.
 """
 
 from __future__ import annotations
@@ -27,6 +27,17 @@ from .session import Six
 VERSION = 1
 _END = "[end]\n"
 _AGAIN = "copy it again, or run 'spots calibrate' with its session to make it again"
+_HEAD = f"""\
+# The calibration of one SPOTS board, made by 'spots calibrate'.
+version = {VERSION}
+"""
+_COMMENTS = {
+    "lines": "# What the board is given, see docs/protocol.md.",
+    "original": "# As calibrated, before any re-zero.",
+    "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
+    "marks": "# log2 of the counts of presses that 'spots rezero' repeats.",
+    "joint_marks": "# The same, of stops of the joint: 'spots rezero --joint'.",
+}
 
 
 class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -34,16 +45,16 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Residual(_Struct, kw_only=True):
-    """How far the calibrated board is off at the presses that it was calibrated with.
+    """Error of the calibrated board at the presses of the calibration.
 
     Attributes
     ----------
     strain_ppm : int
-        Elongation over length at rest, in millionths.
+        Strain of the strip: elongation over length at rest, in ppm.
     position_rms_um : float
         Root mean square error of the position, in um.
     force_rms_mN : float or None
-        None for a stretched strip: forces are varied at rest only.
+        Root mean square error of the force, in mN; None for a stretched strip.
     presses : int
         Number of presses.
     """
@@ -55,22 +66,25 @@ class Residual(_Struct, kw_only=True):
 
 
 class Joint(_Struct, kw_only=True):
-    """A joint that moves an indenter along the strip: angle = zero + deg_per_um * position.
+    """A joint that moves an indenter along the strip: angle = zero_deg + deg_per_um * position.
 
     Attributes
     ----------
-    zero_deg, deg_per_um : float
+    zero_deg : float
+        Angle at position 0, in degrees.
+    deg_per_um : float
+        Slope of the line, in degrees per um.
     r2 : float
-        R squared of the straight line.
+        R squared of the line.
     resolution_deg : float
-        Standard deviation of a reading at rest.
+        Standard deviation of a reading at rest, in degrees.
     accuracy_deg : float
-        Mean absolute error at angles that the line was not made with.
+        Mean absolute error in degrees, at angles that were not used for the line.
     backlash_deg : float
-        Between the two directions.
+        Mean difference between the two directions, in degrees.
     low, high : tuple of (float, float) or None
-        The lowest and the highest position (um) that it was turned through, and the standard
-        deviation (degrees) of a reading there; between the two its logarithm is a straight line.
+        Lowest and highest calibrated position in um, each with the standard deviation of a reading
+        there in degrees. Between them its logarithm is linear in the position.
     """
 
     zero_deg: float
@@ -89,13 +103,13 @@ class Marks(_Struct, kw_only=True):
     Attributes
     ----------
     place_um : tuple of float, length 3
-        Distance of each mark from the sensor's end, ascending.
+        Distances of the marks from the sensor's end in um, ascending.
     force_mN : float
-        Force of each press; 0 for a joint, whose indenter always presses.
-    logs : tuple, shape (3, 6)
-        log2 of each channel's dark-subtracted counts.
+        Force of each press in mN; 0 for a joint, whose indenter always presses.
+    logs : tuple of tuple of float, shape (3, 6)
+        log2 of the dark-subtracted counts, by mark and channel.
     angle_deg : tuple of float, length 3, or None
-        Angles at which a joint presses the marks.
+        Angles of the joint at the marks, in degrees; None for marks that a person presses.
     """
 
     place_um: tuple[float, float, float]
@@ -105,14 +119,16 @@ class Marks(_Struct, kw_only=True):
 
 
 class Rezero(_Struct, kw_only=True):
-    """A re-zero: what the marks' logs had become, less what they were.
+    """Result of a re-zero.
 
     Attributes
     ----------
     date : datetime
-        UTC.
-    place_um : tuple of float
-    shifts : tuple, shape (n, 6)
+        Date and time in UTC.
+    place_um : tuple of float, length n
+        Distances of the n pressed marks from the sensor's end, in um.
+    shifts : tuple of tuple of float, shape (n, 6)
+        log2 of the counts at the re-zero minus log2 at the calibration, by mark and channel.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
     """
@@ -124,26 +140,28 @@ class Rezero(_Struct, kw_only=True):
 
 
 class CalibrationFile(_Struct, kw_only=True):
-    """A calibration, as the file holds it.
+    """Content of a calibration file.
 
     Attributes
     ----------
     date : datetime
-        UTC.
+        Date and time of the calibration in UTC.
     board, plan, gain, exposure_us, led_mA
-        See `spots_device.calibration.Conditions`.
-    residuals : list of Residual
-        One for each strain.
-    joint : Joint or None
+        Board and settings of the calibration, see `spots_device.calibration.Conditions`.
     lines : tuple of str
-        The board's, see `spots_device.calibration`.
-    marks : Marks or None
-    joint_marks : Marks or None
-        End stops and a middle stop of the joint.
-    rezeros : list of Rezero
-        The last one gave `lines`.
+        Calibration lines for the board, see `spots_device.calibration`.
     original : tuple of str
-        Lines as calibrated; empty before the first re-zero.
+        Lines before the first re-zero; empty without a re-zero.
+    residuals : list of Residual
+        Errors at the presses of the calibration, one entry for each strain.
+    joint : Joint or None
+        Calibration of the joint; None without a joint.
+    marks : Marks or None
+        Marks for ``spots rezero``; None in files of older versions.
+    joint_marks : Marks or None
+        End stops and a middle stop of the joint; None without a joint.
+    rezeros : list of Rezero
+        All re-zeros, oldest first. The last one has changed `lines`.
     """
 
     date: datetime
@@ -152,82 +170,57 @@ class CalibrationFile(_Struct, kw_only=True):
     gain: int
     exposure_us: int
     led_mA: int
+    lines: tuple[str, ...]
+    original: tuple[str, ...] = ()
     residuals: list[Residual] = []
     joint: Joint | None = None
-    lines: tuple[str, ...]
     marks: Marks | None = None
     joint_marks: Marks | None = None
     rezeros: list[Rezero] = []
-    original: tuple[str, ...] = ()
 
     @property
     def length_um(self) -> float:
-        """Length of the strip at rest."""
+        """Length of the strip at rest, in um."""
         return Calibration(self.lines).length_um
 
     @property
     def conditions(self) -> Conditions:
-        """What it was made with."""
+        """Board and settings of the calibration."""
         return Conditions(self.board, self.plan, self.gain, self.exposure_us, self.led_mA)
-
-    @classmethod
-    def now(cls, conditions: Conditions, lines, residuals, joint=None, **others):
-        """Return a calibration dated now.
-
-        Parameters
-        ----------
-        conditions : Conditions
-            What it was made with.
-        lines : iterable of str
-            The board's.
-        residuals : list of Residual
-        joint : Joint, optional
-        **others
-            Any of `marks` and `joint_marks`.
-
-        Returns
-        -------
-        CalibrationFile
-        """
-        return cls(
-            date=now(),
-            **conditions._asdict(),
-            residuals=residuals,
-            joint=joint,
-            lines=tuple(lines),
-            **others,
-        )
 
 
 def now() -> datetime:
-    """Return the time as files have it: UTC, in whole seconds."""
+    """Return the time in UTC, in whole seconds."""
     return datetime.now(timezone.utc).replace(microsecond=0)
 
 
 def save(calibration: CalibrationFile, path: Path) -> None:
-    """Write or replace a file, atomically.
+    """Create or replace a calibration file atomically.
 
     Parameters
     ----------
     calibration : CalibrationFile
+        Content of the file.
     path : Path
+        Name of the file.
 
     Raises
     ------
     SpotsError
-        If it cannot be written.
+        If the file cannot be written. An existing file is unchanged.
     """
     text = _text(calibration)
     atomic.write_text(f'{text}{_END}crc32 = "{_crc32(text)}"\n', path)
 
 
 def load(path: Path) -> CalibrationFile:
-    """Read a file and check it.
+    """Read a calibration file and validate its content.
 
     Raises
     ------
     SpotsError
-        If it does not exist, is cut short, changed, of another version, or not a calibration.
+        If the file cannot be read, is cut short or was changed, has another version, or has no
+        valid calibration.
     """
     try:
         text = read_text(path)
@@ -246,9 +239,9 @@ def load(path: Path) -> CalibrationFile:
             f"{path} is of version {version[1]}, this program reads {VERSION}: update whichever "
             "is older"
         )
-    body, end, tail = text.partition(_END)
+    body, _, tail = text.partition(_END)
     found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
-    if not end or (found is None and len(tail) < len('crc32 = "00000000"')):
+    if found is None and len(tail) < len('crc32 = "00000000"'):
         raise SpotsError(f"{path} is cut short: {_AGAIN}")
     if found is None or found[1] != _crc32(body):
         raise SpotsError(f"{path} was changed after it was written, the checksum differs: {_AGAIN}")
@@ -261,17 +254,19 @@ def send(board: Board, calibration: CalibrationFile) -> str:
     Parameters
     ----------
     board : Board
+        The board; its settings must be those of the calibration.
     calibration : CalibrationFile
+        The calibration to upload.
 
     Returns
     -------
     str
-        The calibration's name, as ``hello`` reports it.
+        Name of the calibration, as ``hello`` reports it.
 
     Raises
     ------
     SpotsError
-        If it was made on another board or at other settings; the board is then unchanged.
+        If the calibration was made on another board or at other settings. The board is unchanged.
     """
     upload(board, calibration.lines)
     board.command("save")
@@ -299,41 +294,28 @@ def _checked(path: Path, body: str) -> CalibrationFile:
 
 
 def _text(calibration: CalibrationFile) -> str:
-    fields = msgspec.to_builtins(calibration)
-    date, lines, original = map(fields.pop, ("date", "lines", "original"))
-    tables = "residuals", "joint", "marks", "joint_marks", "rezeros"
-    residuals, joint, marks, joint_marks, rezeros = map(fields.pop, tables)
-    rows = [
-        "# The calibration of one SPOTS board, made by 'spots calibrate'.",
-        f"version = {VERSION}",
-        f"date = {date}",
-        *_keys(fields),
-        "# What the board is given, see docs/protocol.md.",
-        "lines = [",
-        *_quoted(lines),
+    """Return the file without its section ``[end]``."""
+    rows = []
+    for name, value in msgspec.to_builtins(calibration).items():
+        if not value and name in _COMMENTS:
+            continue
+        comment = [_COMMENTS[name]] if name in _COMMENTS else []
+        if name in ("lines", "original"):
+            rows += [*comment, f"{name} = [", *(f"  {json.dumps(line)}," for line in value), "]"]
+        elif name in ("residuals", "rezeros"):
+            for table in value:
+                rows += ["", f"[[{name}]]", *_pairs(table)]
+        elif isinstance(value, dict):
+            rows += ["", *comment, f"[{name}]", *_pairs(value)]
+        else:
+            rows += _pairs({name: value})
+    return _HEAD + "\n".join([*rows, "", ""])
+
+
+def _pairs(fields: dict) -> list[str]:
+    # JSON's numbers, strings and lists are also TOML; a date stands without quotes.
+    return [
+        f"{name} = {value if name == 'date' else json.dumps(value)}"
+        for name, value in fields.items()
+        if value is not None
     ]
-    if original:
-        rows += ["# As calibrated, before any re-zero.", "original = [", *_quoted(original)]
-    for residual in residuals:
-        rows += ["", "[[residuals]]", *_keys(residual)]
-    if joint is not None:
-        rows += ["", "# angle in degrees = zero_deg + deg_per_um * position in um"]
-        rows += ["[joint]", *_keys(joint)]
-    if marks is not None:
-        rows += ["", "# log2 of the counts of presses that 'spots rezero' repeats."]
-        rows += ["[marks]", *_keys(marks)]
-    if joint_marks is not None:
-        rows += ["", "# The same, of stops of the joint: 'spots rezero --joint'."]
-        rows += ["[joint_marks]", *_keys(joint_marks)]
-    for rezero in rezeros:
-        rows += ["", "[[rezeros]]", f"date = {rezero.pop('date')}", *_keys(rezero)]
-    return "\n".join([*rows, "", ""])
-
-
-def _quoted(lines: list[str]) -> list[str]:
-    return [*(f"  {json.dumps(line)}," for line in lines), "]"]
-
-
-def _keys(fields: dict) -> list[str]:
-    # What JSON writes of a number, a text or a list is TOML, too.
-    return [f"{name} = {json.dumps(value)}" for name, value in fields.items() if value is not None]

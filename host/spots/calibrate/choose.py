@@ -1,7 +1,7 @@
-"""Which six of the nine diodes resolve positions best, from two passes along the strip.
+"""Chooses the six of nine diodes that resolve positions best, from two passes along the strip.
 
-The board reads six diodes at a time. Two passes that share some read all nine; what the shared
-ones differ by is how much harder the second pass was pressed.
+The board reads six diodes at a time, so two passes that share three diodes read all nine. The
+difference of the shared diodes is the difference of the force between the passes.
 """
 
 from __future__ import annotations
@@ -10,29 +10,32 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import Chebyshev
+
+from spots_device.settings import DEFAULT_PLAN
 
 from ..errors import SpotsError
+from .fit import Curves
 from .presses import Noise, Presses
 
 DIODES = ("F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8", "CLEAR")
-_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 _DEGREE = 4
-_FULLEST = 0.95  # of full scale, that a channel may reach
-_WORTH = 0.03  # a new plan that is not so much better is not worth it
+_FULLEST = 0.95  # largest usable count as a share of full scale
+_WORTH = 0.03  # least relative improvement that is worth a new plan
 _PLACES = 41
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A plan, and the mean over the strip of the least reachable position sigma of a sample.
+    """The best plan, and its expected noise of the position.
 
     Attributes
     ----------
     plan : tuple of str
+        Names of the six channels.
     sigma_um : float
+        Least standard deviation of the position of one sample in um, the mean over the strip.
     present_sigma_um : float
-        The same sigma of the plan of the first pass; infinite if a channel is not usable.
+        The same for the plan of the first pass; infinite if one of its channels is not usable.
     """
 
     plan: tuple[str, ...]
@@ -41,11 +44,11 @@ class Choice:
 
 
 def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return two plans that share three diodes and have all nine: first the present one.
+    """Return two plans that share three diodes and together have all nine.
 
-    A present plan with another diode than these nine is replaced by the usual one.
+    The first plan is the present one, or the usual one if the present one has another diode.
     """
-    first = present if set(present) <= set(DIODES) else _PLAN
+    first = present if set(present) <= set(DIODES) else DEFAULT_PLAN
     others = [diode for diode in DIODES if diode not in first]
     return first, tuple(others) + first[::2]
 
@@ -56,16 +59,16 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     Parameters
     ----------
     plans : pair of tuple of str
-        See `passes`.
+        Plans of the two passes, see `passes`.
     measured : pair of Presses
         Readings of the two passes: the same places with one firm force, and one full press.
     full_scale : float
-        Largest count.
+        Largest count of a channel.
 
     Returns
     -------
     Choice
-        The plan, and what it is expected to give.
+        The plan, and its expected noise.
 
     Raises
     ------
@@ -78,16 +81,11 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
             f"only {len(usable)} channels are neither dark nor clipped: run without "
             "--keep-settings, or set gain and LED current, and begin another session"
         )
-    noise = Noise.of(
-        *(
-            presses.channels([i for i, diode in enumerate(plan) if diode in usable])
-            for plan, presses in zip(plans, measured)
-        )
-    )
-    x_um = np.linspace(places_um.min(), places_um.max(), _PLACES)
-    curves = [Chebyshev.fit(places_um, column, _DEGREE) for column in logs.T]
-    slopes = np.stack([curve.deriv()(x_um) for curve in curves], axis=1)
-    variance = noise.log_variance(2.0 ** np.stack([curve(x_um) for curve in curves], axis=1))
+    used = [np.isin(plan, usable) for plan in plans]
+    noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
+    curves = Curves(places_um, logs, _DEGREE)
+    x_um = np.linspace(*curves.ends_um, _PLACES)
+    slopes, variance = curves.slopes(x_um), noise.log_variance(2.0 ** curves.logs(x_um))
 
     def sigma_um(plan) -> float:
         columns = [usable.index(diode) for diode in plan]
@@ -101,7 +99,7 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Return the usable diodes, the places, and log2 of their counts as if in one pass."""
+    """Return the usable diodes, the places, and log2 of the counts as if read in one pass."""
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {
         diode
@@ -123,7 +121,7 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the least sigma of the position at each place; the brightness is unknown."""
+    """Return the least standard deviation of the position at each place; brightness is unknown."""
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)
     return np.sqrt(a / (a * c - b**2))

@@ -1,4 +1,4 @@
-"""``spots dark``: the dark frame of an LED that is always on, taken while it is unplugged."""
+"""``spots dark``: takes the dark frame of an LED that is always on, while a person unplugs it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..link.connect import open_named
 from .guide import Guide
 
 _TIMEOUT_S = 60.0
-_MOST = 0.05  # of full scale: more is light of the LED or of the room
+_MOST = 0.05  # largest dark count as a share of full scale; more is light
 
 
 def dark_command(options: argparse.Namespace) -> None:
@@ -26,23 +26,24 @@ def dark_command(options: argparse.Namespace) -> None:
 
 
 def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
-    """Have the LED unplugged, take the dark frame at the present settings, and store it.
+    """Ask a person to unplug the LED, take the dark frame, and store it on the board.
 
     Parameters
     ----------
     board : Board
+        Board whose LED is always on. The dark frame belongs to its present settings.
     ask : callable
-        ``ask(text)`` shows what to do and returns once it is done.
+        ``ask(text)`` shows a request and returns when it is done.
 
     Returns
     -------
     list of int
-        Six sums over `spots_device.decode.DARK_SAMPLES` samples.
+        Dark counts of the six channels, each the sum of `spots_device.decode.DARK_SAMPLES` samples.
 
     Raises
     ------
     SpotsError
-        If the board switches its LED itself, or is lost.
+        If the board switches its LED itself, or is disconnected.
     """
     state = board.command("get")
     if state["led"] != "always":

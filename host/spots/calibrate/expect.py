@@ -1,9 +1,9 @@
-"""From the lines of a calibration to the spectra that it expects of a press.
+"""Computes the spectra that a calibration expects of a press.
 
-A board needs three sums of logarithms: for the position, for the force, and for what one press
-cannot do. The lines give them at knots along the strip. Three sums do not fix six channels at
-one place; but each segment has weights of its own, and one smooth curve for each channel has to
-give the sums of all of them. A weak preference for straight curves decides what is left open.
+The calibration lines have three weighted sums of logarithms at knots along the strip: for the
+position, the force and the misfit. Three sums do not determine six channels at one place. But each
+segment has other weights, and one smooth curve for each channel must give the sums of all segments.
+A weak preference for straight curves determines the rest.
 """
 
 from __future__ import annotations
@@ -18,33 +18,34 @@ from spots_device.smux import CHANNELS
 _DEGREE = 7
 _PLACES = 65
 _ONE_Q12 = 1 << 12
-# How far off the sums are by rounding of places and values to integers, in log2 units.
+# Rounding errors of the sums, whose places and values are integers; in log2 units.
 _SUM_SIGMA, _MISFIT_SIGMA = 5e-5, 1e-4
-# How large the Chebyshev coefficient of degree n is expected to be: this over n squared.
+# Expected size of the Chebyshev coefficient of degree n, times n squared.
 _COEFFICIENT_SIGMA = 3.0
 
 
 def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the log2 counts that each channel should have, by the place of a press.
+    """Return the expected log2 of the counts of each channel along the strip.
 
     Parameters
     ----------
     lines : sequence of str
-        See `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.calibration`.
     strain_ppm : int
+        Strain of the strip: elongation over length at rest, in ppm.
 
     Returns
     -------
     position_um : numpy.ndarray, shape (n,)
-        Even steps along the strip.
+        Evenly spaced positions along the strip, in um.
     logs : numpy.ndarray, shape (n, 6)
-        log2 of the dark-subtracted counts, less the brightness that the board computes. In counts
-        good to 3 % of those of the brightest channel.
+        log2 of the dark-subtracted counts minus the brightness that the board computes. Errors are
+        at most 3 % of the counts of the brightest channel.
 
     Raises
     ------
     spots_device.calibration.CalibrationError
-        If the lines are not a calibration, or do not go up to that strain.
+        If the lines are not a calibration, or have no table for this strain.
     """
     made = Calibration(lines, strain_ppm)
     places = np.concatenate([segment.positions_um for segment in made.segments])

@@ -1,9 +1,9 @@
-"""From presses at known places and forces to the integers of a calibration.
+"""Fits a calibration to presses at known places and with known forces.
 
-Works in L_i = log2 of the dark-subtracted counts. Near any place, Eq. 1 of the paper makes them a
-straight line of position and logarithm of the light, and generalised least squares with the noise
-of each channel gives the best linear estimate of both: its two rows are the weights of that
-segment of the strip.
+L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper, near any place L_i is
+linear in the position and in the logarithm of the light. Generalised least squares with the noise
+of each channel gives the best linear estimate of both. The two rows of this estimate are the
+weights of a segment of the strip.
 """
 
 from __future__ import annotations
@@ -20,164 +20,157 @@ from .presses import Noise, Presses
 
 SEGMENTS = 5
 _KNOTS = 9  # of a segment
-_OVERLAP = 0.25  # of a segment, that its table reaches into its neighbours
-_CURVE_DEGREE = 7
+_OVERLAP = 0.25  # share of a segment by which its table reaches into the next segments
 _FORCE_KNOTS = 72
 _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # of the weights' absolute values
 PLACES_MIN = 12
 FORCES_MIN = 10
-# Where a touch begins: the position is good to this at the worst place of the strip.
+_NOISE_PLACES = 21
+# A touch begins at the least force with this standard deviation of the position, at every place.
 _TOUCH_SIGMA_UM = 500.0
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of what fits 31 bits, for bends and for strain
-_TOLERANCE_MIN = 12  # Q12; an LED cools by 1 or 2 K in a dark frame: 10 um on 85 mm
-_TOLERANCE_MAX = 600  # Q12; light so dim shows no second press anyway
+_TOLERANCE_MIN = 12  # Q12; the LED cools by 1 or 2 K in a dark frame: 10 um on 85 mm
+_TOLERANCE_MAX = 600  # Q12; dimmer light cannot show a second press
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
+ONE_Q12 = 1 << 12
 
 
 def fit(
     along: dict[int, Presses], pressed: Presses, noise: Noise, conditions: Conditions
 ) -> list[str]:
-    """Return the lines of a calibration, see `spots_device.calibration`.
+    """Fit a calibration and return its lines, see `spots_device.calibration`.
 
     Parameters
     ----------
     along : dict of int to Presses
-        Presses of one firm force along the whole strip, by strain in ppm; 0 must be among them.
-        Places are measured on the stretched strip.
+        Presses with one firm force along the whole strip, by strain in ppm. Strain 0 is required.
+        Places are measured on the stretched strip. All channels are lit, and none is saturated.
     pressed : Presses
-        Ascending forces, each at the same few places, at no strain.
+        Presses with different forces at a few places of the strip at rest. All places have the same
+        forces.
     noise : Noise
         Noise of the sensor at these conditions.
     conditions : Conditions
+        Board and settings of the presses.
 
     Returns
     -------
     list of str
+        Calibration lines for the board.
 
     Raises
     ------
     SpotsError
-        If the readings are too few, too dark, saturated or not monotone.
+        If the readings are too noisy or not monotone.
     """
-    _check(along[0], pressed)
-    curves = {strain: Curves(presses) for strain, presses in sorted(along.items())}
+    curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
     rest = curves[0]
-    coarse, _ = _weights(rest, noise, rest.x_um)
+    coarse, _ = _weights(rest, noise, rest.ends_um)
     test = _fit_weights(rest, noise)
     parts = [_weights(rest, noise, part) for part in _parts(rest)]
+    middle_um = float(np.mean(rest.ends_um))
+    firm = rest.logs(middle_um) @ _part_at(rest, parts, middle_um)[1] * _Q13_TO_Q20
+    forces, brightnesses = _force_table(rest, parts, pressed, firm)
     lines = [
         "board " + conditions.board,
         "plan " + " ".join(conditions.plan),
         f"made {conditions.gain} {conditions.exposure_us} {conditions.led_mA}",
         _statement("coarse", coarse),
         _statement("fit", test),
+        *(_statement("segment", [*position, *force]) for position, force in parts),
     ]
-    lines += [_statement("segment", [*position, *force]) for position, force in parts]
-    firm = rest.logs(_middle(rest)) @ _part_at(rest, parts, _middle(rest))[1] * _Q13_TO_Q20
-    blocks = []
-    for strain, curve in curves.items():
-        blocks.append(f"strain {strain}")
-        for (position, force), part in zip(parts, _parts(curve)):
-            blocks.append(f"from {round(float(curve.logs(part[0]) @ coarse) * _Q13_TO_Q20)}")
-            blocks += _knots(curve, part, position, force, test, firm)
-    forces, brightnesses = _force_table(rest, parts, pressed, firm)
-    begin = _touch_force_mN(rest, parts, noise, forces, brightnesses, firm)
+    dimmer = (brightnesses - firm) / ONE_Q20
+    sigma_um, sigma_misfit = _sigmas(rest, parts, test, noise, dimmer)
+    if sigma_um.min() > _TOUCH_SIGMA_UM:
+        raise SpotsError(
+            "the position is too noisy at every force: raise exposure, gain or LED current"
+        )
+    begin = round(float(forces[np.argmax(sigma_um <= _TOUCH_SIGMA_UM)]))
     end = max(round(_TOUCH_HYSTERESIS * begin), round(float(forces[0])) + 1)
     lines.append(f"touch {max(begin, end)} {end}")
-    tolerances = _tolerances(along[0], rest, noise, test, brightnesses, firm)
-    for knot in zip(brightnesses, forces, tolerances):
-        lines.append(_statement("f", knot))
-    return lines + blocks
+    # The largest misfit of a single press is added to the noise.
+    off = np.abs((along[0].logs - rest.logs(along[0].position_um)) @ test).max() / ONE_Q13
+    tolerances = 1 + (off + _MISFIT_SIGMAS * sigma_misfit) * ONE_Q12
+    tolerances = tolerances.clip(_TOLERANCE_MIN, _TOLERANCE_MAX)
+    lines += [_statement("f", knot) for knot in zip(brightnesses, forces, tolerances)]
+    for strain, curve in curves.items():
+        lines.append(f"strain {strain}")
+        for (position, force), part in zip(parts, _parts(curve)):
+            lines.append(f"from {round(float(curve.logs(part[0]) @ coarse) * _Q13_TO_Q20)}")
+            lines += _knots(curve, part, position, force, test, firm)
+    return lines
 
 
 class Curves:
     """log2 of the counts along the strip, smoothed channel by channel.
 
+    Parameters
+    ----------
+    position_um : numpy.ndarray, shape (n,)
+        Places of the presses in um from the sensor's end.
+    logs : numpy.ndarray, shape (n, c)
+        log2 of the dark-subtracted counts of c channels.
+    degree : int
+        Largest degree of the polynomials.
+
     Attributes
     ----------
-    x_um : numpy.ndarray
-        The two ends.
+    ends_um : numpy.ndarray, shape (2,)
+        The first and the last place.
     """
 
-    def __init__(self, along: Presses):
-        x = along.position_um
-        self.x_um = np.array([x.min(), x.max()])
-        degree = min(_CURVE_DEGREE, len(x) // 2)
-        self._curves = [Chebyshev.fit(x, log, degree) for log in along.logs.T]
-        self._slopes = [curve.deriv() for curve in self._curves]
+    def __init__(self, position_um: np.ndarray, logs: np.ndarray, degree: int = 7):
+        self.ends_um = np.array([position_um.min(), position_um.max()])
+        degree = min(degree, len(position_um) // 2)
+        self._curves = [Chebyshev.fit(position_um, log, degree) for log in logs.T]
 
     def logs(self, x_um) -> np.ndarray:
-        """Return L at places, shape (..., 6)."""
+        """Return log2 of the counts at places, shape (..., c)."""
         return np.stack([curve(np.asarray(x_um, float)) for curve in self._curves], axis=-1)
 
     def slopes(self, x_um) -> np.ndarray:
-        """Return dL/dx per um at places, shape (..., 6)."""
-        return np.stack([slope(np.asarray(x_um, float)) for slope in self._slopes], axis=-1)
-
-
-def _check(along: Presses, pressed: Presses) -> None:
-    if len(np.unique(along.position_um)) < PLACES_MIN:
-        raise SpotsError(f"a calibration needs presses at {PLACES_MIN} places or more")
-    if len(np.unique(pressed.force_mN)) < FORCES_MIN:
-        raise SpotsError(f"a calibration needs {FORCES_MIN} forces or more")
-    dark = (along.counts < 1).any(axis=1)
-    if dark.any():
-        where = along.position_um[dark][0] / 1000
-        raise SpotsError(f"the press at {where:g} mm is too dark: press harder, or raise the gain")
-    for presses in (along, pressed):
-        full = presses.saturated
-        if full.any():
-            where = presses.position_um[full][0] / 1000
-            raise SpotsError(
-                f"the press at {where:g} mm is saturated: run 'auto', or lower the gain"
-            )
+        """Return the derivative of log2 of the counts per um at places, shape (..., c)."""
+        return np.stack([curve.deriv()(x_um) for curve in self._curves], axis=-1)
 
 
 def _statement(name: str, values) -> str:
     return " ".join([name, *(str(round(float(value))) for value in values)])
 
 
-def _middle(curve: Curves) -> float:
-    return float(curve.x_um.mean())
-
-
-def _parts(curve: Curves) -> list[np.ndarray]:
-    borders = np.linspace(*curve.x_um, SEGMENTS + 1)
-    return [borders[k : k + 2] for k in range(SEGMENTS)]
+def _parts(curve: Curves) -> list[tuple[float, float]]:
+    borders = np.linspace(*curve.ends_um, SEGMENTS + 1)
+    return [*zip(borders, borders[1:])]
 
 
 def _part_at(curve: Curves, parts, x_um: float):
-    share = (x_um - curve.x_um[0]) / np.ptp(curve.x_um)
+    share = (x_um - curve.ends_um[0]) / np.ptp(curve.ends_um)
     return parts[min(max(int(share * SEGMENTS), 0), SEGMENTS - 1)]
 
 
 def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
-    # Rounded so that they add up exactly; the largest takes what rounding left.
+    # The rounded weights must add up exactly: the largest one absorbs the sum of rounding errors.
     rounded = np.round(weights * ONE_Q13).astype(int)
     rounded[np.argmax(np.abs(rounded))] += total - rounded.sum()
     return rounded
 
 
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weights for position and force that are best in the middle of a part."""
-    middle = float(np.mean(part))
-    counts = 2.0 ** curve.logs(middle)
-    information = 1 / noise.log_variance(counts)
-    # The slope over the whole part, so that the force cancels there on average.
+    """Return the best weights for position and for force in the middle of a part of the strip."""
+    information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
+    # With the slope over the whole part, the mean error of the force in the part is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
     design = np.stack([np.ones_like(slope), slope / np.abs(slope).max()], axis=1)
-    weighted = design * information[:, None]
-    force, position = np.linalg.solve(design.T @ weighted, weighted.T)
+    force, position = _estimators(design, information)
     position *= 2 / np.abs(position).sum()
-    # Where all channels decay nearly alike, weights that cancel the decay are large. Up to the
-    # board's limit they cancel a part, and the table of offsets has the rest.
+    # If all channels decay nearly alike, weights that cancel the decay are large. Weights at the
+    # board's limit cancel a part of it, and the table of offsets corrects the rest.
     brightest, size = information / information.sum(), np.abs(force).sum()
     if size > _FORCE_SUM_MAX:
         force = brightest + (force - brightest) * (_FORCE_SUM_MAX - 1) / (size - 1)
-    # The board multiplies a step of the contrast by one of the position: where both are long, the
-    # contrast is made smaller. What it loses in resolution it had too much.
+    # The board multiplies a step of the contrast by a step of the position. A smaller contrast
+    # keeps the product within 31 bits; its resolution is still high enough.
     knot_um = np.ptp(part) * (1 + 2 * _OVERLAP) / (_KNOTS - 1)
     step_q20 = abs(slope @ position) / np.ptp(part) * knot_um * ONE_Q20
     position *= min(1.0, _PRODUCT_MAX / (step_q20 * knot_um))
@@ -185,36 +178,50 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
 
 
 def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
-    # Light of two places adds up to more than any one place gives, in second order by slope**2:
-    # the generalised least squares estimate of that part, blind to brightness and position.
-    slope = curve.logs(curve.x_um[1]) - curve.logs(curve.x_um[0])
+    # The logs of two presses differ from those of one press by a term in slope**2. This estimate of
+    # the term is independent of brightness and position.
+    slope = curve.logs(curve.ends_um[1]) - curve.logs(curve.ends_um[0])
     design = np.stack([np.ones_like(slope), slope, slope**2], axis=1)
-    information = 1 / noise.log_variance(2.0 ** curve.logs(_middle(curve)))
-    weighted = design * information[:, None]
-    weights = np.linalg.solve(design.T @ weighted, weighted.T)[2]
+    information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(curve.ends_um)))
+    weights = _estimators(design, information)[2]
     return _weights_q13(2 * weights / np.abs(weights).sum(), 0)
+
+
+def _estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Return generalised least squares: one row of weights for each column of the design."""
+    weighted = design * information[:, None]
+    return np.linalg.solve(design.T @ weighted, weighted.T)
+
+
+def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
+    """Return the largest noise of position and misfit along the strip, for each brightness."""
+    places = np.linspace(*rest.ends_um, _NOISE_PLACES)
+    variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
+    weights = np.array([_part_at(rest, parts, x)[0] for x in places])
+    slopes = np.abs((rest.slopes(places) * weights).sum(axis=-1))
+    sigma_um = np.sqrt((variance * weights**2.0).sum(axis=-1)) / slopes
+    sigma_misfit = np.sqrt(variance @ test**2.0) / ONE_Q13
+    return sigma_um.max(axis=1), sigma_misfit.max(axis=1)
 
 
 def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]:
     reach = _OVERLAP * np.ptp(part)
-    x = np.linspace(part[0] - reach, part[1] + reach, _KNOTS).clip(*curve.x_um)
-    x = np.unique(x)
-    x = np.linspace(x[0], x[-1], _KNOTS)
+    x = np.linspace(*np.clip([part[0] - reach, part[1] + reach], *curve.ends_um), _KNOTS)
     logs = curve.logs(x)
-    contrast, fits = logs @ position * _Q13_TO_Q20, logs @ test * (2**12 / ONE_Q13)
+    contrast, fits = logs @ position * _Q13_TO_Q20, logs @ test * (ONE_Q12 / ONE_Q13)
     offset = logs @ force * _Q13_TO_Q20 - firm
     order = np.argsort(contrast)
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
         raise SpotsError(
-            f"the response is not monotone near {np.mean(part) / 1000:.0f} mm: check the order of "
-            "the presses, and that the dye suits the length"
+            f"the colour near {np.mean(part) / 1000:.0f} mm does not change in one direction: "
+            "check the places of the presses there, and that the dye suits the length"
         )
     rows = np.stack([contrast, x, fits, offset], axis=1)[order]
     return [_statement("x", row) for row in rows]
 
 
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return forces and brightnesses of the knots, from the lowest force that gave light."""
+    """Return the forces and brightnesses of the knots, from the least force with light."""
     lit = pressed.lit_everywhere()
     brightness = np.array(
         [
@@ -226,49 +233,14 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the light does not grow with the force: check strip, LED and saturation")
-    return _force_knots(forces, means)
-
-
-def _force_knots(forces: np.ndarray, brightness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # Even in the logarithm of the force, for the bend at the top, and even in brightness, for the
-    # steep foot: there the force in mN hardly changes while the light doubles.
+    # Half of the knots are even in the logarithm of the force, for the bend at large forces. The
+    # others are even in brightness, for the steep curve at small forces.
     fine = np.geomspace(forces[0], forces[-1], 4000)
-    curve = monotone(np.log(forces), brightness, np.log(fine))
+    curve = monotone(np.log(forces), means, np.log(fine))
     even = np.linspace(curve[0], curve[-1], _FORCE_KNOTS // 2)
     steps = np.geomspace(forces[0], forces[-1], _FORCE_KNOTS // 2)
     wanted = np.concatenate([np.interp(even, curve, fine), steps])
     knots = np.unique(np.round(wanted)).clip(forces[0], forces[-1])
-    values = np.round(monotone(np.log(forces), brightness, np.log(knots)))
+    values = np.round(monotone(np.log(forces), means, np.log(knots)))
     rising = np.diff(values, prepend=-np.inf) > 0
     return knots[rising], values[rising]
-
-
-def _position_sigma_um(rest: Curves, parts, noise: Noise, x_um: float, logs: np.ndarray) -> float:
-    position, _ = _part_at(rest, parts, x_um)
-    variance = noise.log_variance(2.0**logs)
-    return float(np.sqrt(variance @ position**2) / abs(rest.slopes(x_um) @ position))
-
-
-def _touch_force_mN(rest, parts, noise, forces, brightnesses, firm) -> int:
-    places = np.linspace(*rest.x_um, 21)
-    for force, brightness in zip(forces, brightnesses):
-        dimmer = (brightness - firm) / ONE_Q20
-        sigmas = [_position_sigma_um(rest, parts, noise, x, rest.logs(x) + dimmer) for x in places]
-        if max(sigmas) <= _TOUCH_SIGMA_UM:
-            return round(float(force))
-    raise SpotsError(
-        "the position is too noisy at every force: raise exposure, gain or LED current"
-    )
-
-
-def _tolerances(along: Presses, rest: Curves, noise, test, brightnesses, firm) -> list[float]:
-    # At each force: how far a single press was off at worst, and noise, which falls as light grows.
-    off = np.abs((along.logs - rest.logs(along.position_um)) @ test).max() / ONE_Q13
-    logs = rest.logs(np.linspace(*rest.x_um, 21))
-    tolerances = []
-    for brightness in brightnesses:
-        counts = 2.0 ** (logs + (brightness - firm) / ONE_Q20)
-        sigma = np.sqrt(noise.log_variance(counts) @ test.astype(float) ** 2).max() / ONE_Q13
-        tolerance = 1 + (off + _MISFIT_SIGMAS * sigma) * 2**12
-        tolerances.append(min(max(tolerance, _TOLERANCE_MIN), _TOLERANCE_MAX))
-    return tolerances

@@ -1,9 +1,9 @@
-"""The picture of a calibration session: where to press next, and whether it is held."""
+"""The display of a calibration session: where to press next, and whether the press is steady."""
 
 from __future__ import annotations
 
-import math
 import sys
+from collections import deque
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -17,28 +17,28 @@ from .session import Wanted
 from .spectra import Reading
 
 _MESSAGES = 4
+_STRIP = "sensor ▐"
+_BAR_COUNTS = 100  # least count of a full bar
 _LOW = 24  # lines of a terminal that has room for one message
 
 
 class Guide:
-    """A picture on a terminal, plain lines elsewhere. Use it in a ``with`` block.
+    """A picture on a terminal, plain lines elsewhere. Use it in a ``with`` statement.
 
     Parameters
     ----------
     console : rich.console.Console, optional
+        Where to draw; standard output if not given.
     stdin : file, optional
-        Where answers come from.
+        Source of the answers; standard input if not given.
     """
 
     def __init__(self, console: Console | None = None, stdin=None):
         self._console = console or Console(highlight=False)
         self._stdin = stdin
         self._live: Live | None = None
-        self._messages: list[str] = []
-        self._wanted: Wanted | None = None
-        self._reading: Reading | None = None
-        self._trouble: str | None = None
-        self._steady = 0.0
+        self._messages: deque[str] = deque(maxlen=_MESSAGES)
+        self._strip, self._bars = Text(), Table()
         self._title = ""
         self._plan: tuple[str, ...] = ()
         self._length_um = 1.0
@@ -54,8 +54,8 @@ class Guide:
         if self._live is not None:
             self._live.stop()
             self._live = None
-            for message in self._messages[-1:]:
-                self._console.print(message, markup=False, soft_wrap=True)
+            if self._messages:
+                self._console.print(self._messages[-1], markup=False, soft_wrap=True)
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
         """Begin a series of presses.
@@ -63,10 +63,11 @@ class Guide:
         Parameters
         ----------
         title : str
+            Name of the series.
         total : int
-            How many presses.
+            Number of presses.
         plan : tuple of str
-            The channels.
+            Names of the channels.
         length_um : float
             Length of the strip, in um.
         """
@@ -75,26 +76,35 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Count presses that were taken before."""
+        """Add presses of an earlier run to the number of presses taken."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
-        """Mark where to press."""
-        self._wanted, self._reading = wanted, None
+        """Mark the place of the next press."""
+        columns, share = strip_columns(), wanted.place_um / self._length_um
+        at = len(_STRIP) + round(min(max(share, 0), 1) * (columns - 1))
+        self._strip = Text(_STRIP + "█" * columns, style="rgb(140,60,60)")
+        self._strip.stylize("rgb(255,235,180)", at, at + 1)
+        self._strip.append("\n" + " " * at + "▲")
+        self._bars = bars(self._plan, [0.0] * len(self._plan), _BAR_COUNTS)
         self._draw()
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading.
+        """Show a reading of the present press.
 
         Parameters
         ----------
         reading : Reading
+            The reading.
         trouble : str or None
-            The reason why the reading cannot be taken; None if it can.
+            Reason why the press is not steady; None for a steady press.
         steady : float
-            From 0 to 1, where it is taken.
+            Share of the steady readings that are needed, 0 to 1.
         """
-        self._reading, self._trouble, self._steady = reading, trouble, steady
+        self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
+        self._bars.add_row("held", "", Text(bar(steady), style="green"))
+        style = "yellow" if trouble else "green"
+        self._bars.add_row("", "", Text(trouble or "steady", style=style))
         self._draw()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
@@ -105,7 +115,7 @@ class Guide:
         wanted : Wanted
             The press.
         reading : Reading
-            Its counts are shown.
+            Reading of the press, with the counts to show.
         """
         self._done += 1
         counts = " ".join(f"{count:.0f}" for count in reading.counts)
@@ -114,18 +124,18 @@ class Guide:
     def say(self, text: str) -> None:
         """Show a message."""
         text = printable(text)
-        self._messages = [*self._messages, text][-_MESSAGES:]
+        self._messages.append(text)
         if self._live is None:
             self._console.print(text, markup=False, soft_wrap=True)
         self._draw()
 
     def ask(self, question: str) -> str:
-        """Return the answer to a question.
+        """Ask a question and return the answer.
 
         Raises
         ------
         SpotsError
-            If nobody is there to answer.
+            If standard input is closed.
         """
         if self._live is not None:
             self._live.stop()
@@ -137,61 +147,41 @@ class Guide:
             raise SpotsError("standard input is closed: run this in a terminal")
         return line.strip()
 
-    def ask_number(
-        self, question: str, lowest: float = -math.inf, highest: float = math.inf
-    ) -> float:
-        """Return a number; ask until a valid one is given.
+    def ask_number(self, question: str, lowest: float, highest: float) -> float:
+        """Ask for a number until the answer is valid.
 
         Parameters
         ----------
         question : str
+            Text of the question, with the unit of the number.
         lowest, highest : float
-            The range, both included.
+            Least and largest valid number.
 
         Returns
         -------
         float
+            The number. A decimal comma is valid.
         """
         while True:
             answer = self.ask(question)
             try:
-                value = float(answer.replace(",", "."))
+                if lowest <= (value := float(answer.replace(",", "."))) <= highest:
+                    return value
             except ValueError:
-                value = math.nan
-            if math.isfinite(value) and lowest <= value <= highest:
-                return value
-            most = f", at most {highest:g}" if highest < math.inf else ""
-            self.say(f"'{answer}' is not a number that fits: type one such as 1.5{most}")
+                pass
+            self.say(f"'{answer}' is not valid: type a number from {lowest:g} to {highest:g}")
 
     def _draw(self) -> None:
-        if self._live is not None:
-            self._live.update(self._picture(), refresh=True)
-
-    def _picture(self) -> Panel:
-        columns = strip_columns()
-        parts = [self._strip(columns), Text(), self._bars(), Text()]
-        shown = self._messages[-_MESSAGES if self._console.height > _LOW else -1 :]
-        parts += [Text(message, style="dim") for message in shown[:-1]]
-        parts += [Text(message, style="bold") for message in shown[-1:]]
-        title = f"{self._title}  {self._done} of {self._total}"
-        return Panel(
-            Group(*parts), title=Text(printable(title)), width=columns + 16, padding=(1, 2)
+        if self._live is None:
+            return
+        shown = [Text(message, style="dim") for message in self._messages]
+        if shown:
+            shown[-1].style = "bold"
+        parts = shown if self._console.height > _LOW else shown[-1:]
+        picture = Panel(
+            Group(self._strip, Text(), self._bars, Text(), *parts),
+            title=Text(printable(f"{self._title}  {self._done} of {self._total}")),
+            width=strip_columns() + 16,
+            padding=(1, 2),
         )
-
-    def _strip(self, columns: int) -> Text:
-        line = Text("sensor ▐" + "█" * columns, style="rgb(140,60,60)")
-        if self._wanted is not None:
-            share = self._wanted.place_um / self._length_um
-            at = len("sensor ▐") + round(min(max(share, 0), 1) * (columns - 1))
-            line.stylize("rgb(255,235,180)", at, at + 1)
-            line.append("\n" + " " * at + "▲")
-        return line
-
-    def _bars(self) -> Table:
-        counts = [0.0] * len(self._plan) if self._reading is None else self._reading.counts
-        grid = bars(self._plan, counts, 100)
-        if self._reading is not None:
-            grid.add_row("held", "", Text(bar(self._steady), style="green"))
-            style = "yellow" if self._trouble else "green"
-            grid.add_row("", "", Text(self._trouble or "steady", style=style))
-        return grid
+        self._live.update(picture, refresh=True)

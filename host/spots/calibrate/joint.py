@@ -1,4 +1,4 @@
-"""A joint as an encoder: the straight line from the board's position to the angle."""
+"""The calibration of a joint: the straight line from the position on the strip to the angle."""
 
 from __future__ import annotations
 
@@ -9,51 +9,52 @@ from .calibration_file import Joint, Marks
 from .session import Point
 
 ANGLES_MIN = 4  # in each direction
-_LEAST_UM = 0.1  # scatter of a reading, which is in whole um
+_LEAST_UM = 0.1  # least standard deviation of a reading, which is in whole um
 
 
 def fit_joint(points: list[Point]) -> Joint:
-    """Return the line through the points of both directions, and how good it is.
+    """Return the straight line through the points of both directions, and its errors.
 
     Parameters
     ----------
     points : list of Point
-        Points in the order in which they were taken. Every second one makes the line that
-        `Joint.accuracy_deg` is the error of at the others.
+        Points of the joint, in the order of the session. For `Joint.accuracy_deg`, every second
+        point of a direction fits a line, and the others give the error.
+
+    Returns
+    -------
+    Joint
+        The line, and its errors.
 
     Raises
     ------
     SpotsError
-        If there are too few, or position and angle do not go together.
+        If the points are too few, have equal angles, or have positions that are not monotone.
     """
     ways = [[p for p in points if p.direction == way] for way in (1, -1)]
     if min(len(way) for way in ways) < ANGLES_MIN:
         raise SpotsError(f"a joint needs {ANGLES_MIN} angles or more in each direction")
-    steps = []
-    for way in ways:
-        way = sorted(way, key=lambda p: p.angle_deg)
-        if (np.diff([p.angle_deg for p in way]) <= 0).any():
-            raise SpotsError(
-                "two presses of one direction have the same angle: begin another session"
-            )
-        steps.append(np.diff([p.position_um for p in way]))
-    steps = np.concatenate(steps)
-    if not ((steps > 0).all() or (steps < 0).all()):
-        raise SpotsError(
-            "the position does not go with the angle: check the angles, and that the indenter "
-            "does not slip; then begin another session"
-        )
     angle, position, sigma = (
         np.array([getattr(p, name) for way in ways for p in way])
         for name in ("angle_deg", "position_um", "position_sigma_um")
     )
     up = np.repeat([True, False], [len(way) for way in ways])
     learn = np.concatenate([np.arange(len(way)) % 2 == 0 for way in ways])
+    order = np.lexsort((angle, up))
+    same_way = np.diff(up[order].astype(int)) == 0
+    if (np.diff(angle[order])[same_way] == 0).any():
+        raise SpotsError("two presses of one direction have the same angle: begin another session")
+    steps = np.diff(position[order])[same_way]
+    if not ((steps > 0).all() or (steps < 0).all()):
+        raise SpotsError(
+            "the position does not go with the angle: check the angles, and that the indenter "
+            "does not slip; then begin another session"
+        )
     error = np.polyval(np.polyfit(position[learn], angle[learn], 1), position) - angle
     slope, zero = np.polyfit(position, angle, 1)
     residual = slope * position + zero - angle
     ends_um = position.min(), position.max()
-    # The light dies away exponentially along the strip, and the noise grows as it does.
+    # The light decreases exponentially along the strip, so the noise grows exponentially.
     growth = np.polyfit(position, np.log(np.maximum(sigma, _LEAST_UM)), 1)
     low, high = (
         (round(float(end), 1), round(abs(float(slope)) * float(np.exp(np.polyval(growth, end))), 5))
@@ -73,12 +74,12 @@ def fit_joint(points: list[Point]) -> Joint:
 
 
 def joint_marks(points: list[Point]) -> Marks:
-    """Return the marks of a joint: its lowest, its middle and its highest angle on the way up.
+    """Return the marks of a joint: the lowest, the middle and the highest angle upwards.
 
     Parameters
     ----------
     points : list of Point
-        Points of the joint; `ANGLES_MIN` or more must be on the way up.
+        Points of the joint, of which at least `ANGLES_MIN` were taken upwards.
     """
     way = sorted((p for p in points if p.direction > 0), key=lambda p: p.angle_deg)
     stops = sorted((way[0], way[len(way) // 2], way[-1]), key=lambda p: p.position_um)

@@ -1,10 +1,11 @@
-"""From the presses of a session to the file of a calibration."""
+"""Makes the calibration file of a session from its presses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+from msgspec.structs import replace
 
 from spots_device.calibration import Calibration, CalibrationError
 from spots_device.decode import Decode
@@ -14,36 +15,37 @@ from . import calibration_file as file
 from .fit import PLACES_MIN, fit
 from .joint import fit_joint, joint_marks
 from .presses import MARKS, Noise, Presses
-from .session import Session
+from .session import Session, presses
 
-_DECODED_SAMPLES = 64  # counts are means: in sums of so many little of them is lost
+_DECODED_SAMPLES = 64  # mean counts are rounded only after multiplication by this
 
 
 def make(session: Session, say: Callable[[str], None] = print) -> file.CalibrationFile:
-    """Return the calibration that the presses of a session give.
+    """Return the calibration from the presses of a session.
 
     Parameters
     ----------
     session : Session
-        Its joint is left out as long as it gives none.
+        Presses of the session. An unfinished joint or strain is left out.
     say : callable
-        Given a line that says so.
+        ``say(line)`` shows why the joint is left out.
 
     Returns
     -------
     CalibrationFile
+        The calibration, dated now.
 
     Raises
     ------
     SpotsError
-        If they give none.
+        If the presses do not give a calibration.
     """
-    along = {0: session.presses("position")}
-    for strain_ppm in session.strains_ppm:
-        at_strain = session.presses("strain", strain_ppm)
-        if len(at_strain.position_um) >= PLACES_MIN:
-            along[strain_ppm] = at_strain
-    pressed = session.presses("force")
+    along = {0: presses(session.of("position"))}
+    for strain_ppm in sorted({p.strain_ppm for p in session.points if p.kind == "strain"}):
+        at_strain = session.of("strain", strain_ppm)
+        if len(at_strain) >= PLACES_MIN:
+            along[strain_ppm] = presses(at_strain)
+    pressed = presses(session.of("force"))
     lines = fit(along, pressed, Noise.of(*along.values(), pressed), session.conditions)
     try:
         Calibration(lines)
@@ -51,22 +53,20 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         raise SpotsError(
             f"these presses give no calibration ({error}): take more of them"
         ) from None
-    residuals = [
-        _residual(lines, strain, places, pressed if strain == 0 else None)
-        for strain, places in along.items()
-    ]
-    return file.CalibrationFile.now(
-        session.conditions,
-        lines,
-        residuals,
-        marks=_marks(session.presses("mark")),
+    return file.CalibrationFile(
+        date=file.now(),
+        **session.conditions._asdict(),
+        lines=tuple(lines),
+        residuals=[_residual(lines, strain, at, pressed) for strain, at in along.items()],
+        marks=_marks(session),
         **_joint(session, say),
     )
 
 
-def _marks(pressed: Presses) -> file.Marks | None:
-    if len(pressed.position_um) < len(MARKS):
+def _marks(session: Session) -> file.Marks | None:
+    if len(session.of("mark")) < len(MARKS):
         return None
+    pressed = presses(session.of("mark"))
     return file.Marks(
         place_um=tuple(pressed.position_um.tolist()),
         force_mN=float(pressed.force_mN[0]),
@@ -81,12 +81,12 @@ def _joint(session: Session, say: Callable[[str], None]) -> dict:
     try:
         return {"joint": fit_joint(turned), "joint_marks": joint_marks(turned)}
     except SpotsError as error:
-        # The strip is calibrated without it, too, and the joint may not be finished yet.
+        # The strip is calibrated without its joint, and the joint may be unfinished.
         say(f"the joint is left out: {error}")
         return {}
 
 
-def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses | None) -> file.Residual:
+def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses) -> file.Residual:
     decode = Decode()
     decode.calibration = Calibration(lines, strain_ppm)
 
@@ -99,15 +99,16 @@ def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses | None) -
         return np.array(rows, dtype=float)
 
     position = decoded(along)[:, 0] - along.position_um
-    force_rms_mN = None
-    if pressed is not None:
-        lit = pressed.lit_everywhere()
-        force_rms_mN = _rms(decoded(lit)[:, 1] - lit.force_mN)
-    return file.Residual(
-        strain_ppm=strain_ppm,
-        position_rms_um=_rms(position),
-        force_rms_mN=force_rms_mN,
-        presses=len(along.position_um) + (0 if pressed is None else len(pressed.force_mN)),
+    found = file.Residual(
+        strain_ppm=strain_ppm, position_rms_um=_rms(position), presses=len(position)
+    )
+    if strain_ppm:
+        return found
+    lit = pressed.lit_everywhere()
+    return replace(
+        found,
+        force_rms_mN=_rms(decoded(lit)[:, 1] - lit.force_mN),
+        presses=len(position) + len(pressed.force_mN),
     )
 
 

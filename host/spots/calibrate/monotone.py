@@ -1,4 +1,4 @@
-"""Interpolation that rises wherever its points rise (Fritsch and Carlson, 1980)."""
+"""Monotone cubic interpolation (Fritsch and Carlson, 1980)."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import numpy as np
 
 
 def monotone(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the piecewise cubic through rising points, without a bend that they do not have.
+    """Interpolate rising points by a piecewise cubic curve that rises everywhere.
 
     Parameters
     ----------
     x, y : numpy.ndarray, shape (n,)
-        Points, both coordinates ascending, n at least 3.
+        Coordinates of n points, both ascending; n is at least 3.
     at : numpy.ndarray
-        Where, within the points.
+        Values of x, between the first and the last point.
 
     Returns
     -------
     numpy.ndarray
-        Shape of `at`.
+        Values of y, with the shape of `at`.
     """
     step = np.diff(x)
     secant = np.diff(y) / step
-    # Inside, the weighted harmonic mean of the two secants; at an end, that of the end.
+    # The slope at a point is a weighted harmonic mean of its two secants; an end has one secant.
     before, after = 2 * step[1:] + step[:-1], step[1:] + 2 * step[:-1]
     inner = (before + after) / (before / secant[:-1] + after / secant[1:])
     slope = np.concatenate([secant[:1], inner, secant[-1:]])

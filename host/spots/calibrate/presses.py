@@ -1,16 +1,16 @@
-"""What a calibration is made from: readings of presses that were held, and their noise."""
+"""Readings of held presses as arrays, and the noise of the sensor."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-# What a session presses with.
+# Forces and places of the presses of a session.
 FIRM_MN = 6000.0
 FULL_MN = 10_000.0
 FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
-MARKS = (0.1, 0.5, 0.9)  # that a re-zero presses again
+MARKS = (0.1, 0.5, 0.9)  # shares of the length, for a re-zero
 
 ROUNDING_VARIANCE = 1 / 12
 _REWEIGHTINGS = 4
@@ -18,16 +18,20 @@ _REWEIGHTINGS = 4
 
 @dataclass(frozen=True)
 class Presses:
-    """Readings of presses that were held.
+    """Readings of n held presses with c channels, as arrays.
 
     Attributes
     ----------
-    position_um, force_mN : numpy.ndarray, shape (n,)
+    position_um : numpy.ndarray, shape (n,)
+        Places of the presses in um from the sensor's end.
+    force_mN : numpy.ndarray, shape (n,)
+        Forces of the presses in mN.
     counts : numpy.ndarray, shape (n, c)
-        Means of the dark-subtracted counts of each channel.
+        Mean dark-subtracted counts of each channel.
     variance : numpy.ndarray, shape (n, c)
-        Variance of a single sample, without what is common to all channels.
+        Variance of the counts of one sample, without the noise that all channels share.
     saturated : numpy.ndarray of bool, shape (n,)
+        Whether a channel was saturated.
     """
 
     position_um: np.ndarray
@@ -38,65 +42,67 @@ class Presses:
 
     @property
     def logs(self) -> np.ndarray:
-        """log2 of the counts, shape (n, c)."""
+        """log2 of the counts, an array of shape (n, c)."""
         return np.log2(self.counts)
 
     def keep(self, rows) -> Presses:
-        """Return some of the rows."""
+        """Return only these presses; `rows` is a boolean mask or a list of indices."""
         return Presses(*(array[rows] for array in vars(self).values()))
 
     def channels(self, columns) -> Presses:
-        """Return all rows with some of the channels."""
-        return Presses(
-            self.position_um,
-            self.force_mN,
-            self.counts[:, columns],
-            self.variance[:, columns],
-            self.saturated,
-        )
+        """Return only these channels; `columns` is a boolean mask or a list of indices."""
+        counts, variance = self.counts[:, columns], self.variance[:, columns]
+        return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
-        """Return the presses of those forces that gave light at every place they were tried."""
+        """Return only the presses with forces that lit all channels at all of their places."""
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))
 
 
 def own_variance(samples: np.ndarray) -> np.ndarray:
-    """Return the variance of each channel without what all channels share.
+    """Return the variance of each channel, without the noise that all channels share.
+
+    The logarithms of two channels differ by the noise of these channels only. Least squares over
+    all pairs of channels separates their variances.
 
     Parameters
     ----------
     samples : numpy.ndarray, shape (n, c)
-        Dark-subtracted counts of one held press, greater than 0.
+        Dark-subtracted counts of one held press: n samples of c channels, all greater than 0.
 
     Returns
     -------
     numpy.ndarray, shape (c,)
-        Variances in counts**2. The logarithms of two channels differ by the noise of both and by
-        nothing else: least squares over all pairs separates them.
+        Variances in counts**2.
     """
     mean = samples.mean(axis=0)
     relative = samples / mean
-    channels = samples.shape[1]
-    pairs = [(i, j) for i in range(channels) for j in range(i)]
-    design = np.zeros((len(pairs), channels))
-    values = np.zeros(len(pairs))
-    for row, (i, j) in enumerate(pairs):
-        design[row, [i, j]] = 1
-        values[row] = np.var(relative[:, i] - relative[:, j], ddof=1)
+    i, j = np.triu_indices(samples.shape[1], 1)
+    one = np.eye(samples.shape[1])
+    design = one[i] + one[j]
+    values = np.var(relative[:, i] - relative[:, j], axis=0, ddof=1)
     return np.linalg.lstsq(design, values, rcond=None)[0] * mean**2
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Variance of a count: a constant, and a part that grows with the count (shot noise)."""
+    """Variance of a count of one sample: a constant part, and shot noise.
+
+    Attributes
+    ----------
+    constant : float
+        Constant part of the variance, in counts**2.
+    per_count : float
+        Variance per dark-subtracted count, in counts.
+    """
 
     constant: float
     per_count: float
 
     @classmethod
     def of(cls, *presses: Presses) -> Noise:
-        """Estimate it from the readings of many presses."""
+        """Estimate the noise from the readings of many presses."""
         counts = np.concatenate([p.counts.ravel() for p in presses])
         variance = np.concatenate([p.variance.ravel() for p in presses])
         lit = counts > 1
@@ -104,15 +110,19 @@ class Noise:
         design = np.stack([np.ones_like(counts), counts], axis=1)
         found = cls(ROUNDING_VARIANCE, 0.0)
         for _ in range(_REWEIGHTINGS):
-            # Each estimate is known to a share of the true variance, which is what the last
-            # round says, and not what the estimate itself says: that would favour low ones.
-            weight = 1 / (found.constant + found.per_count * counts)
+            # The error of a measured variance is proportional to the true variance. Weights from
+            # the measured variances would favour low ones, so the last round gives the weights.
+            weight = 1 / found.variance(counts)
             solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
-            # Held presses hide part of the rounding, so it is the least that is believed.
+            # A held press hides part of the rounding, so its variance is the lower limit.
             found = cls(max(float(solution[0]), ROUNDING_VARIANCE), max(float(solution[1]), 0.0))
         return found
 
+    def variance(self, counts: np.ndarray) -> np.ndarray:
+        """Return the variance of dark-subtracted counts of one sample, in counts**2."""
+        return self.constant + self.per_count * counts
+
     def log_variance(self, counts: np.ndarray) -> np.ndarray:
-        """Return the variance of log2 of a sample with these dark-subtracted counts."""
+        """Return the variance of log2 of dark-subtracted counts of one sample."""
         counts = np.maximum(counts, 1e-3)
-        return (self.constant + self.per_count * counts) / (counts * np.log(2)) ** 2
+        return self.variance(counts) / (counts * np.log(2)) ** 2

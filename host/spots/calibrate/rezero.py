@@ -1,6 +1,6 @@
-"""``spots rezero``: the marks of a calibration pressed again, and its tables shifted to fit.
+"""``spots rezero``: corrects the drift of a calibration with new presses of its marks.
 
-The file and the board change together at the end, or not at all.
+File and board change together at the end; on error both are unchanged.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import argparse
 from contextlib import suppress
 from pathlib import Path
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from spots_device.calibration import Calibration
 from spots_device.log2 import ONE as ONE_Q20
@@ -18,16 +18,16 @@ from spots_device.log2 import ONE as ONE_Q20
 from ..errors import SpotsError
 from ..link.connect import upload
 from . import calibration_file as file
+from .bench import Bench
 from .calibrate import opened
 from .drift import described
-from .guide import Guide
 from .session import Wanted
 from .shift import shifted
-from .steps import DARK_S, Setup
+from .steps import DARK_S
 
-_STRAY_UM = 1500.0  # from the other presses of a mark; people place a finger to 300 um
-_STRAY_SHARE = 0.5  # of the distance to the next mark, whose press this is beyond that
-_STRAYS = 5  # presses of a mark that may be asked for again
+_STRAY_UM = 1500.0  # largest distance from the other presses of a mark; a finger reaches 300 um
+_STRAY_SHARE = 0.5  # largest distance from the mark, as a share of the distance to the next mark
+_STRAYS = 5  # largest number of repeated presses of a mark
 
 
 def rezero_command(options: argparse.Namespace) -> None:
@@ -35,154 +35,144 @@ def rezero_command(options: argparse.Namespace) -> None:
     path = Path(options.calibration)
     made = file.load(path)
     force_mN = options.force_N and 1000 * options.force_N
-    with opened(options, made, path, Guide()) as setup:
-        new = rezero(setup, made, options.presses, options.quick, force_mN, options.joint)
-        setup.reader.give_back()
-        name = use(setup, made, new)
-        setup.guide.say(f"{path}: {new.rezeros[-1].drift}; the board stores calibration {name}")
+    with opened(options, made, path) as bench:
+        new = rezero(bench, made, options.presses, options.quick, force_mN, options.joint)
+        bench.reader.restore()
+        name = use(bench, made, new)
+        bench.guide.say(f"{path}: {new.rezeros[-1].drift}; the board stores calibration {name}")
 
 
 def rezero(
-    setup: Setup,
+    bench: Bench,
     made: file.CalibrationFile,
     presses: int = 1,
     quick: bool = False,
     force_mN: float | None = None,
     joint: bool = False,
 ) -> file.CalibrationFile:
-    """Have the marks pressed and return the calibration that fits the strip now.
+    """Ask for presses of the marks and return the corrected calibration; no file changes.
 
     Parameters
     ----------
-    setup : Setup
-        Nothing is written to its session or file.
+    bench : Bench
+        Board, strip and presser.
     made : CalibrationFile
+        Calibration to correct.
     presses : int
         Number of presses of each mark.
     quick : bool
-        Whether to press the middle mark only; this corrects LED and filters, not the dye.
+        Whether to press the middle mark only. This corrects LED and filters, but not the dye.
     force_mN : float, optional
-        Force of each press in mN, read from a scale; the force is then corrected too.
+        Force of each press in mN, read from a scale, to correct the force too.
     joint : bool
-        Whether a joint presses the strip at its stops, not a person at the marks.
+        Whether a joint presses the strip at its stops.
 
     Returns
     -------
     CalibrationFile
+        The corrected calibration.
 
     Raises
     ------
     SpotsError
-        If there are no marks, the board is another or set otherwise, or presses disagree.
+        If the calibration has no marks, or has another board or other settings, or if the presses
+        of a mark disagree.
     """
     marks = made.joint_marks if joint else made.marks
     if marks is None:
         again = "run 'spots calibrate joint' again" if joint else "calibrate again"
         raise SpotsError(
-            f"{setup.out} has no [{'joint_' * joint}marks], so there is nothing to compare presses "
-            f"with: {again}, which ends with three marks"
+            f"{bench.path} has no [{'joint_' * joint}marks] for a re-zero: {again}; this ends with "
+            "three marks"
         )
-    table = Calibration(made.lines)
-    reason = table.mismatch(setup.reader.conditions, setup.reader.info.get("mains_hz", 0))
+    table, reader = Calibration(made.lines), bench.reader
+    reason = table.mismatch(reader.conditions, reader.info.get("mains_hz", 0))
     if reason is not None:
-        raise SpotsError(f"{setup.out}: {reason}")
+        raise SpotsError(f"{bench.path}: {reason}")
+    bench.guide.say("dark frames: touch nothing")
+    reader.set_up(dark_s=DARK_S)
     at = slice(1, 2) if quick else slice(None)
     place_um, logs = marks.place_um[at], np.array(marks.logs)
-    angles_deg = marks.angle_deg or (None,) * len(logs)
-    along = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
-    along = along - along.mean()  # colour per um
-    um_per_log = along / (along @ along)
-    limit_um = _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
+    bench.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, bench.length_um)
     force_now_mN = force_mN or marks.force_mN
-    setup.guide.say("dark frames: touch nothing")
-    setup.reader.set_up(dark_s=DARK_S)
-    setup.taker.given_up = "nothing has changed"
-    setup.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, setup.length_um)
-    shifts = np.array(
-        [
-            _pressed(
-                setup,
-                Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg),
-                log,
-                um_per_log,
-                presses,
-                limit_um,
-            )
-            for x_um, log, angle_deg in zip(place_um, logs[at], angles_deg[at])
-        ]
-    )
-    if force_mN is None:  # all channels alike is the force of the finger
+    angles_deg = (marks.angle_deg or (None,) * len(logs))[at]
+    shifts = []
+    for x_um, log, angle_deg in zip(place_um, logs[at], angles_deg):
+        wanted = Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg)
+        shifts.append(_shift(bench, wanted, log, marks, presses))
+    shifts = np.array(shifts)
+    if force_mN is None:  # the mean of all channels is the force of the finger
         shifts -= shifts.mean(axis=1, keepdims=True)
     else:
         then_now_mN = [marks.force_mN, force_mN]
         then, now = np.interp(then_now_mN, table.forces_mN, table.brightnesses) / ONE_Q20
-        longer = setup.reader.conditions.exposure_us / table.conditions.exposure_us
+        longer = reader.conditions.exposure_us / table.conditions.exposure_us
         shifts -= now - then + np.log2(longer)
-    original = made.original or made.lines
     done = file.Rezero(
         date=file.now(),
         place_um=place_um,
         shifts=tuple(map(tuple, shifts.round(6).tolist())),
         drift=described(place_um, logs[at], shifts, table.conditions.plan),
     )
+    original = made.original or made.lines
     lines = tuple(shifted(original, place_um, shifts))
-    return msgspec.structs.replace(
-        made, lines=lines, original=original, rezeros=[*made.rezeros, done]
-    )
+    return replace(made, lines=lines, original=original, rezeros=[*made.rezeros, done])
 
 
-def use(setup: Setup, made: file.CalibrationFile, new: file.CalibrationFile) -> str:
-    """Write a re-zeroed calibration to file and board.
+def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> str:
+    """Write a corrected calibration to the file and to the board.
 
     Parameters
     ----------
-    setup : Setup
-        The board, and the file's path.
+    bench : Bench
+        Board, and path of the file.
     made : CalibrationFile
-        The calibration before it.
+        Calibration before the re-zero.
     new : CalibrationFile
-        The re-zeroed one.
+        Calibration after the re-zero.
 
     Returns
     -------
     str
-        The new calibration's name, as ``hello`` reports it.
+        Name of the new calibration, as ``hello`` reports it.
 
     Raises
     ------
     SpotsError
-        If that fails; then file and board have the calibration `made`.
+        If the file or the board cannot be written. Both have the calibration `made` then.
     """
-    file.save(new, setup.out)
+    file.save(new, bench.path)
     try:
-        return file.send(setup.reader.board, new)
+        return file.send(bench.reader.board, new)
     except BaseException:
-        file.save(made, setup.out)
-        with suppress(SpotsError):  # a board that is unplugged loads what it stores
-            upload(setup.reader.board, made.lines)
+        file.save(made, bench.path)
+        with suppress(SpotsError):  # a board that is unplugged loads the stored calibration
+            upload(bench.reader.board, made.lines)
         raise
 
 
-def _pressed(setup: Setup, wanted: Wanted, log, um_per_log, presses: int, limit_um: float):
-    """Return the mean shift of a mark over as many presses that agree."""
-    found: list[np.ndarray] = []
+def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
+    """Return the mean shift of the channels at a mark, from presses that agree."""
+    logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
+    colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
+    colour_per_um -= colour_per_um.mean()
+    found = np.empty((0, len(log)))
     for _ in range(presses + _STRAYS):
-        setup.guide.want(wanted)
-        reading = setup.taker.take(wanted)
+        reading = bench.take(wanted, given_up="nothing has changed")
         if wanted.angle_deg is None:
-            setup.taker.release()
-        setup.guide.taken(wanted, reading)
-        found.append(np.log2(reading.counts) - log)
-        places_um = np.array(found) @ um_per_log
-        good = np.abs(places_um) <= limit_um
+            bench.release()
+        bench.guide.taken(wanted, reading)
+        found = np.vstack([found, np.log2(reading.counts) - log])
+        off_um = found @ colour_per_um / (colour_per_um @ colour_per_um)
+        good = np.abs(off_um) <= limit_um
         if len(found) == presses:
-            good &= np.abs(places_um - np.median(places_um)) <= _STRAY_UM
+            good &= np.abs(off_um - np.median(off_um)) <= _STRAY_UM
         if not good.all():
-            setup.guide.say(f"a press of {wanted} lies elsewhere: press this mark again")
-            setup.guide.skip(-int((~good).sum()))
-            found = [one for one, keep in zip(found, good) if keep]
+            bench.guide.say(f"a press of {wanted} lies elsewhere: press this mark again")
+            bench.guide.skip(-int((~good).sum()))
+            found = found[good]
         if len(found) == presses:
-            return np.mean(found, axis=0)
+            return found.mean(axis=0)
     raise SpotsError(
         f"the presses of the mark at {wanted.place_um / 1000:.1f} mm disagree by more than "
         f"{_STRAY_UM / 1000:g} mm, or lie elsewhere: mark the place on the strip and run this "

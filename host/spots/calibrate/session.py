@@ -1,4 +1,4 @@
-"""The raw material of a calibration: one JSON line a press, on disk before the next one begins."""
+"""Session files: one JSON line for each press, on disk before the next press is asked for."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from spots_device.calibration import Conditions
 
+from .. import atomic
 from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from .presses import Presses
@@ -27,14 +28,17 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     Attributes
     ----------
     kind : str
+        Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero.
     place_um : float
         Distance from the sensor's end in um, measured on the stretched strip.
     force_mN : float
+        Force in mN.
     strain_ppm : int
+        Strain of the strip: elongation over length at rest, in ppm.
     angle_deg : float or None
-        Angle of the joint in degrees; None where no joint presses.
+        Angle of the joint in degrees; None without a joint.
     direction : int
-        Direction in which the joint came to the angle: 1 upwards, -1 downwards; 0 for no joint.
+        Last direction of the joint's turn: 1 upwards, -1 downwards; 0 without a joint.
     """
 
     kind: Literal["choose", "position", "force", "strain", "joint", "mark"]
@@ -51,21 +55,21 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A press that was taken, with all that was read.
+    """A press that was taken, with its reading.
 
     Attributes
     ----------
-    counts, variance : tuple of float
-        See `spectra.Reading`.
-    saturated : bool
+    counts, variance, saturated
+        Reading of the press, see `spectra.Reading`.
     position_um, position_sigma_um : float or None
-        What the calibrated board reported, and its scatter from reading to reading; for a joint.
+        Mean and standard deviation in um of the positions that the calibrated board reported; None
+        without a joint.
     length_um : float or None
-        Length of the strip in um; None in files of older versions.
+        Length of the strip at rest in um; None for a joint and in files of older versions.
     board, plan, gain, exposure_us, led_mA
-        See `spots_device.calibration.Conditions`.
+        Board and settings, see `spots_device.calibration.Conditions`.
     time : str
-        UTC.
+        Date and time in UTC, ISO 8601.
     """
 
     counts: Six
@@ -83,18 +87,21 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def conditions(self) -> Conditions:
-        """What it was read with."""
+        """Board and settings of the reading."""
         return Conditions(self.board, self.plan, self.gain, self.exposure_us, self.led_mA)
 
 
 def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) -> Point:
-    """Return the point that a reading of a wanted press makes.
+    """Return a press with its reading and the present time.
 
     Parameters
     ----------
     wanted : Wanted
+        The press.
     reading : Reading
+        Reading of the press.
     conditions : Conditions
+        Board and settings of the reading.
     **measured
         Other fields of `Point`.
 
@@ -119,13 +126,13 @@ class Session:
     Parameters
     ----------
     path : Path
-        Need not exist yet. A last line that was cut short is dropped, and taken away before the
-        next one is written.
+        Name of the file, which need not exist. An incomplete last line is ignored; `add` replaces
+        it.
 
     Raises
     ------
     SpotsError
-        If the file cannot be read, or a line before the last is not a point.
+        If the file cannot be read, or a complete line is not a point.
     """
 
     def __init__(self, path: Path):
@@ -147,49 +154,49 @@ class Session:
                 ) from None
 
     def add(self, taken: Point) -> None:
-        """Store a point; it is on disk when this returns.
+        """Append a point to the file, and wait until it is on disk.
 
         Raises
         ------
         SpotsError
-            If it cannot be written.
+            If the point cannot be written.
         """
         try:
             with open(self.path, "ab") as file:
                 file.truncate(self._whole)
                 file.write(msgspec.json.encode(taken) + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
+                atomic.sync(file)
                 self._whole = file.seek(0, os.SEEK_END)
         except OSError as error:
             raise SpotsError(f"cannot write the session {self.path}: {error.strerror}") from None
         self.points.append(taken)
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
-        """Return the points of a kind at a strain.
+        """Return the points of one kind at one strain.
 
         Parameters
         ----------
         kind : str
-            As `Wanted.kind`, for example ``position``.
+            Kind of the presses, see `Wanted.kind`.
         strain_ppm : int
-            Elongation over length at rest, in millionths.
+            Strain of the strip in ppm.
 
         Returns
         -------
         list of Point
-            Points in the order in which they were taken.
+            Points in the order of the file.
         """
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
     def has(self, wanted: Wanted, plan: tuple[str, ...]) -> bool:
-        """Return whether a press was taken already.
+        """Return whether the session has a press already.
 
         Parameters
         ----------
         wanted : Wanted
+            The press.
         plan : tuple of str
-            The channels that it has to have been read with.
+            Channels of the reading.
 
         Returns
         -------
@@ -204,40 +211,35 @@ class Session:
 
     @property
     def length_um(self) -> float | None:
-        """Length of the strip; None if no point has it."""
+        """Length of the strip at rest in um, or None if the session does not have it."""
         known = [p.length_um for p in self.points if p.length_um is not None]
         if known:
             return known[-1]
-        # Forces came after all places, the last of which is the strip's end.
+        # Older versions took forces after all places. The last place is the end of the strip.
         whole = self.of("position") if self.of("force") else []
         return max((p.place_um for p in whole), default=None)
 
     @property
-    def strains_ppm(self) -> list[int]:
-        """Strains other than 0 that there are points of."""
-        return sorted({p.strain_ppm for p in self.points if p.kind == "strain"})
-
-    @property
     def conditions(self) -> Conditions | None:
-        """What the session was made with; None without a point.
+        """Board and settings of the session; None without a point.
 
-        Points that served to choose the channels leave these open.
+        The channels can still change while all points are of the kind ``choose``.
         """
         fixed = [p for p in self.points if p.kind != "choose"] or self.points
         return fixed[0].conditions if fixed else None
 
     @property
     def plan_is_open(self) -> bool:
-        """Whether the channels are still to be chosen."""
+        """Whether the session has no channels yet: all points are of the kind ``choose``."""
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:
-        """Check that the board is as the session was made.
+        """Validate the board and its settings against those of the session.
 
         Raises
         ------
         SpotsError
-            If the session belongs to another board, or other settings.
+            If the session has another board or other settings.
         """
         made = self.conditions
         if made is None:
@@ -247,44 +249,23 @@ class Session:
                 f"the session {self.path} belongs to board {made.board}, this is {present.board}: "
                 "name another file with --session"
             )
-        now = (present.plan, present.gain, present.exposure_us, present.led_mA)
-        then = (made.plan, made.gain, made.exposure_us, made.led_mA)
-        if now != then and not (self.plan_is_open and now[1:] == then[1:]):
+        if self.plan_is_open:
+            present = present._replace(plan=made.plan)
+        if present != made:
             raise SpotsError(
-                f"the session {self.path} was made at other settings: bring them back with "
+                f"the session {self.path} was made at other settings: restore them with "
                 f"'spots command set {settings(made)}', or name another file with --session"
             )
-        if {p.conditions for p in self.points if p.kind != "choose"} - {made}:
-            raise SpotsError(
-                f"the session {self.path} mixes boards or settings: name another with --session"
-            )
-
-    def presses(self, kind: str, strain_ppm: int = 0) -> Presses:
-        """Return the points of a kind at a strain as arrays, sorted by force and then place.
-
-        Parameters
-        ----------
-        kind : str
-            As `Wanted.kind`, for example ``position``.
-        strain_ppm : int
-            Elongation over length at rest, in millionths.
-
-        Returns
-        -------
-        Presses
-            Arrays over the points.
-        """
-        return presses(self.of(kind, strain_ppm))
 
 
 def presses(points: list[Point]) -> Presses:
-    """Return points as arrays, by force and place."""
+    """Return points as arrays, sorted by force and then by place."""
     points = sorted(points, key=lambda p: (p.force_mN, p.place_um))
     names = ("place_um", "force_mN", "counts", "variance", "saturated")
     return Presses(*(np.array([getattr(p, name) for p in points]) for name in names))
 
 
 def settings(conditions: Conditions) -> str:
-    """Return what to `set` to have these conditions."""
+    """Return the arguments of the board's command ``set`` for the settings of a calibration."""
     c = conditions
     return f"plan={','.join(c.plan)} gain={c.gain} exposure_us={c.exposure_us} led_mA={c.led_mA}"

@@ -1,8 +1,9 @@
-"""A calibration's tables, shifted to what the channels have become at known places.
+"""Shifts the tables of a calibration by the drift of the channels at known places.
 
-Drift changes each channel's log2 by c_i(x), a polynomial through the shifts at the marks. Every sum
-that the board takes of the logs then changes by the same sum of c_i: contrasts, misfits, offsets of
-the brightness, and the coarse contrast at the borders of segments. Weights stay.
+Drift changes log2 of channel i by c_i(x), a polynomial through the shifts at the marks. Each
+weighted sum of logs on the board then changes by the same weighted sum of c_i. These sums are the
+contrasts, the misfits, the offsets of the brightness, and the coarse contrast at the borders of
+segments. The weights do not change.
 """
 
 from __future__ import annotations
@@ -20,25 +21,28 @@ _ONE_Q12 = 1 << 12
 
 
 def shifted(lines, place_um, shifts) -> list[str]:
-    """Return the lines of a calibration whose channels have shifted.
+    """Return the lines of a calibration after a drift of its channels.
 
     Parameters
     ----------
     lines : sequence of str
-        As calibrated, see `spots_device.calibration`. Strained tables shift by the same c_i(x).
+        Lines of the original calibration, see `spots_device.calibration`. Tables of all strains
+        shift by the same c_i(x).
     place_um : sequence of float, length n
-        Marks; n of them give a polynomial of degree n - 1.
+        Distances of the n marks from the sensor's end, in um. They give a polynomial of degree
+        n - 1.
     shifts : array_like, shape (n, 6)
-        log2 of each channel now, less that at the calibration.
+        log2 of the counts now minus log2 at the calibration, by mark and channel.
 
     Returns
     -------
     list of str
+        Lines of the shifted calibration.
 
     Raises
     ------
     SpotsError
-        If the tables do not stand that much drift.
+        If the drift is too large for the tables.
     """
     curve = polynomial.polyfit(place_um, np.asarray(shifts), len(place_um) - 1)
 
@@ -78,7 +82,7 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield where each segment begins, strain by strain; the tables overlap, the ends do not."""
+    """Yield the position of each segment's start in um, strain by strain; the tables overlap."""
     places: list[list[int]] = []
     for name, values in rows:
         if name == "strain":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from spots_device.decode import DARK_SAMPLES, LED_OFF, SATURATED
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.frames import Spectrum
+from ..link.frames import Frame, Spectrum, Touch
 from .presses import own_variance
 
 _CHANNELS_MIN = 3  # of fewer, the noise that all share cannot be separated
@@ -20,18 +22,19 @@ _TIMEOUT_S = 10.0  # more than any dark window takes
 
 @dataclass(frozen=True)
 class Reading:
-    """A held press.
+    """Statistics of the samples of a held press.
 
     Attributes
     ----------
     counts : numpy.ndarray, shape (6,)
-        Means of the dark-subtracted counts.
+        Mean dark-subtracted counts of each channel.
     variance : numpy.ndarray, shape (6,)
-        Variance of a single sample, without what is common to all channels; 0 of one that is
-        dark.
+        Variance of one sample in counts**2, without the noise that all channels share; 0 for a dark
+        channel.
     drift : float
-        Change of the brightness from the first to the second half, in units of log2.
+        Change of the brightness from the first half of the samples to the second, in log2 units.
     saturated : bool
+        Whether a channel was saturated.
     """
 
     counts: np.ndarray
@@ -41,19 +44,19 @@ class Reading:
 
     @property
     def dark(self) -> bool:
-        """Whether a channel saw less than a count."""
+        """Whether a channel has less than one count."""
         return bool((self.counts < 1).any())
 
 
 class SpectrumReader:
-    """Reads spectra from a board. Call `set_up` again after a change of its settings.
+    """Reads single samples from a board. Call `set_up` again after a change of settings.
 
-    Each is of one sample, whatever the board averages over: see `give_back`.
+    The board's setting ``average`` is 1 until `restore` is called.
 
     Parameters
     ----------
     board : Board
-        Not pressed while it is set up.
+        The board. Its strip must not be pressed during `set_up`.
     """
 
     def __init__(self, board: Board):
@@ -62,19 +65,19 @@ class SpectrumReader:
         self.set_up()
 
     def set_up(self, line: str = "", dark_s: float = 0.0) -> None:
-        """`set` something, if given; then read the settings and the mean of some dark frames.
+        """Change settings, then read all settings and the dark frame.
 
         Parameters
         ----------
         line : str
-            Arguments of the board's ``set``, for example ``gain=9``; empty for no change.
+            Arguments of the board's command ``set``, for example ``gain=9``; empty for no change.
         dark_s : float
-            Time of dark frames that are averaged; one is taken in any case.
+            Total exposure of the dark frames to average, in s; at least one frame is taken.
 
         Raises
         ------
         SpotsError
-            If the board refuses a setting, or is lost.
+            If the board refuses a setting, or is disconnected.
         """
         if line:
             self.board.command("set " + line)
@@ -88,35 +91,61 @@ class SpectrumReader:
         self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
         self.board.command("stream spectrum")
 
-    def give_back(self) -> None:
-        """Restore the board's average."""
+    def restore(self) -> None:
+        """Restore the board's setting ``average``."""
         if self._average != 1:
             self.board.command(f"set average={self._average}")
 
     @property
     def conditions(self) -> Conditions:
-        """What a calibration made now belongs to."""
+        """Board and settings, as `set_up` read them."""
         i = self.info
         return Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
 
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
-        """Return the next samples less the dark, shape (count, 6), and whether any was clipped."""
+        """Return new dark-subtracted samples, shape (count, 6), and whether any was saturated."""
+        limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
+        frames = self._frames(count, _is_lit, limit_s)
+        if len(frames) < count:
+            raise SpotsError("the board sends no spectra: 'spots command get' shows why")
+        saturated = any(frame.flags & SATURATED for frame in frames)
+        return np.array([frame.counts for frame in frames], dtype=float) - self._dark, saturated
+
+    def positions_um(self, count: int, timeout_s: float) -> np.ndarray:
+        """Return new positions of a calibrated board, which must stream touches.
+
+        Parameters
+        ----------
+        count : int
+            Number of positions.
+        timeout_s : float
+            Longest time to wait for them, in s.
+
+        Returns
+        -------
+        numpy.ndarray, shape (count,)
+            Positions in um.
+
+        Raises
+        ------
+        SpotsError
+            If the board reports too few positions.
+        """
+        frames = self._frames(count, lambda f: isinstance(f, Touch) and f.trusted, timeout_s)
+        if len(frames) < count:
+            raise SpotsError(
+                "the board reports no position: press the strip firmly with the indenter"
+            )
+        return np.array([frame.position_um for frame in frames], dtype=float)
+
+    def _frames(self, count: int, is_wanted: Callable[[Frame], bool], limit_s: float) -> list:
+        """Return up to `count` wanted frames whose exposure begins after this call."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
-        rows, clipped = [], False
-        limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"] * self.info["average"]
-        for frame in self.board.frames(limit_s):
-            if not isinstance(frame, Spectrum) or frame.flags & LED_OFF or frame.time_s < begun_s:
-                continue
-            rows.append(frame.counts)
-            clipped |= bool(frame.flags & SATURATED)
-            if len(rows) == count:
-                break
-        else:
-            raise SpotsError("the board sends no spectra; 'spots command get' shows why")
-        return np.array(rows, dtype=float) - self._dark, clipped
+        found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)
+        return list(islice(found, count))
 
     def read(self, count: int) -> Reading:
-        """Return a reading over `count` samples, 2 or more."""
+        """Return the statistics of the next `count` samples; `count` is at least 2."""
         samples, clipped = self.samples(count)
         mean = samples.mean(axis=0)
         lit = mean > 1
@@ -126,3 +155,7 @@ class SpectrumReader:
         if lit.sum() >= _CHANNELS_MIN:
             variance[lit] = own_variance(samples[:, lit])
         return Reading(mean, variance, float(drift), clipped)
+
+
+def _is_lit(frame: Frame) -> bool:
+    return isinstance(frame, Spectrum) and not frame.flags & LED_OFF

@@ -11,8 +11,8 @@ and may have
 
 ``check(rest, *, sensor, scenario, seed)``
     Raises SpotsError for a mistake that waiting for the board cannot correct.
-``calibration_setup(options, made, out, guide)``
-    Returns a `calibrate.steps.Setup` that presses the strip by itself. ``made`` is a session, or
+``calibration_setup(options, made, path, guide)``
+    Returns a `calibrate.bench.Bench` whose strip needs no person. ``made`` is a session, or
     the calibration of a strip that may have drifted.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Returns a `linkage.twin_source.DrivenLinkage`: a linkage that opens its boards itself. `path`,

@@ -1,0 +1,243 @@
+"""A strip under test: takes a press when it is held steadily, and judges it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import SpotsError
+from .guide import Guide
+from .presser import Presser
+from .presses import Noise, Presses
+from .session import Wanted
+from .spectra import Reading, SpectrumReader
+
+_TRIES = 5
+_WINDOW_S = 0.24
+_MARK_S = 1.5
+_WINDOW_MIN = 8  # samples
+_DRIFT_MAX = 0.01  # log2: 0.7 % of the light
+_TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
+_SIGMAS = 5.0
+_OUTLIER = 0.3  # log2: largest difference from the light that the neighbours suggest
+_VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
+_CONTINUES = "presses taken so far are stored; the same command continues"
+
+
+class BadPressError(Exception):
+    """A press is refused; the text gives the reason."""
+
+
+@dataclass
+class Bench:
+    """A board whose strip is pressed on request, for a calibration or a re-zero.
+
+    Attributes
+    ----------
+    reader : SpectrumReader
+        Reads the board.
+    presser : Presser
+        Person or machine that presses the strip.
+    guide : Guide
+        Shows what to do, and the progress.
+    length_um : float
+        Length of the strip at rest, in um.
+    path : Path
+        Calibration file of the strip.
+    """
+
+    reader: SpectrumReader
+    presser: Presser
+    guide: Guide
+    length_um: float
+    path: Path
+
+    @property
+    def window(self) -> int:
+        """Number of samples in a reading."""
+        return self._samples(_WINDOW_S)
+
+    @property
+    def mark_samples(self) -> int:
+        """Number of samples in the reading of a mark, whose noise shifts whole tables."""
+        return self._samples(_MARK_S)
+
+    def take(
+        self,
+        wanted: Wanted,
+        noise: Noise | None = None,
+        judge: Callable[[Reading], None] = lambda reading: None,
+        given_up: str = _CONTINUES,
+    ) -> Reading:
+        """Ask for a press until it is good; the strip is still pressed on return.
+
+        Parameters
+        ----------
+        wanted : Wanted
+            The press. If its kind is ``choose``, channels may be saturated or dark.
+        noise : Noise, optional
+            Noise of the sensor, if it is known.
+        judge : callable
+            ``judge(reading)`` raises `BadPressError` if the reading does not fit the press.
+        given_up : str
+            End of the error message after the last attempt.
+
+        Returns
+        -------
+        Reading
+            Counts of the press.
+
+        Raises
+        ------
+        SpotsError
+            If every attempt was bad.
+        """
+        self.guide.want(wanted)
+        for _ in range(_TRIES):
+            self.presser.press(wanted)
+            try:
+                reading = self._held(noise, any_light=wanted.kind == "choose")
+                if wanted.kind == "mark":
+                    reading = self.reader.read(self.mark_samples)
+                    _check_steady(reading, noise, self.window)
+                judge(reading)
+                return reading
+            except BadPressError as bad:
+                trouble = f"{wanted}: {bad}"
+            self.guide.say(f"{trouble}; press again")
+            if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
+                self.release()
+        raise SpotsError(f"{trouble}; {given_up}")
+
+    def release(self) -> None:
+        """Ask for the release of the strip, and wait for it.
+
+        Raises
+        ------
+        SpotsError
+            If the strip stays bright.
+        """
+        peak = self.reader.read(2).counts.max()
+        self.presser.release()
+        end_s = self.reader.board.now_s() + self.presser.patience_s
+        while self.reader.board.now_s() < end_s:
+            if self.reader.read(2).counts.max() < max(1.0, peak / 2):
+                return
+        raise SpotsError(
+            "the strip stays bright after the release: shade the strip, and press nothing"
+        )
+
+    def _samples(self, seconds: float) -> int:
+        return max(_WINDOW_MIN, round(seconds * 1e6 / self.reader.info["exposure_us"]))
+
+    def _held(self, noise: Noise | None, any_light: bool) -> Reading:
+        """Return the first reading of a steady press, or raise `BadPressError`."""
+        end_s = self.reader.board.now_s() + self.presser.patience_s
+        reason, steady = "no press is seen", 0
+        while steady < self.presser.steady:
+            if self.reader.board.now_s() >= end_s:
+                raise BadPressError(reason)
+            reading, trouble = self.reader.read(self.window), None
+            try:
+                _check_steady(reading, noise, self.window)
+                steady += 1
+            except BadPressError as bad:
+                reason = trouble = str(bad)
+                steady = 0
+            self.guide.watch(reading, trouble, steady / self.presser.steady)
+        if reading.saturated and not any_light:
+            raise BadPressError("a channel is saturated: press less, or lower gain or LED current")
+        if reading.dark and not any_light:
+            raise BadPressError("too dark: press harder, or raise gain, LED current or exposure")
+        return reading
+
+
+def _check_steady(reading: Reading, noise: Noise | None, window: int) -> None:
+    """Raise `BadPressError` if brightness or colour change during a reading."""
+    if (reading.counts < 1).all():
+        raise BadPressError("no press is seen")
+    if noise is None:
+        expected = np.maximum(reading.variance, _VARIANCE_MIN)
+    else:
+        expected = noise.variance(np.maximum(reading.counts, 0))
+    total = max(reading.counts.sum(), 1.0)
+    sigma = np.sqrt(4 * expected.sum() / window) / total / np.log(2)
+    if abs(reading.drift) > _DRIFT_MAX + _SIGMAS * sigma:
+        raise BadPressError("the light changes: hold still")
+    if not reading.saturated and np.mean(reading.variance / expected) > _TREMBLE_MAX:
+        raise BadPressError("the colour trembles: hold still")
+
+
+def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
+    """Judge a press at a new place by presses with the same force at other places.
+
+    Parameters
+    ----------
+    known : Presses
+        At least two earlier presses.
+    wanted : Wanted
+        The new press.
+    counts : numpy.ndarray, shape (6,)
+        Dark-subtracted counts of the new press.
+    noise : Noise
+        Noise of the sensor.
+    window : int
+        Number of samples in the reading of the new press.
+
+    Raises
+    ------
+    BadPressError
+        If colour or brightness do not lie between those of the neighbours.
+    """
+    order = np.argsort(known.position_um)
+    places, logs, log = known.position_um[order], known.logs[order], np.log2(counts)
+    # Direction of the colour from the first place to the last one, without the brightness.
+    way = logs[-1] - logs[0]
+    way = way - way.mean()
+    at = int(np.searchsorted(places, wanted.place_um))
+    contrasts = np.insert(logs @ way, at, log @ way)
+    sigma = np.sqrt(2 * noise.log_variance(counts) @ way**2 / window)
+    if (np.diff(contrasts) < -_SIGMAS * sigma).any():
+        raise BadPressError(
+            "the colour does not lie between those of its neighbours: check the place of this "
+            "press and of the last one"
+        )
+    near = np.sort(np.argsort(np.abs(places - wanted.place_um))[:2])
+    if np.abs(places[near] - wanted.place_um).min() > 1.5 * np.ptp(places[near]):
+        return
+    line = np.polyfit(places[near] - wanted.place_um, logs[near].mean(axis=1), 1)
+    if abs(log.mean() - line[1]) > _OUTLIER:
+        raise BadPressError("the light is not what its neighbours suggest: press as hard as there")
+
+
+def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
+    """Judge a press with a new force by presses with other forces at the same place.
+
+    Parameters
+    ----------
+    known : Presses
+        At least two earlier presses.
+    wanted : Wanted
+        The new press.
+    counts : numpy.ndarray, shape (6,)
+        Dark-subtracted counts of the new press.
+    noise : Noise
+        Noise of the sensor.
+    window : int
+        Number of samples in the reading of the new press.
+
+    Raises
+    ------
+    BadPressError
+        If the light does not grow with the force.
+    """
+    forces = np.append(known.force_mN, wanted.force_mN)
+    light = np.append(known.logs.mean(axis=1), np.log2(counts).mean())
+    sigma = np.sqrt(2 * noise.log_variance(counts).sum() / window) / len(counts)
+    if (np.diff(light[np.argsort(forces)]) < -_SIGMAS * sigma).any():
+        raise BadPressError(
+            "the light does not grow with the force: check this force, and the last one"
+        )
