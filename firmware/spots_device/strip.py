@@ -124,6 +124,8 @@ class Strip:
     def streams(self):
         """Return the names of the frames that are streamed."""
         names = []
+        if self._uses.streams_contacts:
+            names.append("contact")
         if self.stream_spectrum:
             names.append("spectrum")
         if self.stream_touch:
@@ -131,9 +133,13 @@ class Strip:
         return names
 
     def stream(self, names):
-        """Stream these frames and no others: ``touch``, ``spectrum``."""
+        """Stream these frames and no others: ``touch``, ``spectrum``, ``contact``.
+
+        Returns a note for the user, or None.
+        """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
+        return self._uses.stream_contacts("contact" in names, self.decode.calibration)
 
     def request_dark(self, done):
         """Take a dark frame now; then call ``done()``."""
