@@ -39,9 +39,9 @@ _NAMES = {
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
-    "Arrays", "Board", "Contact", "Decoder", "Encoder", "Key", "LinkStats", "Linkage", "Note", "Recording",
-    "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "Twin", "open", "open_recording",
-    "read_arrays",
+    "Arrays", "Board", "Contact", "Decoder", "Encoder", "Key", "LinkStats", "Linkage", "Note",
+    "Recording", "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "Twin", "open",
+    "open_recording", "read_arrays",
 ]  # fmt: skip
 
 

@@ -263,7 +263,8 @@ class RecordingBlocks(Recording):
                     self._note(path, header, found)
                 elif isinstance(found, Text):
                     texts.append((self.end_s, found))
-            yield Arrays(*map(np.concatenate, parts.values()), texts, replace(self.stats))
+            tables = map(np.concatenate, parts.values())
+            yield Arrays(*tables, texts=texts, stats=replace(self.stats))
 
     def _add(self, run: _Run, header: Header, parts: dict[int, list[np.ndarray]]) -> None:
         count = len(run.t_us)
@@ -341,4 +342,5 @@ def read_arrays(path: str | Path) -> Arrays:
         for array, rows in zip(growing, block.tables):
             array.extend(rows)
         texts += block.texts
-    return Arrays(*(array.whole() for array in growing), texts, replace(blocks.stats))
+    tables = (array.whole() for array in growing)
+    return Arrays(*tables, texts=texts, stats=replace(blocks.stats))
