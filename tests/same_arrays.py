@@ -11,13 +11,13 @@ import pytest
 
 from reels import INFO, clock
 from spots.errors import SpotsError
-from spots.link.frames import Key, Spectrum, Text, Touch
+from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import arrays
 from spots.recording.header import Clock, Header, encoded
 from spots.recording.recording import Recording
 from spots_device import decode
 
-_TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys"}
+_TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys", Contact: "contacts"}
 _COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete")
 
 
@@ -88,7 +88,7 @@ def _rows(table, kind):
     if "time_s" in columns:
         columns["time_s"] = [None if time != time else time for time in columns["time_s"]]
     rows = map(kind, *(columns[name] for name in kind._fields))
-    return list(zip(columns["arrived_s"], map(_known, rows) if kind is Touch else rows))
+    return list(zip(columns["arrived_s"], map(_KNOWN.get(kind, _as_is), rows)))
 
 
 def _known(touch):
@@ -97,6 +97,17 @@ def _known(touch):
     if blind or not touch.flags & decode.TOUCHING:
         touch = touch._replace(position_um=math.nan)
     return touch._replace(force_mN=math.nan) if blind else touch
+
+
+def _known_force(contact):
+    return contact._replace(force_mN=contact.force_mN or math.nan)
+
+
+def _as_is(row):
+    return row
+
+
+_KNOWN = {Touch: _known, Contact: _known_force}
 
 
 def _bits(rows):

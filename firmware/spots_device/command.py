@@ -200,7 +200,7 @@ class Commands:
       auto                search gain and LED current while you press firmly
       dark                take a dark frame; with 'off' while the LED is unplugged
       rest                take the present light as the baseline
-      stream KIND ...     select the frames of each sample: touch, spectrum, both, off
+      stream KIND ...     select the frames of each sample: touch, spectrum, contact, off
       keys on|off         touches press keys
       gamepad on|off      touches move a gamepad
       layout, cal         upload a layout or a calibration, line by line
@@ -275,13 +275,13 @@ class Commands:
 
     def _stream(self, words):
         kinds = set(words[1:])
-        if not kinds or kinds - {"touch", "spectrum", "off"} or len(kinds) > 2:
-            raise ValueError("stream takes touch, spectrum, both, or off")
+        if not kinds or kinds - {"touch", "spectrum", "contact", "off"}:
+            raise ValueError("stream takes touch, spectrum, contact, or off")
         if "off" in kinds and len(kinds) > 1:
             raise ValueError("stream off takes no other word")
-        self._app.strip.stream(kinds)
+        note = self._app.strip.stream(kinds)
         self._app.measure()
-        return {"stream": sorted(kinds)}
+        return _noted({"stream": sorted(kinds)}, note)
 
     def _switch(self, words):
         name = words[0]

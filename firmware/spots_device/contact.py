@@ -92,7 +92,7 @@ def _counts(brightness):
     return max(power(brightness) >> 6, 1)
 
 
-class Contact:
+class ContactTracker:
     """Converts the readings of a strip to touches.
 
     Parameters
@@ -112,17 +112,19 @@ class Contact:
 
     Attributes
     ----------
+    x_um : int
+        Position of the first finger in um.
     force_mN : int
         Force of the last reading that fits one press, in mN.
     """
 
     def __init__(self, sink):
-        self._sink = sink
+        self.sink = sink
         self._layout = None
         self._state = _SPENT
         self._known = False  # in TWO: whether the first finger's position is known
         self._seen = 0  # consecutive readings that agree
-        self._x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
+        self.x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
         self._b = self._b_before = self._b_oldest = self._b_seen = 0
         self._b_since = self._b_level = self._level = 0
         self._length_um = 0
@@ -210,7 +212,7 @@ class Contact:
             self.force_mN = force_mN
             if layout.stuck_t and state and self._rests(position_um, force_mN, t):
                 self._state = _SPENT
-                self._sink.stuck()
+                self.sink.stuck()
                 return
         if state == _DOWN:
             self._follow(fits, position_um, force_mN, brightness, t)
@@ -233,7 +235,7 @@ class Contact:
         down, self._state = self.touched, _UP
         self._seen = 0
         if down:
-            self._sink.up(t)
+            self.sink.up(t)
 
     # State UP.
 
@@ -245,7 +247,7 @@ class Contact:
         moved_um = x_um - self._x_seen_um
         if not self._seen:
             self._began = self._since = t
-            self._x_um = x_um
+            self.x_um = x_um
             self._peak = 0
             self._seen = 1
         elif (
@@ -261,7 +263,7 @@ class Contact:
                 self._seen = layout.detect  # the finger slides already
             else:
                 self._seen = 1
-                self._x_um = x_um
+                self.x_um = x_um
                 if elapsed(self._began, t) >= _TOGETHER_T:
                     self._known = False
                     self._mix(x_um, brightness, t)
@@ -274,7 +276,7 @@ class Contact:
         self._note(x_um, brightness)
         if self._seen >= layout.detect:
             self._begin(x_um, force_mN, brightness, t)
-            self._sink.down(x_um, t)
+            self.sink.down(x_um, t)
             self._harden(force_mN, t)
 
     # State DOWN.
@@ -283,7 +285,7 @@ class Contact:
         self._state = _DOWN
         self._seen = 0
         self._dipped = False
-        self._x_um = self._x_before_um = x_um
+        self.x_um = self._x_before_um = x_um
         self._b = self._b_before = brightness
         self._b_oldest = 0
         self._x_seen_um = x_um
@@ -293,21 +295,21 @@ class Contact:
         self._still = t
 
     def _follow(self, fits, x_um, force_mN, brightness, t):
-        off_um = x_um - self._x_um
+        off_um = x_um - self.x_um
         if fits and -_SAME_UM < off_um < _SAME_UM:
             off_um >>= 1
         elif self._is_next(fits, off_um, x_um, brightness, t):
             self._part(fits, x_um, force_mN, brightness, t)
             return
-        self._x_before_um = self._x_um
-        self._x_um += off_um
+        self._x_before_um = self.x_um
+        self.x_um += off_um
         self._x_seen_um = x_um
         self._b_oldest = self._b_before
         self._b_before = self._b
         self._b = brightness
         if self._dipped:
             self._dipped = False
-        self._sink.at(x_um, t)
+        self.sink.at(x_um, t)
         if not self._firm:
             self._harden(force_mN, t)
 
@@ -324,7 +326,7 @@ class Contact:
             Position in um, brightness in Q20 of log2, and time in ticks.
         """
         if fits and not self._dipped:
-            if abs(off_um) < 4 * self._noise_um(brightness):
+            if abs(off_um) < 4 * self.noise_um(brightness):
                 return False
             ticks = min(elapsed(self._t, t), _TOGETHER_T)
             if abs(x_um - self._x_seen_um) <= self._layout.jump_um and (
@@ -338,7 +340,7 @@ class Contact:
         if last < max(self._b, before, self._b_oldest) - _FALLEN:
             self._dipped = True
         self._known = True
-        self._x_um = self._x_before_um
+        self.x_um = self._x_before_um
         self._b = before
         self._mix(x_um, brightness, t)
         self._least = last
@@ -399,18 +401,18 @@ class Contact:
                 self._odd and elapsed(self._since, t) >= _TOGETHER_T
             ):
                 self._begin(x_um, force_mN, brightness, t)
-                self._sink.down(x_um, t)
+                self.sink.down(x_um, t)
                 self._harden(force_mN, t)
             return
-        off_um = x_um - self._x_um
-        if abs(off_um) < max(_BACK_UM, 4 * (self._noise_um(brightness))):
+        off_um = x_um - self.x_um
+        if abs(off_um) < max(_BACK_UM, 4 * (self.noise_um(brightness))):
             firm = self._firm
             self._begin(x_um, force_mN, brightness, t)
             self._firm = firm
             if self._second:
                 self._second = False
-                self._sink.left(True, t)
-            self._sink.at(x_um, t)
+                self.sink.left(True, t)
+            self.sink.at(x_um, t)
         elif self._has_left(off_um, brightness, t):
             if self._second and abs(x_um - self._x_second_um) < _NEAR_UM:
                 self._remain(x_um, force_mN, brightness, t)
@@ -418,8 +420,8 @@ class Contact:
             self._begin(x_um, force_mN, brightness, t)
             if self._second:
                 self._second = False
-                self._sink.left(True, t)
-            self._sink.next(x_um, t)
+                self.sink.left(True, t)
+            self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
     def _locate(self, fits, x_um, force_mN, brightness, t):
@@ -443,7 +445,7 @@ class Contact:
             if self._fades:
                 self._guess(self._x_second_um, self._b_second, x_um, brightness, t)
         elif self._even and not (late or self._fades or self._third or self._dipped):
-            self._guess(self._x_um, self._b, x_um, brightness, t)
+            self._guess(self.x_um, self._b, x_um, brightness, t)
         return False
 
     def _guess(self, x1_um, b1, x_um, brightness, t):
@@ -457,14 +459,14 @@ class Contact:
             Position in um and brightness of the reading, and its time in ticks.
         """
         found = self._found
-        noise_um = self._noise_um(brightness)
+        noise_um = self.noise_um(brightness)
         if not locate(found, _DECAY, x1_um, b1, x_um, brightness, noise_um):
             self._guesses = 0
             return
         at_um = found[0]
         slack_um = found[1]
         if not -_NEAR_UM < at_um < self._length_um + _NEAR_UM or (
-            self._second and abs(at_um - self._x_um) < _NEAR_UM + slack_um
+            self._second and abs(at_um - self.x_um) < _NEAR_UM + slack_um
         ):
             self._guesses = 0
             return
@@ -483,14 +485,14 @@ class Contact:
             return
         if self._second:
             # The first finger has left; the second one becomes the first one.
-            self._sink.left(False, t)
-            self._x_um = x1_um
+            self.sink.left(False, t)
+            self.x_um = x1_um
             self._b = b1
             self._began = t
             self._fades = self._third = False
             self._peak = brightness
             self._x_peak_um = x_um
-        self._second = self._sink.second(at_um, 2 * slack_um, t)
+        self._second = self.sink.second(at_um, 2 * slack_um, t)
         if self._second:
             self._x_second_um = at_um
             self._b_second = found[2]
@@ -499,7 +501,7 @@ class Contact:
         """Continue with the second finger after the first has left; arguments as in `take`."""
         self._second = False
         self._begin(x_um, force_mN, brightness, t)
-        self._sink.left(False, t)
+        self.sink.left(False, t)
         self._harden(force_mN, t)
 
     def _has_left(self, off_um, brightness, t):
@@ -521,12 +523,12 @@ class Contact:
         alone = _counts(first)
         peak = _counts(self._peak)
         light = _counts(brightness)
-        if self._is_alone(self._x_um + off_um, brightness):
+        if self._is_alone(self.x_um + off_um, brightness):
             return True
         if light >= peak - alone // 5:
             return False
         # Light was lost while the position moved away from the first finger.
-        away_um = self._x_um + off_um - self._x_peak_um
+        away_um = self.x_um + off_um - self._x_peak_um
         if off_um < 0:
             away_um = -away_um
         return away_um > (abs(off_um) >> 5) * ((alone << 4) // peak) // 10
@@ -540,7 +542,7 @@ class Contact:
             return False
         found = self._found
         first = self._b - _FALLEN
-        if not locate(found, _DECAY, self._x_um, first, x_um, brightness, 0):
+        if not locate(found, _DECAY, self.x_um, first, x_um, brightness, 0):
             return True
         slack_um = _NEAR_UM + found[1]
         return not -slack_um < found[0] < self._length_um + slack_um
@@ -548,7 +550,8 @@ class Contact:
     def _is_steady(self, moved_um, brightness):
         return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
 
-    def _noise_um(self, brightness):
+    def noise_um(self, brightness):
+        """Return the standard deviation of a place by the converter's noise, at most."""
         return min(self._noise * 16 // _counts(brightness), _NOISE_UM)
 
     def _slack_um(self, brightness):
@@ -562,7 +565,7 @@ class Contact:
     def _harden(self, force_mN, t):
         if not self._firm and force_mN >= self._layout.firm_mN and self._state == _DOWN:
             self._firm = True
-            self._sink.firm(t)
+            self.sink.firm(t)
 
     def _rests(self, x_um, force_mN, t):
         layout = self._layout

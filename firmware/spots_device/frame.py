@@ -13,6 +13,7 @@ TOUCH = 1
 SPECTRUM = 2
 TEXT = 3
 KEY = 4
+CONTACT = 5
 
 # kind and sensor, sequence, time low, time high
 HEADER = "<BHHH"
@@ -20,6 +21,7 @@ HEADER_SIZE = 7
 TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 SPECTRUM_BODY = "BB6H"  # flags, gain, counts
 KEY_BODY = "BHBB"  # usage page, usage, modifiers, pressed
+CONTACT_BODY = "BBiHH"  # id, state, position_um, sigma_um, force_mN
 TEXT_MAX = 640  # the longest reply is that to `get`, 602
 
 _TOUCH_FRAME = HEADER + TOUCH_BODY
@@ -28,6 +30,8 @@ _SPECTRUM_FRAME = HEADER + SPECTRUM_BODY
 _SPECTRUM_SIZE = HEADER_SIZE + 14
 _KEY_FRAME = HEADER + KEY_BODY
 _KEY_SIZE = HEADER_SIZE + 5
+_CONTACT_FRAME = HEADER + CONTACT_BODY
+_CONTACT_SIZE = HEADER_SIZE + 10
 
 
 class Time32:
@@ -141,6 +145,24 @@ class Framer:
         )
         return self._send(_KEY_SIZE, self._gap)
 
+    def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
+        """Send a CONTACT frame: a finger in a reading, see `fingers`."""
+        pack_into(
+            _CONTACT_FRAME,
+            self._payload,
+            0,
+            CONTACT | sensor << 4,
+            self._sequence,
+            self._time.low,
+            self._time.high,
+            finger,
+            state,
+            position_um,
+            sigma_um,
+            force_mN,
+        )
+        return self._send(_CONTACT_SIZE, self._gap)
+
     def text(self, data):
         """Send at most `TEXT_MAX` bytes as TEXT frame; return whether it was sent. Allocates."""
         payload = self._payload
@@ -149,8 +171,8 @@ class Framer:
         return self._send(HEADER_SIZE + len(data), self._gap)
 
     def _send(self, size, gap_after):
-        # `gap_after`: the gap that remains to be marked once this frame is out, for KEY and TEXT
-        # frames have no flags.
+        # `gap_after`: the gap that remains to be marked once this frame is out, for only
+        # TOUCH and SPECTRUM frames have flags.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.

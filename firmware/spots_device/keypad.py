@@ -5,7 +5,7 @@ release belongs to the pressed action, also if the layer has changed since. Inte
 nothing. Times are in the ticks of contact.py.
 """
 
-from .contact import Contact, elapsed
+from .contact import ContactTracker, elapsed
 from .layout import (
     DOUBLE,
     FIRM,
@@ -45,7 +45,7 @@ class Keypad:
     def __init__(self, sink):
         self._key = sink.key
         self._stuck = sink.stuck
-        self.contact = Contact(self)
+        self.contact = ContactTracker(self)
         self.take = self.contact.take
         self._layout = None
         self._length_mm = 0
@@ -93,7 +93,7 @@ class Keypad:
         """Drop the tap that waits for a second tap, and the layer for the next key."""
         self._due = self._tapped_at = self._once = _NONE
 
-    # Events of contact.Contact.
+    # Events of contact.ContactTracker.
 
     def down(self, x_um, t):
         again = self._tapped_at

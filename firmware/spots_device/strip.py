@@ -125,8 +125,10 @@ class Strip:
             self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
 
     def streams(self):
-        """Return a list of the streamed kinds of frames: ``spectrum``, ``touch``."""
+        """Return a list of the streamed kinds of frames: ``contact``, ``spectrum``, ``touch``."""
         names = []
+        if self._uses.streams_contacts:
+            names.append("contact")
         if self.stream_spectrum:
             names.append("spectrum")
         if self.stream_touch:
@@ -134,9 +136,16 @@ class Strip:
         return names
 
     def stream(self, names):
-        """Stream only these kinds of frames (list of str): ``touch``, ``spectrum``."""
+        """Stream only these kinds of frames (list of str): ``touch``, ``spectrum``, ``contact``.
+
+        Returns
+        -------
+        str or None
+            Note for the user.
+        """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
+        return self._uses.stream_contacts("contact" in names, self.decode.calibration)
 
     def request_dark(self, done):
         """Take a dark frame now; then call ``done()``."""

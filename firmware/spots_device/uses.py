@@ -1,4 +1,4 @@
-"""Turns readings into key events and gamepad reports, if the settings enable them.
+"""Turns readings into key events, contacts and gamepad reports, if they are switched on.
 
 A board without USB HID sends keys as frames only. Modules of disabled functions are not imported,
 which saves memory.
@@ -11,7 +11,7 @@ INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad")
 # HID usage pages as in layout.py, which is imported only if a layout is used.
 _KEYBOARD_PAGE = 7
 _CONSUMER_PAGE = 12
-_NO_MEMORY = "no memory is left for keys: save and reboot"
+_NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
 
 
 def check_layout(lines):
@@ -29,7 +29,7 @@ class Uses:
     settings : settings.BoardSettings
         Settings of the board; `apply` reads ``keys`` and ``gamepad``.
     framer : frame.Framer
-        Sends each key event as a KEY frame.
+        Sends each key event as a KEY frame, and CONTACT frames.
     time : frame.Time32
         Board time; the caller updates it before each event.
     usb : object or None
@@ -41,6 +41,8 @@ class Uses:
 
     Attributes
     ----------
+    streams_contacts : bool
+        Whether CONTACT frames are streamed.
     two : bool
         Whether the last reading may be of two fingers.
     fault : str or None
@@ -53,10 +55,13 @@ class Uses:
         self._time = time
         self._usb = usb
         self._sensor = 0
-        self._rests = self.two = False
+        self._rests = self.two = self.streams_contacts = False
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
+        self._contacts = None  # while they are streamed: a tracker for no keypad, and fingers
+        # In use: the keypad's tracker or that one, and the fingers.
+        self._tracker = self._fingers = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
         self._outputs = ()  # the same as a tuple: iterating over it allocates nothing
@@ -89,6 +94,30 @@ class Uses:
             self._keys_on = self._prepare_keypad(calibration.length_um)
         if self._gamepad_on:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
+        self._follow(calibration)
+
+    def stream_contacts(self, on, calibration):
+        """Start or end the stream of CONTACT frames; a key that is down stays down.
+
+        Parameters
+        ----------
+        on : bool
+            Whether to send a frame for each finger and reading.
+        calibration : calibration.Calibration or None
+            Calibration in use; without one there are no contacts.
+
+        Returns
+        -------
+        str or None
+            Why no contacts will come; None if they will, or are off.
+        """
+        if on != self.streams_contacts:
+            self.streams_contacts = on
+            self._memory_fault = None
+            self._follow(calibration)
+        if not on:
+            return None
+        return self._memory_fault if calibration else "without a calibration there are no contacts"
 
     def note(self, calibration):
         """Return why keys or gamepad do not work although they are switched on.
@@ -105,7 +134,7 @@ class Uses:
         """
         wanted = self._wanted()
         if not wanted:
-            return None
+            return self._memory_fault
         notes = []
         if calibration is None:
             notes.append("keys and gamepad need a calibration")
@@ -141,13 +170,15 @@ class Uses:
         """
         self._sensor = sensor
         self._rests = self.two = False
-        if self._keys_on:
+        tracker = self._tracker
+        if tracker is not None:
             t = self._time.high << 6 | self._time.low >> 10
-            self._keypad.take(
-                decode.flags, decode.position_um, decode.force_mN, decode.brightness, t
-            )
-            self._keypad.tick(t)
-            if decode.flags & TOUCHING and self._keypad.contact.two:
+            tracker.take(decode.flags, decode.position_um, decode.force_mN, decode.brightness, t)
+            if self._keys_on:
+                self._keypad.tick(t)
+            if self._fingers is not None:
+                self._fingers.send(sensor, decode)
+            if decode.flags & TOUCHING and tracker.two:
                 self.two = True
                 # Both bits where this spectrum alone would fit one press, see contact.py.
                 decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
@@ -184,7 +215,9 @@ class Uses:
         return idle
 
     def release(self):
-        """Release all keys and the gamepad; ignore the present touch until it is lifted."""
+        """Release all keys, contacts and the gamepad; ignore the touch until it is lifted."""
+        if self._fingers is not None:
+            self._fingers.release()
         if self._keypad is not None:
             self._keypad.release()
         for output in self._outputs:
@@ -223,6 +256,33 @@ class Uses:
             self._memory_fault = _NO_MEMORY
             return False
         return True
+
+    def _follow(self, calibration):
+        """Let the keypad's tracker take the readings, or one for the contacts alone, or none."""
+        keypad = self._keypad if self._keys_on else None
+        tracker = None
+        if keypad:
+            tracker = keypad.contact
+            tracker.sink = keypad
+        self._tracker = tracker
+        self._fingers = None
+        if not self.streams_contacts:
+            self._contacts = None
+        elif calibration is not None:
+            try:
+                if self._contacts is None:
+                    from .contact import ContactTracker
+                    from .fingers import Fingers
+
+                    self._contacts = ContactTracker(None), Fingers(self._framer)
+                own, fingers = self._contacts
+                own.set_layout(self._get_layout(), calibration.length_um)
+            except MemoryError:
+                self._memory_fault = _NO_MEMORY
+                return
+            self._tracker = tracker or own
+            fingers.attach(self._tracker, keypad)
+            self._fingers = fingers
 
     def _get_layout(self):
         if self._layout is None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .errors import SpotsError
     from .link.board import Board
     from .link.connect import open
-    from .link.frames import Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+    from .link.frames import Contact, Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
     from .linkage.digital_twin import Twin
     from .linkage.encoder import Encoder
     from .linkage.fivebar import Linkage
@@ -29,7 +29,7 @@ _NAMES = {
     "errors": ("SpotsError",),
     "link.board": ("Board",),
     "link.connect": ("open",),
-    "link.frames": ("Decoder", "Key", "LinkStats", "Note", "Spectrum", "Text", "Touch"),
+    "link.frames": ("Contact", "Decoder", "Key", "LinkStats", "Note", "Spectrum", "Text", "Touch"),
     "linkage.digital_twin": ("Twin",),
     "linkage.encoder": ("Encoder",),
     "linkage.fivebar": ("Linkage",),
@@ -39,9 +39,9 @@ _NAMES = {
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
-    "Arrays", "Board", "Decoder", "Encoder", "Key", "LinkStats", "Linkage", "Note", "Recording",
-    "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "Twin", "open", "open_recording",
-    "read_arrays",
+    "Arrays", "Board", "Contact", "Decoder", "Encoder", "Key", "LinkStats", "Linkage", "Note",
+    "Recording", "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "Twin", "open",
+    "open_recording", "read_arrays",
 ]  # fmt: skip
 
 

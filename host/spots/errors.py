@@ -84,5 +84,9 @@ class ClosedError(SpotsError):
     """The board is closed: the program itself has closed it."""
 
 
+class CommandError(SpotsError):
+    """The board refuses a command."""
+
+
 class RefusedError(SpotsError):
     """Another board is on the port of the board that was lost."""

@@ -7,7 +7,8 @@ import pytest
 from spots.deploy.build import build, files_of
 from spots.deploy.staging import board_names, device_of
 
-HEAP_MAX_BYTES = 66 * 1024
+# Of about 246 KB of a Pico: other LEDs, mains and two fingers took 6 KiB more than before.
+HEAP_MAX_BYTES = 72 * 1024
 FLASH_MAX_BYTES = 64 * 1024
 BOARDS = [name for name in board_names() if device_of(name).runtime == "micropython"]
 

@@ -66,7 +66,7 @@ def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
         ("set gain=3 colour=red", "no setting is called 'colour'"),
         ("stream", "touch, spectrum"),
         ("stream touch off", "off takes no other word"),
-        ("stream sideways", "touch, spectrum"),
+        ("stream sideways", "touch, spectrum, contact"),
         ("cal end 0000", "cal begin"),
         ("cal", "cal begin"),
     ],

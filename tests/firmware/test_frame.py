@@ -91,6 +91,15 @@ def test_a_spectrum_frame_carries_six_counts():
     assert struct.unpack("<BHIBB6H", payload[:-4]) == (2, 0, 0, 8, 9, 1, 65_535, 3, 4, 5, 6)
 
 
+def test_a_contact_frame_is_these_23_bytes():
+    made, port = framer(0x12345)
+    made.contact(1, 7, 2, -42_500, 310, 3000)
+    payload = bytes.fromhex("15 0000 00000000 07 02 fc59ffff 3601 b80b")
+    payload += struct.pack("<I", zlib.crc32(payload))
+    assert port.sent == [cobs.encode(payload) + b"\0"]
+    assert len(port.sent[0]) == 23
+
+
 def test_a_dropped_frame_is_counted_numbered_and_flagged():
     made, port = framer()
     made.touch(0, reading(flags=0))

@@ -48,6 +48,7 @@ def test_the_document_runs(simulated, capsys):
     assert board.state == "closed"
     assert len(names["table"]) > 100
     assert len(names["recent"]) > 100
+    assert names["fingers"]
     assert names["settings"]["average"] == 2
     assert board.info["calibration"] is not None
     assert "Touch(" in capsys.readouterr().out

@@ -6,7 +6,7 @@ of the same scenes.
 
 import pytest
 
-from spots.link.frames import Decoder, Key, Spectrum, Touch
+from spots.link.frames import Contact, Decoder, Key, Spectrum, Touch
 from spots_device.calibration import Calibration, CalibrationError
 from spots_device.dark import DARK_EVERY_US
 from spots_device.decode import (
@@ -20,6 +20,7 @@ from spots_device.decode import (
     TOUCHING,
 )
 from spots_device.exposure import MAX_US
+from spots_device.fingers import CONFIRMED, DOWN, PROVISIONAL, UP
 from spots_device.layout import KEYBOARD, action
 from spots_device.strip import IDLE_US
 
@@ -130,6 +131,7 @@ def given(calibration):
         "calibrations": calibrations,
         "scenes": [played for played, _ in SCENES.values()],
         "port_bytes": 40_000,
+        "contacts": False,
         "uses": [],
         "layout": [],
         "lock": True,
@@ -174,6 +176,16 @@ def expected_uses(cpython, given_uses):
 
 
 @pytest.fixture(scope="module")
+def given_contacts(given):
+    return {**given, "contacts": True}
+
+
+@pytest.fixture(scope="module")
+def expected_contacts(cpython, given_contacts):
+    return cpython.run("sample_path", given_contacts)
+
+
+@pytest.fixture(scope="module")
 def frames(expected, expected_long):
     return {**frames_of(expected, SCENES), **frames_of(expected_long, LONG_SCENES)}
 
@@ -190,6 +202,22 @@ def test_nor_does_it_as_a_keyboard_and_gamepad(machine, given_uses, expected_use
     assert machine.run("sample_path", given_uses) == expected_uses
 
 
+def test_nor_does_it_with_contacts(machine, given_contacts, expected_contacts):
+    assert machine.run("sample_path", given_contacts) == expected_contacts
+
+
+def test_nor_with_contacts_and_keys(machine, cpython, given_uses):
+    given = {**given_uses, "contacts": True}
+    assert machine.run("sample_path", given) == cpython.run("sample_path", given)
+
+
+def test_fingers_come_and_go_in_these_scenes(expected_contacts):
+    frames = Decoder().feed(bytes.fromhex("".join(expected_contacts[:-2])))
+    contacts = [f for f in frames if isinstance(f, Contact)]
+    assert {contact.state for contact in contacts} >= {DOWN, PROVISIONAL, CONFIRMED, UP}
+    assert not any(isinstance(f, Key) for f in frames)
+
+
 def test_keys_and_axes_move_in_these_scenes(expected_uses):
     frames = Decoder().feed(bytes.fromhex("".join(expected_uses[:-2])))
     keys = [f for f in frames if isinstance(f, Key)]
@@ -202,6 +230,10 @@ def test_keys_and_axes_move_in_these_scenes(expected_uses):
 
 def test_no_byte_more_is_allocated_when_the_heap_is_open(machine, given):
     assert machine.run("sample_path", {**given, "lock": False})[-1] == "0"
+
+
+def test_nor_with_contacts(machine, given_contacts):
+    assert machine.run("sample_path", {**given_contacts, "lock": False})[-1] == "0"
 
 
 def test_nor_as_a_keyboard_and_gamepad(machine, given_uses):

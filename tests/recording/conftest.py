@@ -39,12 +39,12 @@ def opened(sensor, calibration):
 
 @pytest.fixture(scope="session")
 def seen(opened, tmp_path_factory):
-    """Two seconds of readings, spectra and keys."""
+    """Two seconds of readings, spectra, keys and contacts."""
     path = tmp_path_factory.mktemp("seen") / "run.spots"
     board, frames, handed_s = opened(), [], []
     with board.record(path):
         board.command("keys on")
-        board.command("stream touch spectrum")
+        board.command("stream contact touch spectrum")
         for frame in board.frames(2.0):
             frames.append(frame)
             handed_s.append(board.now_s())

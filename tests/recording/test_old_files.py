@@ -87,7 +87,9 @@ def test_a_session_gives_the_same_calibration(tmp_path):
 def test_a_recording_is_summarised_as_before(capsys, monkeypatch):
     monkeypatch.chdir(DATA)
     assert main(["info", "run.spots", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == EXPECTED["info"]
+    found = json.loads(capsys.readouterr().out)
+    assert found["frames"].pop("contact") == 0  # an older recording has none
+    assert found == EXPECTED["info"]
 
 
 def test_a_recording_is_exported_to_the_same_bytes(tmp_path):

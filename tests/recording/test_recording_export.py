@@ -12,12 +12,12 @@ from mcap.reader import make_reader
 import spots
 from reels import record
 from spots.cli import main
-from spots.link.frames import Key, Spectrum, Text, Touch
+from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import export as exports
 from spots_device.frame import TEXT_MAX
 from test_frames import encoded, stream
 
-KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "text": Text}
+KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "contact": Contact, "text": Text}
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def check(row, wanted):
         if name in TIMES:
             assert value == pytest.approx(other, abs=1e-9)
         elif other != other:  # not known: a file has what the board sent
-            assert value == 0 or not wanted["touching"], name
+            assert value == 0 or not wanted.get("touching", True), name
         else:
             assert value == other, name
 
@@ -89,6 +89,7 @@ def test_mcap(seen, truth, tmp_path):
         ("/spots/0/touch", "spots.Touch"),
         ("/spots/0/spectrum", "spots.Spectrum"),
         ("/spots/0/key", "spots.Key"),
+        ("/spots/0/contact", "spots.Contact"),
         ("/spots/log", "foxglove.Log"),
     }
 

@@ -14,7 +14,7 @@ from spots.controller import controller as play
 from spots.controller.controller_settings import load as load_settings
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load as load_layout
-from spots.link.frames import Decoder, Key, Spectrum, Text, Touch
+from spots.link.frames import Contact, Decoder, Key, Spectrum, Text, Touch
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.recording import replay
 from spots.recording.note import note
@@ -30,7 +30,7 @@ def test_every_frame_comes_back_with_its_times(seen):
             frames.append(frame)
             arrived_s.append(board.now_s())
     assert frames == seen.frames
-    assert {type(frame) for frame in frames} == {Touch, Spectrum, Key}
+    assert {type(frame) for frame in frames} == {Touch, Spectrum, Key, Contact}
     assert all(frame.time_s is not None for frame in frames)
     for recorded, handed in zip(arrived_s, seen.handed_s):
         assert recorded <= handed <= recorded + ARRIVAL_STEP_S + 1e-6
@@ -94,7 +94,7 @@ def test_touches_latest_and_statistics_are_those_of_a_board(seen):
 def test_a_plain_decoder_reads_a_recording(seen):
     frames = Decoder().feed(seen.path.read_bytes())
     bare = [frame._replace(time_s=None) for frame in seen.frames]
-    assert [f for f in frames if isinstance(f, (Touch, Spectrum, Key))] == bare
+    assert [f for f in frames if isinstance(f, (Touch, Spectrum, Key, Contact))] == bare
 
 
 class Time:

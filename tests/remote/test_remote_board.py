@@ -26,7 +26,7 @@ from spots.remote.zenoh_link import ZenohLink
 from spots_device import PROTOCOL
 from spots_device.settings import checksum
 
-READ_ONLY = {"hello", "get", "sync", "stream touch spectrum"}
+READ_ONLY = {"hello", "get", "sync", "stream contact touch spectrum"}
 HOSTILE = ("set gain=3", "keys on", "save", "reboot", "cal clear", "stream2", "layout clear")
 
 
@@ -110,7 +110,7 @@ def test_streaming_is_what_the_reader_says(net):
         board.command("stream off")
         list(board.frames(0))
         assert list(board.frames(0.1)) == []
-        board.command("stream touch spectrum")
+        board.command("stream contact touch spectrum")
         take(board, 20)
         assert board.stats.lost == 0  # what nobody listened to is not lost
         with pytest.raises(SpotsError, match="stream takes"):
@@ -187,7 +187,7 @@ def test_a_reader_that_is_too_slow_counts_what_it_missed(net, monkeypatch):
     monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 2000)
     link = stand_in(rate_Hz=1000)
     with publishing(net.hub, link), spots.open("zenoh:a1") as board:
-        board.command("stream touch spectrum")
+        board.command("stream contact touch spectrum")
         (first,) = take(board, 1)
         count = link._port.count
         wait_until(lambda: link._port.count > count + 500)

@@ -15,9 +15,9 @@ import msgspec
 from spots_device import PROTOCOL
 from spots_device.command import LINE_MAX, NAME_MAX
 
-from ..errors import ClosedError, PortLostError, RefusedError, SpotsError
+from ..errors import ClosedError, CommandError, PortLostError, RefusedError, SpotsError
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
-from .frames import Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
+from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
 from .readers import FrameIterator, FrameLog, Handle, Subscription
 from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
 from .serial_link import Link
@@ -38,8 +38,13 @@ _SYNC_TRIES = 4
 _STREAM_TRIES = 3
 _LATEST_S = 2.0
 _RATE_READINGS = 64
-# Streams by kind of frame. Keys have none: they come after the command `keys on`.
-_STREAMS: dict[type, str] = {Touch: "touch", Spectrum: "spectrum"}
+# Streams by kind of frame. Keys have none: they come after the command `keys on`. Contacts
+# come only while a finger is there, so readings show that the board runs.
+_STREAMS: dict[type, tuple[str, ...]] = {
+    Touch: ("touch",),
+    Spectrum: ("spectrum",),
+    Contact: ("contact", "touch"),
+}
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
@@ -264,7 +269,7 @@ class Board:
                     "replug the board"
                 )
             if "error" in reply.content:
-                raise SpotsError(f"the board refuses '{line}': {reply.content['error']}")
+                raise CommandError(f"the board refuses '{line}': {reply.content['error']}")
             content = self._validated(reply)
             if content["re"] == "stream":
                 self._streams = [kind for kind in content["stream"] if kind != "off"]
@@ -325,15 +330,34 @@ class Board:
         self._want(Touch)  # without a stream, a restart of the board would not be noticed
         return self._start(seconds, Key)
 
+    def contacts(self, seconds: float | None = None) -> FrameIterator[Contact]:
+        """Iterate over contacts, a frame for each finger and reading; see `touches`.
+
+        This starts the streams of contacts and of readings: without a finger no contact comes.
+
+        Raises
+        ------
+        SpotsError
+            If the firmware of the board is too old for contacts.
+
+        Examples
+        --------
+        >>> with spots.open("virtual") as board:
+        ...     ended = [contact.id for contact in board.contacts(seconds=3) if contact.ended]
+        >>> len(ended) > 0
+        True
+        """
+        return self._start(seconds, Contact)
+
     def frames(self, seconds: float | None = None) -> FrameIterator[Reading]:
         """Iterate over frames of all kinds; see `touches`.
 
         This starts the streams of readings and spectra, unless ``command("stream ...")`` has chosen
-        the streams.
+        the streams. Contacts come once `contacts` or that command has started them.
         """
         kinds = () if self._chosen else (Touch, Spectrum)
         self._want(*kinds)
-        return self._start(seconds, Touch, Spectrum, Key, wanted=False)
+        return self._start(seconds, Touch, Spectrum, Key, Contact, wanted=False)
 
     async def atouches(self, seconds: float | None = None) -> AsyncGenerator[Touch, None]:
         """Iterate over readings in asyncio, without blocking the event loop; see `touches`.
@@ -379,7 +403,7 @@ class Board:
         callback : callable
             ``callback(frame)`` is called with each frame.
         *kinds : type
-            Kinds of frames: `Touch`, `Spectrum`, `Key`. Only `Touch` if not given.
+            Kinds of frames: `Touch`, `Spectrum`, `Key`, `Contact`. Only `Touch` if not given.
 
         Returns
         -------
@@ -443,7 +467,7 @@ class Board:
     def _want(self, *kinds: type) -> None:
         with self._turn:
             before = set(self._streams)
-            streams = before.union(_STREAMS[kind] for kind in kinds if kind in _STREAMS)
+            streams = before.union(*(_STREAMS.get(kind, ()) for kind in kinds))
             if streams == before:
                 return
             try:
@@ -452,6 +476,13 @@ class Board:
                 if not before:
                     raise
                 self._streams = sorted(streams)  # they start when the board is back
+            except CommandError as error:
+                if Contact not in kinds:
+                    raise
+                raise SpotsError(
+                    f"{error}; if its firmware {self.info['firmware']} is too old for contacts, "
+                    "update it with 'spots flash'"
+                ) from None
 
     def _start(
         self, seconds: float | None, *kinds: type[_ReadingT], wanted: bool = True

@@ -86,14 +86,14 @@ class ClockMap:
 
         Parameters
         ----------
-        frame : Touch, Spectrum, Key or Text
+        frame : Touch, Spectrum, Key, Contact or Text
             Frame from the decoder.
         arrived_s : float
             Host time at which the frame arrived, in seconds.
 
         Returns
         -------
-        Touch, Spectrum, Key or Text
+        Touch, Spectrum, Key, Contact or Text
             The frame with `time_s`; a text has none.
         """
         if isinstance(frame, Text):

@@ -15,18 +15,19 @@ from typing import Any, NamedTuple, Union
 import msgspec
 from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 
-from spots_device import decode, frame
+from spots_device import decode, fingers, frame
 from spots_device.kernel import CRC_SIZE
 
 _HEADER = struct.Struct(frame.HEADER)
 _TOUCH = struct.Struct("<" + frame.TOUCH_BODY)
 _SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
 _KEY = struct.Struct("<" + frame.KEY_BODY)
+_CONTACT = struct.Struct("<" + frame.CONTACT_BODY)
 _CRC = struct.Struct("<I")
 # COBS adds one byte, and another for every 254 bytes.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
 _SEQUENCES = 1 << 16
-_READINGS = frame.TOUCH, frame.SPECTRUM
+_READINGS = frame.TOUCH, frame.SPECTRUM, frame.CONTACT
 NOTE = 15
 
 
@@ -169,6 +170,50 @@ class Key(NamedTuple):
     time_s: float | None = None
 
 
+class Contact(NamedTuple):
+    """One finger in one reading; the `Touch` of that reading has the same `t_us`.
+
+    Attributes
+    ----------
+    sensor, sequence, t_us, time_s
+        See `Touch`.
+    id : int
+        Number of the finger, modulo 256.
+    state : int
+        One of `spots_device.fingers`: `DOWN` (0) in the first frame of a finger; `PROVISIONAL` (1)
+        while another finger may be on the strip, or it may have lifted; `CONFIRMED` (2) while it
+        is alone; in its last frame `UP` (3), or `NEVER_ALONE` (4) if it never was.
+    position_um : float
+        Distance from the sensor's end of the strip, in um: measured where the finger is alone,
+        otherwise estimated. The last known one in the last frame.
+    sigma_um : float
+        Standard deviation of the position by noise, in um.
+    force_mN : float
+        Force, in mN; NaN unless the finger is alone.
+
+    Examples
+    --------
+    >>> contact = Contact(0, 1, 5000, 7, 2, 42_000, 30, 1500)
+    >>> contact.ended, contact.position_um / 1000
+    (False, 42.0)
+    """
+
+    sensor: int
+    sequence: int
+    t_us: int
+    id: int
+    state: int
+    position_um: float
+    sigma_um: float
+    force_mN: float
+    time_s: float | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether this is the last frame of the finger."""
+        return self.state in (fingers.UP, fingers.NEVER_ALONE)
+
+
 class Text(NamedTuple):
     """A reply to a command, or a log line, of the board.
 
@@ -204,7 +249,7 @@ class Note(NamedTuple):
     content: dict[str, Any]
 
 
-Reading = Union[Touch, Spectrum, Key]  # frames of a stream
+Reading = Union[Touch, Spectrum, Key, Contact]  # frames of a stream
 Frame = Union[Reading, Text, Note]
 
 
@@ -377,6 +422,13 @@ def _key(sensor: int, sequence: int, t_us: int, body: bytes) -> Key:
     return Key(sensor, sequence, t_us, page, usage, modifiers, bool(pressed))
 
 
+def _contact(sensor: int, sequence: int, t_us: int, body: bytes) -> Contact:
+    number, state, position_um, sigma_um, force_mN = _CONTACT.unpack(body)
+    return Contact(
+        sensor, sequence, t_us, number, state, position_um, sigma_um, force_mN or math.nan
+    )
+
+
 def _text(sensor: int, sequence: int, t_us: int, body: bytes) -> Text:
     return Text(sensor, sequence, t_us, _object(body))
 
@@ -394,6 +446,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TOUCH: _touch,
     frame.SPECTRUM: _spectrum,
     frame.KEY: _key,
+    frame.CONTACT: _contact,
     frame.TEXT: _text,
     NOTE: _note,
 }

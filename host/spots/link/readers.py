@@ -13,7 +13,7 @@ from spots_device.decode import DROPPED
 
 from ..errors import ClosedError
 from ..guarded import Guarded
-from .frames import Key, LinkStats, Reading
+from .frames import Contact, Key, LinkStats, Reading
 
 # A reader that is more frames behind loses the oldest.
 FRAMES_MAX = 1 << 16
@@ -47,7 +47,7 @@ class FrameLog:
 
         Parameters
         ----------
-        frame : Touch, Spectrum or Key
+        frame : Touch, Spectrum, Key or Contact
             The latest frame.
         stats : LinkStats
             Statistics of the link; `overrun` counts the frames that no reader took in time.
@@ -78,7 +78,7 @@ class FrameLog:
             reader.missed |= reader.place < self._begin
             reader.place = place
             self._taken = max(self._taken, place)
-        if frame is None or isinstance(frame, Key) or not reader.missed:
+        if frame is None or isinstance(frame, (Key, Contact)) or not reader.missed:
             return frame
         reader.missed = False
         return frame._replace(flags=frame.flags | DROPPED)

@@ -81,6 +81,13 @@ _TABLES = {
     ),
     frame.SPECTRUM: _Table(("flags", "u1"), ("gain", "u1"), ("counts", "<u2", (6,))),
     frame.KEY: _Table(("page", "u1"), ("usage", "<u2"), ("modifiers", "u1"), ("pressed", "?")),
+    frame.CONTACT: _Table(
+        ("id", "u1"),
+        ("state", "u1"),
+        ("position_um", "<i4"),
+        ("sigma_um", "<u2"),
+        ("force_mN", "<u2"),
+    ),
 }
 # Bytes of an encoded frame, by kind; a note without content is of the smallest size.
 _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
@@ -191,7 +198,7 @@ class Arrays:
 
     Integers are those of the wire: an unknown position or force is 0, where `Touch` has NaN. The
     column ``flags``, bits of `spots_device.decode`, shows which values are unknown. Rows are in the
-    order of arrival. The first columns of the three arrays are the same:
+    order of arrival. The first columns of the four arrays are the same:
 
     ========== === =============================================================
     time_s     f8  time of the measurement on the host's monotonic clock, in s;
@@ -213,6 +220,9 @@ class Arrays:
     keys : ndarray, shape (n,)
         More columns: ``page`` u1, ``usage`` u2, ``modifiers`` u1, ``pressed`` bool, as in `Key`. 32
         bytes a row.
+    contacts : ndarray, shape (n,)
+        More columns: ``id`` u1, ``state`` u1, ``position_um`` i4, ``sigma_um`` u2, ``force_mN`` u2,
+        as in `Contact`; an unknown force is 0. 40 bytes a row.
     texts : list of (float, Text)
         Time of arrival and content of each reply and log line.
     stats : LinkStats
@@ -228,8 +238,14 @@ class Arrays:
     touches: np.ndarray
     spectra: np.ndarray
     keys: np.ndarray
+    contacts: np.ndarray
     texts: list[tuple[float, Text]]
     stats: LinkStats
+
+    @property
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """The arrays, in this order."""
+        return self.touches, self.spectra, self.keys, self.contacts
 
 
 class RecordingBlocks(Recording):
@@ -262,8 +278,8 @@ class RecordingBlocks(Recording):
                     self._note(path, header, found)
                 elif isinstance(found, Text):
                     texts.append((self.end_s, found))
-            touches, spectra, keys = map(np.concatenate, parts.values())
-            yield Arrays(touches, spectra, keys, texts, replace(self.stats))
+            tables = map(np.concatenate, parts.values())
+            yield Arrays(*tables, texts=texts, stats=replace(self.stats))
 
     def _add(self, run: _Run, header: Header, parts: dict[int, list[np.ndarray]]) -> None:
         count = len(run.t_us)
@@ -338,8 +354,8 @@ def read_arrays(path: str | Path) -> Arrays:
     growing = [_Growing(table.dtype) for table in _TABLES.values()]
     texts: list[tuple[float, Text]] = []
     for block in blocks:
-        for array, rows in zip(growing, (block.touches, block.spectra, block.keys)):
+        for array, rows in zip(growing, block.tables):
             array.extend(rows)
         texts += block.texts
-    touches, spectra, keys = (array.whole() for array in growing)
-    return Arrays(touches, spectra, keys, texts, replace(blocks.stats))
+    tables = (array.whole() for array in growing)
+    return Arrays(*tables, texts=texts, stats=replace(blocks.stats))

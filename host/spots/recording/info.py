@@ -24,7 +24,7 @@ def summary(path: str | Path) -> dict:
     names = [table.name for table in TABLES]
     counts = dict.fromkeys(names, 0)
     for block in shown(recording):
-        for name, found in zip(names, (block.touches, block.spectra, block.keys, block.texts)):
+        for name, found in zip(names, (*block.tables, block.texts)):
             counts[name] += len(found)
     stats, header = recording.stats, recording.header
     return {

@@ -48,6 +48,13 @@ _TOUCH = {
     "flags": "u1",
 }
 _SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
+_CONTACT = {
+    "id": "u1",
+    "state": "u1",
+    "position_um": "i4",
+    "sigma_um": "u2",
+    "force_mN": "u2",
+}
 _KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
 
 # In the order of the arrays.
@@ -55,6 +62,7 @@ TABLES = (
     Table("touch", _FIRST | _TOUCH),
     Table("spectrum", _FIRST | _SPECTRUM),
     Table("key", _FIRST | _KEY),
+    Table("contact", _FIRST | _CONTACT),
     Table("text", _FIRST | {"content": "U"}),
 )
 Row = tuple[Table, tuple[Any, ...]]
@@ -67,8 +75,7 @@ def rows(recording: RecordingBlocks) -> Iterator[Row]:
     """
     begun_s = recording.header.host_s
     for block in shown(recording):
-        arrays = block.touches, block.spectra, block.keys
-        tables = [_array_rows(*pair, begun_s) for pair in zip(TABLES, arrays)]
+        tables = [_array_rows(*pair, begun_s) for pair in zip(TABLES, block.tables)]
         tables.append(_text_rows(block.texts, begun_s))
         yield from heapq.merge(*tables, key=lambda row: row[1][1])
 

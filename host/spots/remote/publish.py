@@ -12,7 +12,7 @@ from dataclasses import asdict
 
 import zenoh
 
-from ..errors import SpotsError
+from ..errors import CommandError, SpotsError
 from ..link.board import Board
 from ..link.connect import open_named
 from ..link.frames import Frame, whole
@@ -68,7 +68,10 @@ class Publisher:
         self._health = self._outlet("link", encoding=_JSON)
         self._health_due_s = 0.0
         self._answers = Answers(board, self.board_id, session)
-        board.command("stream touch spectrum")
+        try:
+            board.command("stream contact touch spectrum")
+        except CommandError:  # a firmware without contacts
+            board.command("stream touch spectrum")
         # The token comes last: a reader that sees it may query and subscribe at once.
         self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
 

@@ -8,7 +8,7 @@ from ..link.frames import Text
 from .zenoh_link import ZenohLink
 from .zenoh_session import READ_ONLY, find, open_session
 
-_STREAMS = {"touch", "spectrum"}
+_STREAMS = {"touch", "spectrum", "contact"}
 
 
 class Remote(Board):
@@ -54,7 +54,7 @@ class Remote(Board):
     def _stream(self, words: list[str]) -> dict:
         kinds = sorted(set(words))
         if not kinds or (kinds != ["off"] and set(kinds) - _STREAMS):
-            return {"error": "stream takes touch, spectrum, both, or off"}
+            return {"error": "stream takes touch, spectrum, contact, or off"}
         on = kinds != ["off"]
         if on and not self._listening:
             # Frames from before the subscription are not lost: any sequence number may come.

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from ..link.frames import Key, Reading, Spectrum
+from ..link.frames import Contact, Key, Reading, Spectrum
 
 encode = msgspec.json.Encoder().encode  # NaN becomes null
 
@@ -16,7 +16,7 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
 
     Parameters
     ----------
-    frame : Touch, Spectrum or Key
+    frame : Touch, Spectrum, Key or Contact
         The frame.
     utc_s : float
         Time of the measurement, in seconds since 1970.
@@ -30,6 +30,8 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
         return {**first, "flags": frame.flags, "gain_code": frame.gain, "counts": frame.counts}
     if isinstance(frame, Key):
         names = "page", "usage", "modifiers", "pressed"
+    elif isinstance(frame, Contact):
+        names = "id", "state", "position_um", "sigma_um", "force_mN"
     else:
         names = "touching", "trusted", "position_um", "force_mN"
         names += "contrast_log2", "brightness_log2", "flags"

@@ -110,7 +110,7 @@ class _Lines:
     def written(self, name: str, content: dict) -> str:
         _, board_id, *rest = name.split("/")
         kind = rest[-1]
-        if kind in ("touch", "spectrum") and not self._pace(name).due(time.monotonic()):
+        if kind in ("touch", "spectrum", "contact") and not self._pace(name).due(time.monotonic()):
             return ""
         if kind == "touch":
             # An unknown value is null; a line does not show contrast and brightness.

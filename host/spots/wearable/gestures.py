@@ -10,7 +10,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from spots_device.contact import TICK_US, TICKS, Contact
+from spots_device.contact import TICK_US, TICKS, ContactTracker
 from spots_device.decode import DROPPED, LED_OFF
 from spots_device.layout import Layout, default_lines
 
@@ -78,7 +78,7 @@ class Gestures:
     """
 
     def __init__(self):
-        self._contact = Contact(self)
+        self._contact = ContactTracker(self)
         self._contact.set_layout(Layout([*_TUNING, *default_lines()]), 0)
         self._found: list[Gesture] = []
         self._now_s = 0.0
@@ -128,7 +128,7 @@ class Gestures:
     # Called by the contact.
 
     def down(self, x_um: int, t: int) -> None:
-        """Handle the start of a contact, see `spots_device.contact.Contact`.
+        """Handle the start of a contact, see `spots_device.contact.ContactTracker`.
 
         Parameters
         ----------

@@ -1,9 +1,9 @@
 """Runs the firmware's loop through scenes and prints the bytes that it sent, a scene a line.
 
 Reads from given.json: ``settings``, ``calibrations``, ``scenes`` (see `play`), ``port_bytes`` for
-what the port is to keep, ``uses`` and ``layout``: settings and keys at the start, and ``lock``:
-whether the heap is locked meanwhile. The last line but one has the USB reports; the last one is
-how many bytes more are allocated after the scenes than before.
+what the port is to keep, ``contacts``: whether to stream them, ``uses`` and ``layout``: settings
+and keys at the start, and ``lock``: whether the heap is locked meanwhile. The last line but one has
+the USB reports; the last one is how many bytes more are allocated after the scenes than before.
 """
 
 import gc
@@ -117,6 +117,7 @@ save_lines("layout.txt", given["layout"])
 app, bus, clock, _ = canned.app((), port, usb)
 strip = app.strip
 calibrations = [Calibration(lines) if lines else None for lines in given["calibrations"]]
+app.uses.streams_contacts = given["contacts"]
 for calibration in calibrations:
     app.uses.apply(calibration)  # loads what is switched on
 first = given["scenes"][0]

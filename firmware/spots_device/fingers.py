@@ -1,0 +1,169 @@
+"""The fingers that `contact.ContactTracker` finds, as CONTACT frames; see docs/protocol.md.
+
+Imported only while contacts are streamed. Integers only; allocates nothing.
+"""
+
+# States of a finger.
+DOWN = 0  # its first frame
+PROVISIONAL = 1  # not alone, or just lifted: place as estimated, or of its last own reading
+CONFIRMED = 2  # alone in this reading
+UP = 3  # its last frame
+NEVER_ALONE = 4  # its last frame, and all its places were estimates
+
+_NEAR_UM = 2000
+_SIGMA_MAX_UM = 65_535
+
+
+class _Finger:
+    """A finger; `pending` until its first frame is sent."""
+
+    def __init__(self):
+        self.there = self.pending = self.alone = False
+        self.id = self.x_um = self.sigma_um = 0
+
+
+class Fingers:
+    """Sends a CONTACT frame for each finger and reading.
+
+    Stands between a tracker and its sink, and passes all events on.
+
+    Parameters
+    ----------
+    framer : frame.Framer
+        Sends the frames, at the time of the reading.
+    """
+
+    def __init__(self, framer):
+        self._framer = framer
+        self._tracker = self._sink = None
+        self._sensor = self._id = 0
+        self._alone = False  # whether the reading is of the first finger alone
+        self._first = _Finger()
+        self._second = _Finger()
+
+    def attach(self, tracker, sink):
+        """Follow a tracker, and pass its events on to a sink; None for no sink.
+
+        It may follow a touch already: a finger begins with its first own reading.
+        """
+        self._tracker = tracker
+        self._sink = sink
+        tracker.sink = self
+
+    def send(self, sensor, decode):
+        """Send the fingers of a reading, after the tracker has taken it.
+
+        Parameters
+        ----------
+        sensor : int
+            Number of the sensor, from 0.
+        decode : decode.Decode
+            Contains the reading.
+        """
+        self._sensor = sensor
+        tracker = self._tracker
+        first = self._first
+        if self._alone:
+            self._alone = False
+            if not first.there:
+                self._begin(first)
+            first.alone = True
+            first.x_um = decode.position_um
+            first.sigma_um = tracker.noise_um(decode.brightness)
+            self._report(first, CONFIRMED, decode.force_mN)
+        elif first.there:
+            if tracker.two:
+                first.x_um = tracker.x_um
+            self._report(first, PROVISIONAL, 0)
+        if self._second.there:
+            self._report(self._second, PROVISIONAL, 0)
+
+    def release(self):
+        """End all fingers; what lies there must be lifted before it is a finger again."""
+        self._end(self._first)
+        self._end(self._second)
+        self._tracker.spend()
+
+    # Events of contact.ContactTracker.
+
+    def down(self, x_um, t):
+        self._begin(self._first)
+        self._alone = True
+        if self._sink:
+            self._sink.down(x_um, t)
+
+    def at(self, x_um, t):
+        self._end(self._second)
+        self._alone = True
+        if self._sink:
+            self._sink.at(x_um, t)
+
+    def firm(self, t):
+        if self._sink:
+            self._sink.firm(t)
+
+    def up(self, t):
+        self._end(self._first)
+        self._end(self._second)
+        if self._sink:
+            self._sink.up(t)
+
+    def next(self, x_um, t):
+        second = self._second
+        if second.there and abs(x_um - second.x_um) < _NEAR_UM:
+            self._swap()
+        else:
+            self._end(second)
+            self._end(self._first)
+            self._begin(self._first)
+        self._alone = True
+        if self._sink:
+            self._sink.next(x_um, t)
+
+    def second(self, x_um, slack_um, t):
+        second = self._second
+        if not second.there:
+            self._begin(second)
+        second.x_um = x_um
+        second.sigma_um = min(slack_um >> 1, _SIGMA_MAX_UM)
+        return not self._sink or self._sink.second(x_um, slack_um, t)
+
+    def left(self, second, t):
+        if second:
+            self._end(self._second)
+        else:
+            self._swap()
+            self._alone = not self._tracker.two
+        if self._sink:
+            self._sink.left(second, t)
+
+    def stuck(self):
+        self._end(self._first)
+        self._end(self._second)
+        if self._sink:
+            self._sink.stuck()
+
+    # Frames.
+
+    def _begin(self, finger):
+        finger.there = finger.pending = True
+        finger.alone = False
+        self._id = finger.id = self._id + 1 & 0xFF
+
+    def _end(self, finger):
+        if finger.there and not finger.pending:
+            self._report(finger, UP if finger.alone else NEVER_ALONE, 0)
+        finger.there = False
+
+    def _swap(self):
+        """The first finger has left the second."""
+        first = self._first
+        self._end(first)
+        self._first = self._second
+        self._second = first
+
+    def _report(self, finger, state, force_mN):
+        if finger.pending:
+            finger.pending = False
+            state = DOWN
+        self._framer.contact(self._sensor, finger.id, state, finger.x_um, finger.sigma_um, force_mN)

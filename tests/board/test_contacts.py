@@ -1,0 +1,207 @@
+"""Contacts: a frame for each finger and reading, from a virtual board with two fingers."""
+
+import math
+from itertools import groupby
+from types import SimpleNamespace
+
+import pytest
+
+from spots.errors import SpotsError
+from spots.link.frames import Contact, Key, Touch
+from spots_device.contact import ContactTracker
+from spots_device.decode import MISFIT, TOUCHING
+from spots_device.fingers import CONFIRMED, DOWN, NEVER_ALONE, PROVISIONAL, UP, Fingers
+from spots_device.layout import Layout, default_lines
+from spots_sim.demo import open_fast
+from spots_sim.files import Finger, ScenarioFile
+from spots_sim.scenario import Scenario
+
+LENGTH_UM = 85_000
+
+
+def finger(x_mm, begins_s, ends_s, force_mN=2000):
+    points = [(begins_s, 0), (begins_s + 0.02, force_mN), (ends_s - 0.02, force_mN), (ends_s, 0)]
+    return Finger(points=[(3.0 + time_s, x_mm, force) for time_s, force in points])
+
+
+ROLLED = finger(30, 0.0, 1.0), finger(62, 0.5, 1.5)
+RESTED = finger(30, 0.0, 1.5), finger(62, 0.5, 1.0)
+
+
+@pytest.fixture
+def played():
+    """Return a function that plays fingers, and returns the board and its frames."""
+    boards = []
+
+    def play(*fingers, command=None):
+        seconds = max(one.points[-1][0] for one in fingers) + 0.5
+        truth = Scenario(ScenarioFile(seconds=seconds, touch=list(fingers)))
+        board, _ = open_fast("default", truth, 5)
+        boards.append(board)
+        if command:
+            board.command(command)
+        board.contacts()
+        return board, list(board.frames(seconds - board.now_s()))
+
+    yield play
+    for board in boards:
+        board.close()
+
+
+def contacts(frames):
+    """Return the contacts by finger."""
+    found = {}
+    for frame in frames:
+        if isinstance(frame, Contact):
+            found.setdefault(frame.id, []).append(frame)
+    return found
+
+
+def states(finger):
+    return [state for state, _ in groupby(contact.state for contact in finger)]
+
+
+@pytest.mark.parametrize("command", [None, "keys on"])
+def test_fingers_that_roll_come_and_go_once(played, command):
+    _, frames = played(*ROLLED, command=command)
+    found = contacts(frames)
+    assert list(found) == [1, 2]
+    assert states(found[1]) == [DOWN, CONFIRMED, PROVISIONAL, UP]
+    # Provisional at its end, too: it may lift for a moment only.
+    assert states(found[2]) == [DOWN, PROVISIONAL, CONFIRMED, PROVISIONAL, UP]
+    for one, x_mm in zip(found.values(), (30, 62)):
+        assert [contact.state for contact in one].count(DOWN) == 1
+        assert [contact.ended for contact in one].count(True) == 1
+        off_mm = [contact.position_um / 1000 - x_mm for contact in one]
+        assert max(map(abs, off_mm)) < 3
+        assert all(0 < contact.sigma_um < 3000 for contact in one)
+
+
+def test_a_finger_beside_a_resting_one_was_never_alone(played):
+    _, frames = played(*RESTED)
+    found = contacts(frames)
+    assert states(found[1]) == [DOWN, CONFIRMED, PROVISIONAL, CONFIRMED, PROVISIONAL, UP]
+    assert states(found[2]) == [DOWN, PROVISIONAL, NEVER_ALONE]
+    assert abs(found[2][-1].position_um / 1000 - 62) < 3
+
+
+def test_a_force_is_known_only_of_a_finger_alone(played):
+    _, frames = played(*ROLLED)
+    for one in contacts(frames).values():
+        for contact in one:
+            if contact.state in (PROVISIONAL, UP):
+                assert math.isnan(contact.force_mN)
+            elif contact.state == CONFIRMED:
+                assert contact.force_mN > 100
+    assert contacts(frames)[1][0].force_mN > 100
+
+
+def test_a_contact_has_the_time_of_its_reading_and_a_blend_is_untrusted(played):
+    _, frames = played(*ROLLED)
+    readings = {frame.t_us: frame for frame in frames if isinstance(frame, Touch)}
+    both = [frame for frame in frames if isinstance(frame, Contact) and frame.id == 2]
+    assert all(frame.t_us in readings for frame in frames if isinstance(frame, Contact))
+    blends = [readings[frame.t_us] for frame in both if frame.state == PROVISIONAL]
+    assert len(blends) > 10
+    assert all(blend.flags & MISFIT or not blend.flags & TOUCHING for blend in blends)
+
+
+def test_no_key_is_typed_without_keys(played):
+    _, frames = played(*ROLLED)
+    assert not any(isinstance(frame, Key) for frame in frames)
+
+
+@pytest.mark.parametrize("fingers", [ROLLED, RESTED])
+def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
+    _, frames = played(*fingers)
+    made = []
+    tracker = ContactTracker(None)
+    tracker.set_layout(Layout(default_lines()), LENGTH_UM)
+    here = Fingers(SimpleNamespace(contact=lambda *values: made.append(values)))
+    here.attach(tracker, None)
+    for frame in frames:
+        if isinstance(frame, Touch):
+            place_um, force_mN = (
+                0 if math.isnan(value) else value for value in (frame.position_um, frame.force_mN)
+            )
+            reading = SimpleNamespace(
+                position_um=place_um, force_mN=force_mN, brightness=frame.brightness_q20
+            )
+            flags, t = frame.flags, frame.t_us >> 10
+            tracker.take(flags, place_um, force_mN, frame.brightness_q20, t)
+            here.send(0, reading)
+    there = [
+        (0, *frame[3:7], 0 if math.isnan(frame.force_mN) else frame.force_mN)
+        for frame in frames
+        if isinstance(frame, Contact)
+    ]
+    assert there == made != []
+
+
+def test_a_new_setting_ends_a_finger_that_is_down(rig, calibration):
+    made = rig(calibration=calibration)
+    stream = made.board.contacts(10.0)
+    made.settle()
+    made.press(40, 3000)
+    assert [next(stream).state for _ in range(3)] == [DOWN, CONFIRMED, CONFIRMED]
+    made.board.set(average=2)
+    made.settle()
+    assert [contact.state for contact in unread(stream)][-1] == UP
+    made.release()
+    made.settle()
+    made.press(40, 3000)
+    assert next(stream).state == DOWN
+
+
+def unread(stream):
+    while stream.unread:
+        yield next(stream)
+
+
+def test_a_stream_that_begins_during_a_touch_leaves_the_key_down(rig, calibration):
+    made = rig(calibration=calibration)
+    made.board.command("keys on")
+    keys = made.board.keys(3.0)
+    made.settle()
+    made.press(40, 3000)
+    assert next(keys).pressed
+    stream = made.board.contacts(10.0)
+    assert [next(stream).state for _ in range(3)] == [DOWN, CONFIRMED, CONFIRMED]
+    made.board.command("stream touch")
+    made.settle()
+    list(unread(stream))
+    made.release()
+    frames = list(made.board.frames(0.3))
+    assert [frame.pressed for frame in frames if isinstance(frame, Key)] == [False]
+    assert not any(isinstance(frame, Contact) for frame in frames)
+
+
+def test_contacts_end_nobody_elses_stream(rig, calibration):
+    made = rig(calibration=calibration)
+    made.board.spectra()
+    made.board.contacts()
+    assert made.board.command("sync")["stream"] == ["contact", "spectrum", "touch"]
+
+
+def test_without_a_calibration_a_note_says_that_no_contact_comes(rig):
+    made = rig()
+    reply = made.board.command("stream contact touch")
+    assert reply["note"] == "without a calibration there are no contacts"
+    assert "note" not in made.board.command("stream touch")
+
+
+def test_an_old_firmware_is_named(rig):
+    made = rig()
+    exchange = made.board._exchange
+    old = {"re": "stream", "error": "stream takes touch, spectrum, both, or off"}
+    made.board._exchange = lambda line, timeout_s: (
+        SimpleNamespace(content=old) if "contact" in line else exchange(line, timeout_s)
+    )
+    version = made.board.info["firmware"]
+    with pytest.raises(SpotsError) as refused:
+        made.board.contacts()
+    assert str(refused.value) == (
+        "the board refuses 'stream contact touch': stream takes touch, spectrum, both, or off; "
+        f"if its firmware {version} is too old for contacts, update it with 'spots flash'"
+    )
+    assert next(made.board.touches(1.0))
