@@ -551,7 +551,7 @@ class ContactTracker:
         return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
 
     def noise_um(self, brightness):
-        """Return the standard deviation of a place by the converter's noise, at most."""
+        """Return the upper limit in um of the standard deviation of a position from ADC noise."""
         return min(self._noise * 16 // _counts(brightness), _NOISE_UM)
 
     def _slack_um(self, brightness):
