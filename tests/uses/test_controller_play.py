@@ -289,7 +289,7 @@ def test_a_signal_lets_go_of_everything(process, name):
     _until_pressed(process, events)
     process.send_signal(getattr(signal, name))
     code = process.wait(30)
-    assert code == (0 if name == "SIGINT" else -getattr(signal, name))  # Ctrl-C is an ordinary end
+    assert code == -getattr(signal, name)
     *told, last = events.read_text().splitlines()
     assert last == "close"
     known = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from typing import Protocol
 
 import msgspec
@@ -34,7 +34,7 @@ _READINGS_BRIDGED = 1.5
 def controller_command(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
     settings = None if options.calibrate else load(options.settings or DEFAULT)
-    with released_by_signals(), suppress(KeyboardInterrupt), open_named(options) as board:
+    with released_by_signals(), open_named(options) as board:
         if settings is None:
             set_up(board, options.settings or "controller.toml")
             return

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from contextlib import suppress
 
 from ..errors import SpotsError
 from ..link.board import Board
@@ -24,7 +23,7 @@ _TICK_S = 0.02
 def keyboard_command(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
-    with released_by_signals(), suppress(KeyboardInterrupt), open_named(options) as board:
+    with released_by_signals(), open_named(options) as board:
         info = board.command("hello")
         if info["keys"]:
             raise SpotsError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -98,7 +98,6 @@ def wearable_command(options: argparse.Namespace) -> None:
     mapping = Mapping(options.gestures or DEFAULT)
     with (
         released_by_signals(),
-        suppress(KeyboardInterrupt),
         open_named(options) as board,
         open_keyboard(options.dry_run) as keyboard,
     ):
