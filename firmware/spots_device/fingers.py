@@ -44,7 +44,7 @@ class Fingers:
     def attach(self, tracker, sink):
         """Follow a tracker, and pass its events on to a sink; None for no sink.
 
-        It may follow a touch already: a finger begins with its first own reading.
+        A touch that the tracker follows already begins a finger at its next reading of it alone.
         """
         self._tracker = tracker
         self._sink = sink

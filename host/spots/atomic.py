@@ -137,7 +137,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the permission bits of the file at `path`, or None; SpotsError if it must be new."""
+    """Return the permissions of the file at `path`, None without one; `new` refuses a file."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:

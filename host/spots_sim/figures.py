@@ -302,7 +302,7 @@ def _bending(run, reading: str):
     label(left, "Errors of the bent strip", "position (mm)", "mean error (µm)")
     legend(left, title="bend", ncols=3)
     _bars(right, {degrees: found[2] for degrees, found in series.items()})
-    title = f"Accuracy of the bent strip, calibrated straight, {reading}"
+    title = f"Bent, calibrated straight, {reading}"
     label(right, title, "bend (°)", "mean absolute error (µm)")
     return figure
 

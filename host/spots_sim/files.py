@@ -404,7 +404,7 @@ class ScenarioFile(_SimulationFile):
         for place, moments in self.faults.moments().items() if self.faults else ():
             if any(at_s >= self.seconds for at_s in moments.at_s):
                 raise ValueError(
-                    f"faults.{place} has a moment after the end at {self.seconds:g} s: remove it"
+                    f"faults.{place} has a time after the end ({self.seconds:g} s): remove it"
                 )
 
 

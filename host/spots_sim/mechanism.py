@@ -109,7 +109,7 @@ class Mechanism:
         return np.degrees(angles - zero_rad)
 
     def reaches(self, x_mm, y_mm) -> np.ndarray:
-        """Return whether both indenters are within their travel for places of the terminal.
+        """Return whether both indenters stay within their travel at these end points.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class Mechanism:
         Returns
         -------
         numpy.ndarray of bool
-            Shape of `x_mm`.
+            Array with the shape of `x_mm`.
         """
         angles_deg = self.angles_deg(x_mm, y_mm)
         return ((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)

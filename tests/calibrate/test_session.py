@@ -490,7 +490,7 @@ def test_an_upload_that_breaks_off_leaves_the_calibration_before(sensor, full):
         touched.board.command("cal begin")
         for line in touched.made.lines[:50]:
             touched.board.command("cal " + line)
-        with pytest.raises(SpotsError, match="checksum differs; send the calibration again"):
+        with pytest.raises(SpotsError, match="checksum differs: send the calibration again"):
             touched.board.command("cal end " + old)
         assert touched.board.command("hello")["calibration"] == old
 

@@ -251,7 +251,7 @@ FIRE = "seconds = 5.0\n[faults]\n"
         ("[faults.to_host]\nflip_percent = 101", "<= 100.*flip_percent"),
         ("[faults.to_host]\nflip_percent = 60\ndrop_percent = 60", "at most 100 %"),
         ("[faults.i2c]\nnacks = 1", "unknown field `nacks`"),
-        ("[faults.power]\nbrown_outs = {at_s = [5.0]}", "power.brown_outs has a moment after"),
+        ("[faults.power]\nbrown_outs = {at_s = [5.0]}", "power.brown_outs has a time after"),
         ("[faults.power]\nbrown_outs = {last_ms = 0}", "> 0"),
         ("[faults.clock]\noscillator_ppm = 5000", "<= 1000"),
         ("strain = [[0, 1.0]]\nstrain_percent = 2.0", "strain is given twice"),

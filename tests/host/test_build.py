@@ -89,7 +89,7 @@ def test_nothing_stale_stays(tmp_path):
 def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
     (tmp_path / "virtual").mkdir()
     (tmp_path / "virtual" / "thesis.txt").write_text("the user's own")
-    with pytest.raises(SpotsError, match="is not a build of this program: move it"):
+    with pytest.raises(SpotsError, match="was not written by 'spots build': move it"):
         build("virtual", tmp_path)
     assert files_of(tmp_path) == {"virtual/thesis.txt": b"the user's own"}
 

@@ -46,7 +46,7 @@ class Choice:
 def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return two plans that share three diodes and together have all nine.
 
-    The first plan is the present one, or the usual one if the present one has another diode.
+    The first plan is `present` if all its diodes are in `DIODES`, else `DEFAULT_PLAN`.
     """
     first = present if set(present) <= set(DIODES) else DEFAULT_PLAN
     others = [diode for diode in DIODES if diode not in first]

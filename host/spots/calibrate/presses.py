@@ -55,7 +55,7 @@ class Presses:
         return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
-        """Return only the presses with forces that lit all channels at all of their places."""
+        """Return only the presses with those forces that light all channels at every place."""
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))
 

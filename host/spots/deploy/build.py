@@ -77,7 +77,7 @@ def build(board: str, root: Path = Path("build")) -> Path:
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
         raise SpotsError(
-            f"{target} is not a build of this program: move it, or build in another folder"
+            f"{target} was not written by 'spots build': move it, or build in another folder"
         )
     try:
         _build(device, target)

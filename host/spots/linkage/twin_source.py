@@ -173,7 +173,7 @@ def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
 
 
 def give(board: Board, strip: CalibrationFile, number: int) -> None:
-    """Check that a board belongs to a joint, and upload the calibration of the joint to it.
+    """Check that a board is that of a joint's calibration file, and upload the calibration.
 
     A recording and a read-only board cannot get a calibration; they must use the right one already.
 
@@ -189,7 +189,8 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
     Raises
     ------
     SpotsError
-        If it is another board, refuses the calibration, or is read-only with another calibration.
+        If the board is not that of the calibration file, if it refuses the calibration, or if it
+        is read-only and uses another calibration.
     """
     info = board.command("hello")
     if info["id"] != strip.board:
