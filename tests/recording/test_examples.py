@@ -115,4 +115,4 @@ def test_ctrl_c_ends_an_example_cleanly(name, tmp_path):
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=30)
     assert "Traceback" not in errors
-    assert process.returncode == 0
+    assert process.returncode == 0, errors
