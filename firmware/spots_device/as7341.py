@@ -92,8 +92,7 @@ class AS7341:
         self.complete = 0
         self.gain = 0
         self.plan = ()
-        self.exposure_us = self._chip_us = 0
-        self._speed = 1.0  # of the chip's oscillator
+        self.exposure_us = 0
         self.full_scale = 0
         self.led_mA = 0
         self.led_on = False
@@ -127,11 +126,10 @@ class AS7341:
         self._identify()
         image = smux_map(plan)
         pacing = self.pacing
-        if pacing.sampled:
-            lasted_us = pacing.lasted_us + pacing.longest_us
-            self._speed = 2 * self._chip_us * pacing.sampled / lasted_us
-        wanted_us = round(exposure_us * self._speed) if mains_hz else exposure_us
-        atime, astep = exposure.registers(wanted_us)
+        pacing.learn()
+        atime, astep = exposure.registers(
+            pacing.nominal_us(exposure_us) if mains_hz else exposure_us
+        )
         self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
         self._configure(atime, astep, gain, led_mA)
         self._write(_PERS, 0)  # AINT at every sample
@@ -142,8 +140,8 @@ class AS7341:
         self._await_smux()
         self.plan = tuple(plan)
         self.gain = gain
-        self._chip_us = exposure.actual_us(atime, astep)
-        self.exposure_us = exposure_us if mains_hz else self._chip_us
+        chip_us = exposure.actual_us(atime, astep)
+        self.exposure_us = exposure_us if mains_hz else chip_us
         self.full_scale = exposure.full_scale(atime, astep)
         self.led_mA = led_mA
         written = (_PON, atime, 0, gain, astep & 0xFF, astep >> 8)
@@ -163,7 +161,7 @@ class AS7341:
         now = self._clock.ticks_us()
         self._settled = self._clock.ticks_add(now, -self.exposure_us)  # the LED is on already
         self.complete = now
-        self.pacing.start(now, self._chip_us)  # nominal: it learns the oscillator
+        pacing.start(now, chip_us)
 
     def drifted(self):
         """Return whether samples last longer or shorter than `exposure_us`, as far as is known.

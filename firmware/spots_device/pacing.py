@@ -17,11 +17,10 @@ _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are poss
 # A sample without a narrow bracket is dropped once; the next such sample is used. With a period up
 # to this one, it is used at once: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
-_TRUST = const(16)  # the oscillator may be fast by 1/16
-_FRESH = const(64)  # samples after which a bound may replace a higher one
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
 _Q = const(13)  # a sixteenth of the longest period fits a small integer
-_ROUND = const(1 << 12)
+_TRUST = const(16)  # the oscillator may be fast by 1/16
+_FRESH = const(64)  # samples after which a bound may replace a higher one
 # The period is measured when its error is below 1/2048; restarted, to follow temperature.
 _SHARE = const(11)
 _LONG_US = const(60_000_000)
@@ -71,8 +70,7 @@ class Pacing:
         """Restart; the first sample begins at `now` (ticks), `period_us` is the nominal period."""
         self.period_us = period_us - period_us // _TRUST
         self.exposure_us = period_us
-        # The deviation of the oscillator, measured at any exposure, holds for all exposures.
-        self._chip_us = period_us + (period_us * self._off + _ROUND >> _Q)
+        self._chip_us = period_us + (period_us * self._off >> _Q)
         self._creep = period_us >> 8
         self.due = self._add(now, self.period_us)
         self.missed = self.slack_us = 0
@@ -80,6 +78,26 @@ class Pacing:
         self._was_early = False
         self._locked = self._doubted = self._counted = False
         self._samples = -1
+        self._taken = 0
+
+    def nominal_us(self, period_us):
+        """Return the nominal period of samples that last `period_us` by the board's clock."""
+        return (period_us << _Q) // ((1 << _Q) + self._off)
+
+    def learn(self):
+        """Note the deviation of the oscillator, which holds for all exposures, before a `start`.
+
+        Needs 0.2 s of samples since the last `start`; without them nothing changes. Allocates.
+        """
+        if self.sampled:
+            lasted_us = self.lasted_us + self.longest_us
+            nominal_us = 2 * self.sampled * self.exposure_us
+        elif (self._taken + self._samples) * self.period_us >= _LEARN_US:
+            lasted_us = self.period_us
+            nominal_us = self.exposure_us
+        else:
+            return
+        self._off = (lasted_us - nominal_us << _Q) // nominal_us
 
     def early(self, now):
         """Record that the poll at `now` found no sample; schedule the next poll soon."""
@@ -129,8 +147,6 @@ class Pacing:
             bound = low_us // self._samples
             if bound > self.period_us or self._samples >= _FRESH:
                 self.period_us = self._chip_us = bound
-                if self._samples * bound >= _LEARN_US:
-                    self._off = (bound - self.exposure_us << _Q) // self.exposure_us
             low_us = self._diff(self._early, self._began)
             high_us = self._diff(now, self._first)
             if high_us - low_us << _SHARE < high_us:

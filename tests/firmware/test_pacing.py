@@ -40,6 +40,7 @@ class Run:
         """Sample with another period from now on, on the same oscillator."""
         self.true_us, self.taken, self.samples = true_us, 0, []
         self.origin = self.now + 15_000
+        self.pacing.learn()
         self.pacing.start(SmallInt(self.now % WRAP), nominal_us)
 
     def poll(self, late_us=0):
