@@ -130,6 +130,8 @@ class _BlockDecoder(Decoder):
         groups: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         for kind, size in _SIZES.items():
             where = np.flatnonzero(ends - starts == size)
+            if not len(where):
+                continue
             columns, good = payloads(stream, starts[where], size)
             where = where[good]
             right = columns[0] & 0x0F == kind
@@ -184,10 +186,10 @@ class _BlockDecoder(Decoder):
                 self._lost_at_reading = self.stats.lost + int(gaps[: readings[-1] + 1].sum())
             self.stats.lost += int(gaps.sum())
         tables: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        for kind in _TABLES:
-            where, columns = groups[kind]
+        for kind, (where, columns) in groups.items():
             first, end = np.searchsorted(where, (begin, begin + len(kinds)))
-            tables[kind] = where[first:end] - begin, columns[:, first:end]
+            if kind != NOTE and end > first:
+                tables[kind] = where[first:end] - begin, columns[:, first:end]
         notes_at = np.flatnonzero(kinds == NOTE)
         return _Run(t_us, notes_at, (sequence << 32 | t_us)[notes_at], tables)
 
@@ -269,7 +271,7 @@ class RecordingBlocks(Recording):
 
     def __iter__(self) -> Iterator[Arrays]:  # pyright: ignore[reportIncompatibleMethodOverride]
         for path, header, block in self._blocks(_BLOCK_BYTES):
-            parts = {kind: [np.empty(0, table.dtype)] for kind, table in _TABLES.items()}
+            parts: dict[int, list[np.ndarray]] = {kind: [] for kind in _TABLES}
             texts: list[tuple[float, Text]] = []
             for found in self._decoder.feed_block(block):
                 if isinstance(found, _Run):
@@ -278,7 +280,7 @@ class RecordingBlocks(Recording):
                     self._note(path, header, found)
                 elif isinstance(found, Text):
                     texts.append((self.end_s, found))
-            tables = map(np.concatenate, parts.values())
+            tables = (_joined(rows, _TABLES[kind].dtype) for kind, rows in parts.items())
             yield Arrays(*tables, texts=texts, stats=replace(self.stats))
 
     def _add(self, run: _Run, header: Header, parts: dict[int, list[np.ndarray]]) -> None:
@@ -296,6 +298,12 @@ class RecordingBlocks(Recording):
     def _restart(self) -> None:
         super()._restart()
         self._decoder = _BlockDecoder()
+
+
+def _joined(parts: list[np.ndarray], dtype: np.dtype) -> np.ndarray:
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else np.empty(0, dtype)
 
 
 class _Growing:
