@@ -66,7 +66,8 @@ def test_the_latest_reading_is_new_however_long_one_waited():
         latest = board.read_latest()
         following = next(board.touches())
         assert latest.sequence > before.sequence + 10  # of some 50 that waited, not the first
-        assert following.sequence > latest.sequence  # and nothing older was kept
+        # Nothing between was lost but what the board itself dropped.
+        assert following.flags & DROPPED or following.sequence == latest.sequence + 1
 
 
 def test_the_board_ends_with_whoever_started_it():
