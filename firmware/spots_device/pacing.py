@@ -18,7 +18,7 @@ _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are poss
 # to this one, it is used at once: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
-_Q = const(13)  # a sixteenth of the longest period fits a small integer
+_Q = const(14)  # a sixteenth of the longest period, so shifted, is a small integer
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
 # The period is measured when its error is below 1/2048; restarted, to follow temperature.
@@ -82,22 +82,24 @@ class Pacing:
 
     def nominal_us(self, period_us):
         """Return the nominal period of samples that last `period_us` by the board's clock."""
-        return (period_us << _Q) // ((1 << _Q) + self._off)
+        rate = (1 << _Q) + self._off
+        return ((period_us << _Q) + (rate >> 1)) // rate
 
     def learn(self):
         """Note the deviation of the oscillator, which holds for all exposures, before a `start`.
 
-        Needs 0.2 s of samples since the last `start`; without them nothing changes. Allocates.
+        0.2 s of samples since the last `start` give a first value, a measurement the final one;
+        with less nothing changes. Allocates.
         """
         if self.sampled:
             lasted_us = self.lasted_us + self.longest_us
             nominal_us = 2 * self.sampled * self.exposure_us
-        elif (self._taken + self._samples) * self.period_us >= _LEARN_US:
+        elif not self._off and (self._taken + self._samples) * self.period_us >= _LEARN_US:
             lasted_us = self.period_us
             nominal_us = self.exposure_us
         else:
             return
-        self._off = (lasted_us - nominal_us << _Q) // nominal_us
+        self._off = ((lasted_us - nominal_us << _Q) + (nominal_us >> 1)) // nominal_us
 
     def early(self, now):
         """Record that the poll at `now` found no sample; schedule the next poll soon."""
