@@ -41,7 +41,7 @@ class Meter:
         self.restart()
 
     def restart(self):
-        """Start a new mean; `busy_us` has the old value until the new mean is complete."""
+        """Start a new mean; until it is complete, `busy_us` is still the previous mean."""
         self._sum_us = 0
         self._passes = -_SKIPPED
 

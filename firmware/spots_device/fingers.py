@@ -44,7 +44,7 @@ class Fingers:
     def attach(self, tracker, sink):
         """Follow a tracker, and pass its events on to a sink; None for no sink.
 
-        A touch that the tracker follows already begins a finger at its next reading of it alone.
+        If the tracker already follows a touch, its finger begins with the next reading of it alone.
         """
         self._tracker = tracker
         self._sink = sink
@@ -79,7 +79,7 @@ class Fingers:
             self._report(self._second, PROVISIONAL, 0)
 
     def release(self):
-        """End all fingers; what lies there must be lifted before it is a finger again."""
+        """End all fingers; an object that still touches must be lifted to become a finger again."""
         self._end(self._first)
         self._end(self._second)
         self._tracker.spend()
@@ -156,7 +156,7 @@ class Fingers:
         finger.there = False
 
     def _swap(self):
-        """The first finger has left the second."""
+        """End the first finger, which has left; the second one becomes the first."""
         first = self._first
         self._end(first)
         self._first = self._second

@@ -151,7 +151,7 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key; for `layers`, the row after the last key."""
+        """Return the row of a layer's first key; if `layer` is `layers`, the row after the last."""
         return self._firsts[layer]
 
     def is_on(self, layer, row):

@@ -106,7 +106,7 @@ class Strip:
         self.sensor.report(reply)
 
     def saturation(self):
-        """Return the saturation of the last sample, see `as7341`; None also if the bus fails."""
+        """Return the saturation of the last sample, see `as7341.AS7341`; None if the bus fails."""
         try:
             return self.sensor.saturation()
         except OSError:
@@ -136,7 +136,7 @@ class Strip:
         return names
 
     def stream(self, names):
-        """Stream only these kinds of frames (list of str): ``touch``, ``spectrum``, ``contact``.
+        """Stream only the kinds of frames in `names`: ``touch``, ``spectrum``, ``contact``.
 
         Returns
         -------

@@ -109,7 +109,7 @@ class Uses:
         Returns
         -------
         str or None
-            Why no contacts will come; None if they will, or are off.
+            Sentence that says why the stream remains empty. None if it works or was ended.
         """
         if on != self.streams_contacts:
             self.streams_contacts = on
@@ -258,7 +258,7 @@ class Uses:
         return True
 
     def _follow(self, calibration):
-        """Let the keypad's tracker take the readings, or one for the contacts alone, or none."""
+        """Choose the tracker of the readings: the keypad's, one for contacts only, or none."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:
