@@ -80,7 +80,7 @@ class ChipNoise:
     Attributes
     ----------
     read_counts : float
-        Standard deviation added before rounding.
+        Standard deviation of the noise that is added before rounding.
     electrons_per_count_1x : float
         Photo-electrons in one count at gain 1x, for the shot noise.
     dark_counts_512x : float
@@ -181,7 +181,7 @@ class AS7341:
             self._complete(self._end())
 
     def switch_light(self, on: bool) -> None:
-        """Switch an LED that another pin drives: calls ``light.switch(on)``."""
+        """Switch an LED that a pin of the board drives: calls ``light.switch(on)``."""
         self._collect(self._now)
         self._light.switch(on)
 

@@ -43,7 +43,7 @@ def demo(
     use: str = "strip",
     layout: str | None = None,
 ) -> dict:
-    """Run the virtual board, show its readings, and return the figures of the run.
+    """Run the virtual board, show its readings, and return the results of the run.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def demo(
     Returns
     -------
     dict
-        Figures of the run, with values that JSON supports.
+        Results of the run, with values that JSON supports.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        ``fivebar`` shows a simulated linkage. All other applications are always in the web UI.
+        ``fivebar`` for a simulated linkage. Any other value shows a strip with all applications.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int

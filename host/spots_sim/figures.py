@@ -29,7 +29,7 @@ def folder(path: str | Path) -> Path:
     Raises
     ------
     SpotsError
-        If the folder cannot be made.
+        If the folder cannot be created.
     """
     path = Path(path)
     try:
@@ -47,7 +47,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
     run : measurements.Run
         Results to draw.
     responses : dict
-        Responses of other lengths and dyes, from `family.family`.
+        Responses of strips with other lengths and dyes, from `family.family`.
     out : Path
         Existing folder for the PNG files.
 
@@ -146,7 +146,7 @@ def label(axis, title: str, x: str, y: str, **limits) -> None:
 
 
 def line(axis, i: int, x, y, name=None, **options) -> None:
-    """Draw points that are joined by a line.
+    """Draw points joined by a line.
 
     Parameters
     ----------

@@ -75,8 +75,8 @@ class World:
         start_us, end_us : float
             Bounds of the integration, in us of simulated time.
         led_mA : float
-            Current of the chip's LED driver, in mA; 0 for off. It flows only in an LED that is
-            wired to the driver.
+            Current of the chip's LED driver, in mA; 0 for off. It has no effect on an LED that is
+            not wired to this driver.
 
         Returns
         -------
@@ -100,7 +100,7 @@ class World:
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
     def switch(self, on: bool) -> None:
-        """Set the board's LED pin; it switches the LED if ``led.wired`` is ``gpio``."""
+        """Set the board's LED pin, which switches the LED if ``led.wired`` is ``gpio``."""
         self._pin_on = on
 
     def _strip_mA(self, driver_mA: float) -> float:
@@ -114,7 +114,7 @@ class World:
         Parameters
         ----------
         start_us, end_us : float
-            Begin and end of the interval, in us of simulated time.
+            Start and end of the interval, in us of simulated time.
 
         Returns
         -------
