@@ -262,8 +262,8 @@ class BoardApp:
         Returns
         -------
         str or None
-            Note for the user: why the calibration, keys or gamepad do not work although they are
-            switched on. None if everything works.
+            Note for the user: why the calibration is not used, or why keys or gamepad do not work
+            although they are switched on. None if everything works.
         """
         notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
         return "; ".join(filter(None, notes)) or None

@@ -551,7 +551,7 @@ class ContactTracker:
         return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
 
     def noise_um(self, brightness):
-        """Return the upper limit in um of the standard deviation of a position from ADC noise."""
+        """Return an upper limit of a position's standard deviation due to ADC noise, in um."""
         return min(self._noise * 16 // _counts(brightness), _NOISE_UM)
 
     def _slack_um(self, brightness):

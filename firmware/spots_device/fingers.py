@@ -25,7 +25,7 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    Stands between a tracker and its sink, and passes all events on.
+    It is the sink of a tracker, and passes all events on to another sink.
 
     Parameters
     ----------

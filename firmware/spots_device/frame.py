@@ -35,7 +35,7 @@ _CONTACT_SIZE = HEADER_SIZE + 10
 
 
 class Time32:
-    """Board time in us modulo 2**32, kept as two halves of 16 bits.
+    """Board time in us modulo 2**32, stored as two halves of 16 bits.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Framer:
     Parameters
     ----------
     serial : object
-        ``write(buffer, size) -> bool``: True if the bytes went out, False if they were dropped.
+        ``write(buffer, size) -> bool``: True if the bytes were sent, False if they were dropped.
     time : Time32
         Board time for the header of each frame.
     """

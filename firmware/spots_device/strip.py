@@ -50,7 +50,8 @@ class Strip:
     conditions : calibration.Conditions or None
         Board and settings of the readings; None before the first start.
     lit_flags : int
-        `decode.DARK_SUBTRACTED`; 0 while an LED that is always on has no dark frame.
+        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 while an LED that is
+        always on has no dark frame.
     baseline : dark.Baseline
         The baseline. Its `floor`, six sums over `Decode.dark_samples` samples, is subtracted from
         each reading.

@@ -9,7 +9,7 @@ from typing import Protocol
 
 
 class SimulationClock(Protocol):
-    """Clock of a simulation."""
+    """Interface of a simulation's clock, which counts simulated or real time."""
 
     def now_us(self) -> float:
         """Return the time since power-on, in us."""

@@ -1,6 +1,6 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-It is the truth with which a twin is compared. It shares no formula with `linkage.fivebar`.
+The estimates of a twin are compared with it. It shares no formula with `linkage.fivebar`.
 """
 
 from __future__ import annotations

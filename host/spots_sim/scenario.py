@@ -1,4 +1,4 @@
-"""Scenarios: fingers, strain and light on the strip over time; the truth for comparisons."""
+"""Scenarios: the true fingers, strain and light on the strip over time."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ class Score:
         Returns
         -------
         dict
-            Errors in um and mN, and latencies in ms, among others.
+            Errors in um and mN, latencies in ms, and statistics of the link.
         """
         return {
             "runtime": info["runtime"],

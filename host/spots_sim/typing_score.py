@@ -163,7 +163,7 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Return a dict of touch indices by the index of a right press, and all other presses."""
+        """Return a dict from right presses to their touches, as indices, and a list of the rest."""
         right: dict[int, int] = {}
         matched, others = set(), []
         for p, (time_s, key) in enumerate(presses):
