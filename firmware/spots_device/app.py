@@ -257,7 +257,7 @@ class BoardApp:
         return self.apply_calibration()
 
     def apply_calibration(self):
-        """Use the calibration if it fits the present settings; update keys and gamepad.
+        """Use the calibration if it is valid at the present settings; update keys and gamepad.
 
         Returns
         -------

@@ -166,7 +166,7 @@ class AS7341:
     def drifted(self):
         """Return whether the measured duration of a sample differs from `exposure_us`.
 
-        The next `start` with `mains_hz` corrects the difference. Allocates nothing if it is False.
+        The next `start` with `mains_hz` corrects it. Allocates nothing if the result is False.
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
@@ -181,7 +181,7 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED on or off. Samples that began before this call are not `steady`.
 
-        The user switches an LED that is always on; this call only records its state.
+        If the LED is always on, the user unplugs it, and this call only records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0

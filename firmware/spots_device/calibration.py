@@ -46,7 +46,7 @@ Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "
 
 
 class CalibrationError(ValueError):
-    """The calibration is invalid; the text says why."""
+    """Error for an invalid calibration; its message says why."""
 
 
 class Segment:

@@ -1,8 +1,8 @@
 """Converts touches to key events: tap, double tap, hold, firm press, slide, swipe, layers.
 
-A gesture is decided as soon as it is unambiguous; a key with one action is pressed at once. A
-release belongs to the pressed action, even if the layer has changed since the press. Integers only;
-allocates nothing. Times are in the ticks of contact.py.
+A gesture is decided as soon as it is unambiguous; a key with one action is pressed at once. The end
+of a touch releases the pressed action, even if the layer has changed since the press. Integers
+only; allocates nothing. Times are in the ticks of contact.py.
 """
 
 from .contact import ContactTracker, elapsed

@@ -61,7 +61,7 @@ _LAYER_ACTIONS = (MOMENTARY, TOGGLE, ONCE)
 
 
 class LayoutError(ValueError):
-    """The layout is invalid; the text says why."""
+    """Error for an invalid layout; its message says why."""
 
 
 def action(kind, number, modifiers=0):

@@ -25,7 +25,7 @@ class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
     It changes the gain first (factors of 2), then the LED current. Only if both are at their
-    maximum, it sets a longer exposure, at least 182 ms. There, full scale no longer grows with it.
+    maximum, it sets a longer exposure: at least 182 ms, because full scale is constant from there.
 
     Parameters
     ----------

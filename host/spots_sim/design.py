@@ -172,7 +172,7 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return gain code, exposure in us and LED current in mA as the board finds them, or None."""
+    """Return gain code, exposure in us and LED current in mA of the board's search, or None."""
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
     outcome = AGAIN

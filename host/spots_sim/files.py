@@ -191,7 +191,7 @@ class SensorFile(_SimulationFile):
     length_mm : float
         Length of the strip at rest, in mm.
     led, dye, contact, converter, stretch, surroundings, joint, temperature
-        Tables of the file; the classes of this module describe them.
+        Tables of the file; their classes describe them.
     change : change.Change
         Change of the sensor since its calibration.
     """
