@@ -5,10 +5,10 @@ Imported only while contacts are streamed. Integers only; allocates nothing.
 
 # States of a finger.
 DOWN = 0  # its first frame
-PROVISIONAL = 1  # not alone, or just lifted: place as estimated, or of its last own reading
+PROVISIONAL = 1  # not alone, or just lifted: position is estimated, or of its last own reading
 CONFIRMED = 2  # alone in this reading
 UP = 3  # its last frame
-NEVER_ALONE = 4  # its last frame, and all its places were estimates
+NEVER_ALONE = 4  # its last frame, and all its positions were estimates
 
 _NEAR_UM = 2000
 _SIGMA_MAX_UM = 65_535

@@ -171,15 +171,16 @@ class Framer:
         return self._send(HEADER_SIZE + len(data), self._gap)
 
     def _send(self, size, gap_after):
-        # `gap_after`: the gap that remains to be marked once this frame is out, for only
-        # TOUCH and SPECTRUM frames have flags.
+        # `gap_after`: the gap that a later frame must still mark after this frame is sent, because
+        # only TOUCH and SPECTRUM frames have flags.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
             self._encoded[length] = 0
             length += 1
         self._sequence = (self._sequence + 1) & 0xFFFF
-        # A dropped frame may be out in part: without a delimiter this one would be lost too.
+        # A part of the dropped frame may have been sent. Without a delimiter after this part, the
+        # present frame would be lost too.
         if (not self._gap or self._write(b"\0", 1)) and self._write(self._encoded, length):
             self._gap = gap_after
             return True

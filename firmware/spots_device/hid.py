@@ -37,7 +37,7 @@ GAMEPAD_DESCRIPTOR = (
     b"\xc0"
 )
 _GAMEPAD = "<hhhH"
-_BUTTONS = 6  # where they begin in a report
+_BUTTONS = 6  # offset of the buttons in a report
 
 
 def with_report_id(descriptor, report_id):

@@ -18,7 +18,7 @@ _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are poss
 # to this one, it is used at once: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
-_Q = const(14)  # a sixteenth of the longest period, so shifted, is a small integer
+_Q = const(14)  # a sixteenth of the longest period, shifted by this, fits a small integer
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
 # The period is measured when its error is below 1/2048; restarted, to follow temperature.
@@ -46,7 +46,7 @@ class Pacing:
         self._add = clock.ticks_add
         self._diff = clock.ticks_diff
         self.due = 0
-        self.missed = 0  # samples that ended unread, or could not be dated
+        self.missed = 0  # samples that were not read, or whose time is unknown
         self.period_us = 0
         self.slack_us = 0  # how much earlier the last sample may have ended
         self.sampled = self.lasted_us = self.longest_us = 0
@@ -58,10 +58,10 @@ class Pacing:
         self._was_early = False
         self._locked = False
         self._doubted = False  # since the last narrow bracket
-        self._counted = False  # whether `_last` holds
+        self._counted = False  # whether `_last` is valid
         self._last = 0  # end of the last sample that was counted
         self._reference = 0
-        # The measurement begins at the end of a sample, between these two.
+        # The measurement begins at the end of a sample, which is between these two times.
         self._first = self._began = 0
         self._taken = 0  # samples from there to the reference
         self._samples = -1  # since the reference; -1 for no reference

@@ -236,7 +236,8 @@ class Strip:
         rests = uses.take(self.index, decode)
         if self.stream_touch:
             self._framer.touch(self.index, decode)
-        # Two fingers look like ambient light. They count less, because a dark frame costs readings.
+        # Two fingers look like ambient light. Such readings have less weight in the detection,
+        # because a dark frame costs readings.
         odd_us = lasted_us >> 3 if uses.two else lasted_us
         if self._odd_light.take(flags, sums, samples, odd_us, self._dark.age_us):
             self._dark.request()

@@ -59,8 +59,8 @@ class Uses:
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
-        self._contacts = None  # while they are streamed: a tracker for no keypad, and fingers
-        # In use: the keypad's tracker or that one, and the fingers.
+        self._contacts = None  # a tracker without a keypad, and fingers, while they are streamed
+        # The tracker in use (the keypad's, or that without a keypad), and the fingers in use.
         self._tracker = self._fingers = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name

@@ -136,7 +136,7 @@ class AS7341:
         self._pointer = 0
         self._smux_done = None
         self._zeroed = False
-        self._start = None  # begin of the running integration, in us
+        self._start = None  # start of the running integration, in us
         self._part_start = 0.0  # time up to which its light is collected, in us
         self._collected = np.zeros(len(DIODES))
         self._cycle = 0
@@ -404,7 +404,7 @@ class AS7341:
         return counts, digital | analog
 
 
-# Registers that are worked out when they are read.
+# Registers whose values are computed at each read.
 _COMPUTED = {
     0xDB: AS7341._flicker_status,
     0xFD: lambda chip: len(chip._fifo),

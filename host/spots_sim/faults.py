@@ -286,7 +286,7 @@ class FaultyBus:
         self.bus.light(level)
 
     def _meet(self) -> float | None:
-        # Raises an error, or returns the place of a wrong bit (0 to 1 of the transfer), or None.
+        # Raises an error, or returns the position of a wrong bit (0 to 1 of the transfer), or None.
         now_us = self.clock.now_us()
         self._plug(now_us)
         if self._sda_is_held():

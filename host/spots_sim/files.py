@@ -21,7 +21,7 @@ from .change import Change, ChangeInTime, Temperature
 
 DATA = Path(__file__).parent / "data"
 
-_MOST = 1e12  # keeps out inf
+_MOST = 1e12  # excludes infinity
 Positive = Annotated[float, msgspec.Meta(gt=0, le=_MOST)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=_MOST)]
 Time = NotNegative
@@ -71,7 +71,7 @@ class Led(_SimulationFile):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
-    # How it is wired: `spots_device.light.LEDS`. The chip sets the current of `ldr` alone.
+    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0
 
@@ -484,7 +484,7 @@ def to_toml(sensor: SensorFile) -> str:
 
 
 def _assignment(name: str, value: float | bool | str) -> str:
-    return f"{name} = {json.dumps(value)}"  # such a value is the same in TOML
+    return f"{name} = {json.dumps(value)}"  # JSON and TOML have the same notation for it
 
 
 def load_change(name: str | Path) -> Change:

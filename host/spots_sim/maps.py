@@ -88,7 +88,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
             axis.plot(x_mm, y_mm, color=colour, linewidth=1.5 if strong else 0.7, label=name)
             named = True
             if strong:
-                # The label is at the begin of the line, on the rim of the workspace.
+                # The label is at the start of the line, on the edge of the workspace.
                 i = int(np.ma.argmin(x_mm) if joint == 0 else np.ma.argmax(x_mm))
                 side = "right" if joint == 0 else "left"
                 offset = (-4 if joint == 0 else 4, -3)

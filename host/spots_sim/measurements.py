@@ -21,7 +21,7 @@ from .pair import OnePair
 from .rezeroed import NO_HAND, Hand, age
 from .rig import Rig
 
-PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length; the calibration uses other places
+PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length; the calibration uses others
 FORCE_MN = 3000.0
 STRAINS_PERCENT = (0, 5, 10, 15, 20, 25)
 BENDS_DEG = (0, 45, 90, 135, 180)

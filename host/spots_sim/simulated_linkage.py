@@ -27,7 +27,7 @@ from .rig import Rig
 from .stage import set_led
 
 PATH, EXPOSURE_US = "sust", 30_000  # defaults
-START_S = 2.0  # begin of a motion: the boards are open and stream before that
+START_S = 2.0  # start of a motion; by then the boards are open and stream
 _ANGLES = 11  # angles in each direction, as in `spots calibrate joint`
 _WINDOW = 24  # readings at each angle
 _MOVE_S = 0.1

@@ -18,8 +18,8 @@ from .simulated_linkage import EXPOSURE_US, START_S, Simulation, visited
 # Smallest angle between the outer bars; the usual rule for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
 CALIBRATION_PLACES = 40
-PLACE_SIGMA_MM = 0.02  # standard deviation of the measured places of the terminal
-# Frame in which these places are measured: x and y of joint 1, and the rotation.
+PLACE_SIGMA_MM = 0.02  # standard deviation of the measured positions of the end point
+# Frame in which these positions are measured: x and y of joint 1, and the rotation.
 _GRID = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
 _DRAWS = 2000
 
@@ -114,7 +114,7 @@ def survey(
     drawn = Linkage(linkage.bar_mm, linkage.base_mm)
     given = Linkage(mechanism.bar_mm, mechanism.base_mm)
     x_mm, y_mm = working(given, mechanism, *_grid(given, pitch_mm, rng))
-    # The calibration uses other places than the grid.
+    # The calibration uses other positions than the grid.
     few = working(given, mechanism, *_grid(given, pitch_mm, rng, jitter_mm=pitch_mm / 2))
     few = [axis[:CALIBRATION_PLACES] for axis in few]
     angles, sigmas = visited(sensor, linkage, *few, seed, exposure_us)

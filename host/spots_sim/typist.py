@@ -289,7 +289,7 @@ def fast_typing(
         middle, half = (key.low + key.high) / 2, 0.4 * (key.high - key.low)
         x_mm = length_mm * (middle + half * np.clip(rng.normal(0, 0.5), -1, 1))
         for other in fingers[-6:]:
-            # A finger lifts before its next touch; two fingers cannot be at the same place.
+            # A finger lifts before its next touch; two fingers cannot be at the same position.
             if abs(other.points[-1][1] - x_mm) < hands.apart_mm:
                 now_s = max(now_s, other.points[-1][0] + hands.same_s)
         rise_s, fall_s = rng.uniform(*hands.ramp_s, 2)

@@ -147,7 +147,7 @@ class World:
             )
 
     def _warm(self, end_us: float, led_mA: float) -> None:
-        # The LED approaches the temperature of its present power, also between two calls.
+        # The LED approaches the temperature of its present power, even between two calls.
         warmth = self._sensor.temperature
         in_the_end_K = warmth.led_K_per_mA * led_mA
         share = math.exp(-max(end_us - self._led_us, 0.0) * 1e-6 / warmth.led_warm_up_s)
