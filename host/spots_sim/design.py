@@ -226,7 +226,7 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
 
 def _slower(length_mm: float, resolution_um: float, rate_hz: float) -> str:
     if best(length_mm, _SLOWEST_HZ).resolution_um > resolution_um:
-        return f"no rate down to {_SLOWEST_HZ:.3g} Hz reaches this: choose a shorter strip"
+        return f"no rate down to {_SLOWEST_HZ:.3g} Hz suffices: choose a shorter strip"
     low_hz, high_hz = _SLOWEST_HZ, rate_hz
     while high_hz > 1.01 * low_hz:
         middle_hz = math.sqrt(low_hz * high_hz)

@@ -400,7 +400,7 @@ class ScenarioFile(_SimulationFile):
                 raise ValueError(f"the times of {name} must ascend")
             if times and times[-1] > self.seconds:
                 raise ValueError(
-                    f"{name} ends after the scenario's {self.seconds:g} seconds: remove points"
+                    f"{name} has points after the end ({self.seconds:g} s): remove these points"
                 )
         for place, moments in self.faults.moments().items() if self.faults else ():
             if any(at_s >= self.seconds for at_s in moments.at_s):
