@@ -1,4 +1,4 @@
-"""Writes docs/fivebar.md: what the simulated five-bar linkage measures, with its pictures."""
+"""Writes docs/fivebar.md: measurements of the simulated five-bar linkage, with pictures."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def document(
     surveys : list of Survey
         Surveys of the workspace, one for each seed.
     runs : dict of int to list of PathRun
-        Runs on a path by exposure in us, one for each seed.
+        For each exposure in us, the runs on a path, one for each seed.
     linkage : LinkageFile
         Nominal linkage and its errors.
     mechanism : Mechanism

@@ -1,4 +1,4 @@
-"""Writes docs/paper.md: the published figures beside those of the simulated default sensor."""
+"""Writes docs/paper.md: published results beside those of the simulated default sensor."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Parameters
     ----------
     runs : list of Run
-        Results of the default strip for each exposure, then of the real strip.
+        Results of the default strip for each exposure, then those of the sensor file `real`.
     departures_um : list of float
         Results of `family.departure_um` for the default strip, for each exposure.
 
     Returns
     -------
     list of tuple
-        Quantity, section, published value, list of our values, limit of the simulation.
+        Quantity, section, published value, list of simulated values, limit of the simulation.
     """
     found = [run.summary for run in runs]
 

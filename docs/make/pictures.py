@@ -49,7 +49,7 @@ class Wire(NamedTuple):
     lane_x : int
         x between board and breakout.
     left_x, below_y : int
-        x and y of the way around the lower left corner of the board.
+        x and y of the route around the lower left corner of the board.
     """
 
     colour: str
@@ -84,7 +84,7 @@ def main() -> None:
 def wirings() -> list[Path]:
     """Draw the wiring of every real board as docs/wiring-BOARD.svg; return the paths.
 
-    A board file that names a supply for the LED gets a picture of each other kind of LED as well.
+    If the board file names a supply for the LED, each other wiring of the LED is drawn as well.
     """
     template = _template("wiring")
     paths = []

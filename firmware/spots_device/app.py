@@ -41,7 +41,7 @@ class Meter:
         self.restart()
 
     def restart(self):
-        """Start a new mean; `busy_us` has the old value until the new mean is complete."""
+        """Start a new mean; until it is complete, `busy_us` is still the previous mean."""
         self._sum_us = 0
         self._passes = -_SKIPPED
 
@@ -257,13 +257,13 @@ class BoardApp:
         return self.apply_calibration()
 
     def apply_calibration(self):
-        """Use the calibration if it fits the present settings; update keys and gamepad.
+        """Use the calibration if it is valid at the present settings; update keys and gamepad.
 
         Returns
         -------
         str or None
-            Note for the user: why the calibration, keys or gamepad do not work although they are
-            switched on. None if everything works.
+            Note for the user: why the calibration is not used, or why keys or gamepad do not work
+            although they are switched on. None if everything works.
         """
         notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
         return "; ".join(filter(None, notes)) or None

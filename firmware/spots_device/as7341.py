@@ -112,8 +112,8 @@ class AS7341:
         led_mA : int
             Current of the LED driver in mA: 0 for off, or 4 to 258.
         mains_hz : int
-            0: the chip's oscillator, some per cent off, times the exposure. Otherwise the board's
-            clock times it, as far as `pacing` has measured the oscillator.
+            0: the exposure may deviate by some per cent, like the chip's oscillator. Otherwise the
+            deviation that `pacing` has measured so far is corrected.
 
         Raises
         ------
@@ -164,9 +164,9 @@ class AS7341:
         pacing.start(now, chip_us)
 
     def drifted(self):
-        """Return whether samples last longer or shorter than `exposure_us`, as far as is known.
+        """Return whether the measured duration of a sample differs from `exposure_us`.
 
-        The next `start` with `mains_hz` corrects that. Allocates nothing if they do not.
+        The next `start` with `mains_hz` corrects it. Allocates nothing if the result is False.
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
@@ -181,7 +181,7 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED on or off. Samples that began before this call are not `steady`.
 
-        The user switches an LED that is always on; this call only records its state.
+        If the LED is always on, the user unplugs it, and this call only records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0
@@ -213,7 +213,7 @@ class AS7341:
         SensorError
             If no sample arrived for two exposures plus the duration of an auto-zero.
         OSError
-            If transfers failed for the same time. Before that, a failed transfer costs one sample.
+            If transfers failed for the same time. Until then, each failed one loses one sample.
         """
         clock = self._clock
         now = clock.ticks_us()

@@ -13,8 +13,8 @@ Each line is one statement. Weights are in Q13, logarithms in Q20::
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which the next segment begins
-    x -123456 85000 77 -5      knot of that segment: contrast -> position in um, expected fit
-                               (Q12), correction that is subtracted from the brightness
+    x -123456 85000 77 -5      knot of that segment: contrast -> position in um, value of 'fit' for
+                               one press (Q12), correction that is subtracted from the brightness
 
 Strains ascend from 0. All strains have the same number of knots, so that the board can
 interpolate linearly between two strains. Segments are in the order of ascending coarse contrast.
@@ -46,7 +46,7 @@ Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "
 
 
 class CalibrationError(ValueError):
-    """The calibration is invalid; the text says why."""
+    """Error for an invalid calibration; its message says why."""
 
 
 class Segment:
@@ -57,14 +57,14 @@ class Segment:
     weights : sequence of int
         Twelve weights in Q13: six for the position, six for the force.
     knots : tuple of array
-        Four arrays of n integers: contrasts, positions, fits and offsets of the knots.
+        Four arrays of n integers, one for each of the attributes `contrasts` to `offsets`.
 
     Attributes
     ----------
     position, force : array of int
         Six weights each, Q13.
     contrasts, positions_um, fits, offsets : array of int
-        Columns of the table of knots; see ``x`` in the text of this module.
+        Columns of the table of knots: the four numbers of the statement ``x``, see the module.
     weights, columns : tuple of array
         The same weights and columns, in the form for `kernel.estimate`.
     """
@@ -138,7 +138,7 @@ class Calibration:
         conditions : Conditions
             Board and settings of the readings.
         mains_hz : int
-            The setting. If it is not 0, the exposure may differ: see module `rescale`.
+            The setting ``mains_hz``. Unless it is 0, another exposure is valid, see `rescale`.
 
         Returns
         -------
@@ -202,8 +202,8 @@ class CalibrationSlot:
         calibration : Calibration or None
             None if no valid calibration is stored.
         why_not : str or None
-            Sentence that says why the stored calibration cannot be used; None if it can, or if
-            none is stored.
+            Sentence that says why the stored calibration cannot be used. None if it is used, or if
+            no calibration is stored.
         """
         if not self.lines:
             return None, None

@@ -198,14 +198,14 @@ class Commands:
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
                           baseline, dark_every, mains_hz, keys, gamepad, watchdog, led
       auto                search gain and LED current while you press firmly
-      dark                take a dark frame; with 'off' while the LED is unplugged
+      dark                take a dark frame; 'dark off' takes it with an unplugged LED
       rest                take the present light as the baseline
       stream KIND ...     select the frames of each sample: touch, spectrum, contact, off
       keys on|off         touches press keys
       gamepad on|off      touches move a gamepad
       layout, cal         upload a layout or a calibration, line by line
       save                store settings, layout and calibration
-      sync                the board's time and its streams
+      sync                the board's time, and the kinds of frames that it streams
       reboot              restart the firmware
 
     Parameters

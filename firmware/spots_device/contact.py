@@ -8,12 +8,12 @@ may be several fingers, the position of a reading is not used. State machine:
 from  to     when
 ====  =====  ==================================================================================
 UP    DOWN   `detect` consecutive readings agree on a position, or on a steady motion
-UP    TWO    readings disagree for 40 ms: fingers came together, their positions are unknown
+UP    TWO    readings disagree for 40 ms: fingers touched at once, their positions are unknown
 DOWN  DOWN   the position is that of the finger, or the finger slides
-DOWN  TWO    otherwise; the finger is at its position of one reading *earlier*
+DOWN  TWO    otherwise; the first finger keeps its position of one reading *earlier*
 TWO   DOWN   the position rests where the first finger was: the second finger has left
-TWO   DOWN   the position rests elsewhere: the first finger has left, if the brightness fell, or was
-             never that of two fingers, or no second finger could cause this position
+TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or it
+             was never that of two fingers, or no second finger could cause this position
 TWO   TWO    the first finger rests, and several readings agree on the second one (second.py)
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
@@ -505,7 +505,7 @@ class ContactTracker:
         self._harden(force_mN, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left; the reading rests `off_um` away from it."""
+        """Return whether the first finger has left; positions now rest `off_um` away from it."""
         if abs(brightness - self._b_since) > _DIPPED:
             return True  # with two fingers, this change of force would move the position
         first = self._b
@@ -551,7 +551,7 @@ class ContactTracker:
         return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
 
     def noise_um(self, brightness):
-        """Return the upper limit in um of the standard deviation of a position from ADC noise."""
+        """Return an upper limit of a position's standard deviation due to ADC noise, in um."""
         return min(self._noise * 16 // _counts(brightness), _NOISE_UM)
 
     def _slack_um(self, brightness):

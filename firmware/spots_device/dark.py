@@ -5,8 +5,8 @@ untouched strip while the LED is on, minus the dark frame.
 
 A dark window has four samples. Its counts are integers, and the rounding error is up to three times
 the noise of the light. So the first 16 windows are averaged; then each new window has the weight
-1/8. This has the noise and the delay of a mean over 16 windows, but stores none of them. If a
-window does not fit the mean, the ambient light has changed, and the mean restarts.
+1/8. This has the noise and the delay of a mean over 16 windows, but does not store them. If a
+window deviates too much from the mean, the ambient light has changed, and the mean restarts.
 """
 
 from array import array
@@ -64,7 +64,7 @@ class Dark:
     exposure_us : int
         Time in us that each sample adds to the age; 0 if the board cannot switch the LED.
     always : bool
-        Whether single dark samples are taken also while the strip is touched.
+        True if single dark samples are taken, even while the strip is touched.
     """
 
     def __init__(self):
@@ -88,8 +88,8 @@ class Dark:
         exposure_us : int
             Integration time in us; 0 if windows are taken on request only.
         dark_every : int
-            Take one dark sample per this number of samples, also during a touch. 0: take windows
-            of four samples while the strip is not touched.
+            Number of samples between two dark samples, which are taken even during a touch. 0: take
+            windows of four dark samples while the strip is not touched.
         """
         self.exposure_us = exposure_us
         self.always = dark_every > 0
@@ -284,7 +284,7 @@ class Baseline:
         idle_us : int
             Time since the last touch, in us.
         rests : bool
-            Whether an object, not a finger, lies on the strip; it becomes part of the baseline.
+            True if an object that is not a finger lies on the strip; the baseline then includes it.
         """
         if rests or self.wanted:
             self.wanted = False

@@ -26,7 +26,7 @@ AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**2
 
 
 class Decode:
-    """Turns sums of counts into the fields of a TOUCH frame, kept as attributes.
+    """Converts sums of counts to the fields of a TOUCH frame, which are its attributes.
 
     Attributes
     ----------

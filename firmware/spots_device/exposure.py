@@ -24,7 +24,7 @@ _ASTEP_MAX = 65_534  # 65535 is reserved
 
 
 def registers(exposure_us):
-    """Return (ATIME, ASTEP) for the possible exposure nearest to `exposure_us`; least ATIME."""
+    """Return (ATIME, ASTEP), with the smallest ATIME, for the exposure nearest to `exposure_us`."""
     hundredths = exposure_us * 100
     longest = _STEP_CENTI_US * (_ASTEP_MAX + 1)
     # -50: an exposure that was rounded up keeps its ATIME.

@@ -5,10 +5,10 @@ Imported only while contacts are streamed. Integers only; allocates nothing.
 
 # States of a finger.
 DOWN = 0  # its first frame
-PROVISIONAL = 1  # not alone, or just lifted: place as estimated, or of its last own reading
+PROVISIONAL = 1  # not alone, or just lifted: position is estimated, or of its last own reading
 CONFIRMED = 2  # alone in this reading
 UP = 3  # its last frame
-NEVER_ALONE = 4  # its last frame, and all its places were estimates
+NEVER_ALONE = 4  # its last frame, and all its positions were estimates
 
 _NEAR_UM = 2000
 _SIGMA_MAX_UM = 65_535
@@ -25,7 +25,7 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    Stands between a tracker and its sink, and passes all events on.
+    It is the sink of a tracker, and passes all events on to another sink.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Fingers:
     def attach(self, tracker, sink):
         """Follow a tracker, and pass its events on to a sink; None for no sink.
 
-        A touch that the tracker follows already begins a finger at its next reading of it alone.
+        If the tracker already follows a touch, its finger begins with the next reading of it alone.
         """
         self._tracker = tracker
         self._sink = sink
@@ -79,7 +79,7 @@ class Fingers:
             self._report(self._second, PROVISIONAL, 0)
 
     def release(self):
-        """End all fingers; what lies there must be lifted before it is a finger again."""
+        """End all fingers; an object that still touches must be lifted to become a finger again."""
         self._end(self._first)
         self._end(self._second)
         self._tracker.spend()
@@ -156,7 +156,7 @@ class Fingers:
         finger.there = False
 
     def _swap(self):
-        """The first finger has left the second."""
+        """End the first finger, which has left; the second one becomes the first."""
         first = self._first
         self._end(first)
         self._first = self._second

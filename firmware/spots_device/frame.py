@@ -35,7 +35,7 @@ _CONTACT_SIZE = HEADER_SIZE + 10
 
 
 class Time32:
-    """Board time in us modulo 2**32, kept as two halves of 16 bits.
+    """Board time in us modulo 2**32, stored as two halves of 16 bits.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Framer:
     Parameters
     ----------
     serial : object
-        ``write(buffer, size) -> bool``: True if the bytes went out, False if they were dropped.
+        ``write(buffer, size) -> bool``: True if the bytes were sent, False if they were dropped.
     time : Time32
         Board time for the header of each frame.
     """
@@ -90,7 +90,7 @@ class Framer:
         self._gap = DROPPED
 
     def touch(self, sensor, decode):
-        """Send a reading of sensor `sensor` (a `decode.Decode`) as TOUCH frame; return if sent."""
+        """Send the reading in `decode` as a TOUCH frame; return whether it was sent."""
         pack_into(
             _TOUCH_FRAME,
             self._payload,
@@ -108,7 +108,7 @@ class Framer:
         return self._send(_TOUCH_SIZE, 0)
 
     def spectrum(self, sensor, flags, gain, counts):
-        """Send six counts of 16 bits, flags and gain code as SPECTRUM frame; return if sent."""
+        """Send six 16-bit counts, flags and gain code as a SPECTRUM frame; return whether sent."""
         pack_into(
             _SPECTRUM_FRAME,
             self._payload,
@@ -129,7 +129,7 @@ class Framer:
         return self._send(_SPECTRUM_SIZE, 0)
 
     def key(self, sensor, page, usage, modifiers, pressed):
-        """Send a key event as KEY frame, see `uses.Uses.key`; return whether it was sent."""
+        """Send a key event as a KEY frame, see `uses.Uses.key`; return whether it was sent."""
         pack_into(
             _KEY_FRAME,
             self._payload,
@@ -146,7 +146,7 @@ class Framer:
         return self._send(_KEY_SIZE, self._gap)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
-        """Send a CONTACT frame: a finger in a reading, see `fingers`."""
+        """Send one of the fingers found in a reading as a CONTACT frame, see `fingers`."""
         pack_into(
             _CONTACT_FRAME,
             self._payload,
@@ -164,22 +164,23 @@ class Framer:
         return self._send(_CONTACT_SIZE, self._gap)
 
     def text(self, data):
-        """Send at most `TEXT_MAX` bytes as TEXT frame; return whether it was sent. Allocates."""
+        """Send at most `TEXT_MAX` bytes as a TEXT frame; return whether it was sent. Allocates."""
         payload = self._payload
         pack_into(HEADER, payload, 0, TEXT, self._sequence, self._time.low, self._time.high)
         payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
         return self._send(HEADER_SIZE + len(data), self._gap)
 
     def _send(self, size, gap_after):
-        # `gap_after`: the gap that remains to be marked once this frame is out, for only
-        # TOUCH and SPECTRUM frames have flags.
+        # `gap_after`: the gap that a later frame must still mark after this frame is sent, because
+        # only TOUCH and SPECTRUM frames have flags.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
             self._encoded[length] = 0
             length += 1
         self._sequence = (self._sequence + 1) & 0xFFFF
-        # A dropped frame may be out in part: without a delimiter this one would be lost too.
+        # A part of the dropped frame may have been sent. Without a delimiter after this part, the
+        # present frame would be lost too.
         if (not self._gap or self._write(b"\0", 1)) and self._write(self._encoded, length):
             self._gap = gap_after
             return True

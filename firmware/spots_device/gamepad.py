@@ -16,7 +16,7 @@ class GamepadAxes:
     Parameters
     ----------
     sink : hid.GamepadReports
-        Gets axes and buttons.
+        Receives the axes and the button.
     """
 
     def __init__(self, sink):
@@ -29,9 +29,9 @@ class GamepadAxes:
         Parameters
         ----------
         length_um : int
-            Length of the strip in um; the right end of X.
+            Length of the strip in um; a press there moves X to its right end.
         full_mN : int
-            Force in mN at the end of Z.
+            Force in mN that moves Z to its end.
         """
         self.release()
         self._length_um = max(1, length_um)

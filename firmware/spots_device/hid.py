@@ -37,7 +37,7 @@ GAMEPAD_DESCRIPTOR = (
     b"\xc0"
 )
 _GAMEPAD = "<hhhH"
-_BUTTONS = 6  # where they begin in a report
+_BUTTONS = 6  # offset of the buttons in a report
 
 
 def with_report_id(descriptor, report_id):
@@ -87,13 +87,19 @@ class Outbox:
         self.dropped = 0
 
     def newest(self):
-        """Return the last report in the queue, which the caller may change; None if it is empty."""
+        """Return the newest report in the queue, or None if the queue is empty.
+
+        The caller may modify the report.
+        """
         if self._count == 0:
             return None
         return self._waiting[(self._first + self._count - 1) % WAITING_MAX]
 
     def put(self, report):
-        """Add a copy of a report to the queue; return False if the queue was full and dropped."""
+        """Add a copy of a report to the queue; return False if the queue was full.
+
+        If the queue was full, all its reports and this report are dropped, see `release`.
+        """
         if self._count == WAITING_MAX:
             self.dropped += 1
             self.release()

@@ -1,8 +1,8 @@
 """Converts touches to key events: tap, double tap, hold, firm press, slide, swipe, layers.
 
-A gesture is decided as soon as it is unambiguous; a key with one action is pressed at once. A
-release belongs to the pressed action, also if the layer has changed since. Integers only; allocates
-nothing. Times are in the ticks of contact.py.
+A gesture is decided as soon as it is unambiguous; a key with one action is pressed at once. The end
+of a touch releases the pressed action, even if the layer has changed since the press. Integers
+only; allocates nothing. Times are in the ticks of contact.py.
 """
 
 from .contact import ContactTracker, elapsed
@@ -286,7 +286,7 @@ class Keypad:
         return not (self._wait_t or self._action(DOUBLE) or self._slides())
 
     def _wait(self):
-        """Return the ticks after which time decides the action; 0 if time does not decide."""
+        """Return the ticks of touch that decide the action; 0 if the duration does not decide."""
         layout = self._layout
         if self._action(HOLD) or self._action(DOUBLE):
             return layout.tapping_t

@@ -43,7 +43,7 @@ LIMITS = {
     "press_mN": (0, 65_535, 0),  # 0: the force at which a touch begins in the calibration
     "release_mN": (0, 65_535, 0),
     "firm_mN": (1, 65_535, 4_000),
-    "jump_um": (500, 1_000_000, 5_000),  # longest way of a finger between two readings
+    "jump_um": (500, 1_000_000, 5_000),  # largest movement of a finger between two readings
     "slack_um": (0, 100_000, 500),  # a quick second tap may miss its key by this distance
     "slide_um": (200, 1_000_000, 4_000),
     "swipe_um": (1_000, 1_000_000, 20_000),
@@ -61,7 +61,7 @@ _LAYER_ACTIONS = (MOMENTARY, TOGGLE, ONCE)
 
 
 class LayoutError(ValueError):
-    """The layout is invalid; the text says why."""
+    """Error for an invalid layout; its message says why."""
 
 
 def action(kind, number, modifiers=0):
@@ -151,7 +151,7 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key; for `layers`, the row after the last key."""
+        """Return the row of a layer's first key; if `layer` is `layers`, the row after the last."""
         return self._firsts[layer]
 
     def is_on(self, layer, row):

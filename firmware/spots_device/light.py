@@ -16,7 +16,7 @@ def settle(changes, values, board):
     Parameters
     ----------
     changes : dict
-        New values of settings by name; changed in place. ``led`` and ``dark`` are texts, all other
+        New values of settings by name; changed in place. ``led`` and ``dark`` are str; all other
         values are validated already.
     values : dict
         Present settings, see `settings.BoardSettings`.

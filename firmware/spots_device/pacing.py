@@ -18,7 +18,7 @@ _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are poss
 # to this one, it is used at once: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
-_Q = const(14)  # a sixteenth of the longest period, so shifted, is a small integer
+_Q = const(14)  # a sixteenth of the longest period, shifted by this, fits a small integer
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
 # The period is measured when its error is below 1/2048; restarted, to follow temperature.
@@ -46,7 +46,7 @@ class Pacing:
         self._add = clock.ticks_add
         self._diff = clock.ticks_diff
         self.due = 0
-        self.missed = 0  # samples that ended unread, or could not be dated
+        self.missed = 0  # samples that were not read, or whose time is unknown
         self.period_us = 0
         self.slack_us = 0  # how much earlier the last sample may have ended
         self.sampled = self.lasted_us = self.longest_us = 0
@@ -58,10 +58,10 @@ class Pacing:
         self._was_early = False
         self._locked = False
         self._doubted = False  # since the last narrow bracket
-        self._counted = False  # whether `_last` holds
+        self._counted = False  # whether `_last` is valid
         self._last = 0  # end of the last sample that was counted
         self._reference = 0
-        # The measurement begins at the end of a sample, between these two.
+        # The measurement begins at the end of a sample, which is between these two times.
         self._first = self._began = 0
         self._taken = 0  # samples from there to the reference
         self._samples = -1  # since the reference; -1 for no reference
@@ -81,15 +81,15 @@ class Pacing:
         self._taken = 0
 
     def nominal_us(self, period_us):
-        """Return the nominal period of samples that last `period_us` by the board's clock."""
+        """Return the period to set in the chip for `period_us` of the board's clock, in us."""
         rate = (1 << _Q) + self._off
         return ((period_us << _Q) + (rate >> 1)) // rate
 
     def learn(self):
-        """Note the deviation of the oscillator, which holds for all exposures, before a `start`.
+        """Update the oscillator's deviation, which is the same for all exposures. Allocates.
 
-        0.2 s of samples since the last `start` give a first value, a measurement the final one;
-        with less nothing changes. Allocates.
+        Call it before `start`. If the period was measured since the last `start`, the deviation is
+        exact. Otherwise 0.2 s of samples give a first rough value; with fewer, it does not change.
         """
         if self.sampled:
             lasted_us = self.lasted_us + self.longest_us
@@ -113,13 +113,13 @@ class Pacing:
         Parameters
         ----------
         before, after : int
-            Ticks at the begin and at the end of the poll.
+            Ticks at the beginning and at the end of the poll.
 
         Returns
         -------
         int or None
             Ticks at the end of the sample; at most `slack_us` too late. None if the sample must
-            not be used, because its time is unknown after a stall; then `missed` has grown.
+            not be used, because its time is unknown after a stall. It is then counted in `missed`.
         """
         late = self._diff(after, self.due)
         if self._was_early:
@@ -168,7 +168,7 @@ class Pacing:
         self._taken = -max(0, self._samples)
 
     def _doubt(self, before, after):
-        """Handle a sample without a narrow bracket or lock; arguments and result as in `found`."""
+        """Handle a sample whose end is not known precisely; arguments and result as in `found`."""
         used = self._doubted or self.period_us <= _SHORT_US
         self.missed += self._count(before, 0) - (1 if used else 0)
         slack_us = self._chip_us + self._chip_us // _TRUST
@@ -193,7 +193,7 @@ class Pacing:
     def _count(self, now, slack_us):
         """Return the number of samples that ended since the last counted one; at least 1.
 
-        `now` is the time in ticks; `slack_us` is added to it, to round.
+        `now` is the time in ticks. `slack_us` is added to the elapsed time, to round it.
         """
         if self._locked:
             self._last = self._add(self.due, self._creep - self.period_us)

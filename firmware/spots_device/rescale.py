@@ -35,7 +35,7 @@ def rescale(calibration, exposure_us):
 
 
 def _first(ascending, value):
-    """Return the index of the first number in `ascending` that is >= `value`, else the last."""
+    """Return the index of the first number in `ascending` that is >= `value`, or the last index."""
     last = len(ascending) - 1
     i = 0
     while i < last and ascending[i] < value:

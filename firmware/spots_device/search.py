@@ -25,7 +25,7 @@ class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
     It changes the gain first (factors of 2), then the LED current. Only if both are at their
-    maximum, it sets a longer exposure, at least 182 ms: there, full scale is independent of it.
+    maximum, it sets a longer exposure: at least 182 ms, because full scale is constant from there.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ class Search:
     exposure_us : int
         First exposure in us.
     led_max_mA : int
-        Largest LED current in mA; 0 if the light cannot be set. The steps of the gain alone reach
-        43-90 % of full scale.
+        Largest LED current in mA; 0 if the current cannot be set. Then the search changes the gain
+        in its coarse steps, and ends at 43-90 % of full scale.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):

@@ -25,7 +25,7 @@ LIMITS = {
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
-    "dark_every": (0, 10_000, 0),  # samples per dark sample, also during a touch; 0: off
+    "dark_every": (0, 10_000, 0),  # samples per dark sample, even during a touch; 0: off
     "mains_hz": (0, 60, 0),  # 50 or 60, the frequency of the lamps' mains; 0: none
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
@@ -126,7 +126,7 @@ class BoardSettings:
         """Return the settings as a dict for a reply; ``plan`` is a list."""
         reply = dict(self.values)
         reply["plan"] = list(reply["plan"])
-        del reply["dark"]  # its sums are those of ``get``
+        del reply["dark"]  # the reply to ``get`` contains these sums
         return reply
 
     def lines(self):

@@ -50,7 +50,8 @@ class Strip:
     conditions : calibration.Conditions or None
         Board and settings of the readings; None before the first start.
     lit_flags : int
-        `decode.DARK_SUBTRACTED`; 0 while an LED that is always on has no dark frame.
+        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 while an LED that is
+        always on has no dark frame.
     baseline : dark.Baseline
         The baseline. Its `floor`, six sums over `Decode.dark_samples` samples, is subtracted from
         each reading.
@@ -106,7 +107,7 @@ class Strip:
         self.sensor.report(reply)
 
     def saturation(self):
-        """Return the saturation of the last sample, see `as7341`; None also if the bus fails."""
+        """Return the saturation of the last sample, see `as7341.AS7341`; None if the bus fails."""
         try:
             return self.sensor.saturation()
         except OSError:
@@ -136,7 +137,7 @@ class Strip:
         return names
 
     def stream(self, names):
-        """Stream only these kinds of frames (list of str): ``touch``, ``spectrum``, ``contact``.
+        """Stream only the kinds of frames in `names`: ``touch``, ``spectrum``, ``contact``.
 
         Returns
         -------
@@ -235,7 +236,8 @@ class Strip:
         rests = uses.take(self.index, decode)
         if self.stream_touch:
             self._framer.touch(self.index, decode)
-        # Two fingers look like ambient light. They count less, because a dark frame costs readings.
+        # Two fingers look like ambient light. Such readings have less weight in the detection,
+        # because a dark frame costs readings.
         odd_us = lasted_us >> 3 if uses.two else lasted_us
         if self._odd_light.take(flags, sums, samples, odd_us, self._dark.age_us):
             self._dark.request()

@@ -59,8 +59,8 @@ class Uses:
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
-        self._contacts = None  # while they are streamed: a tracker for no keypad, and fingers
-        # In use: the keypad's tracker or that one, and the fingers.
+        self._contacts = None  # a tracker without a keypad, and fingers, while they are streamed
+        # The tracker in use (the keypad's, or that without a keypad), and the fingers in use.
         self._tracker = self._fingers = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
@@ -109,7 +109,7 @@ class Uses:
         Returns
         -------
         str or None
-            Why no contacts will come; None if they will, or are off.
+            Sentence that says why the stream remains empty. None if it works or was ended.
         """
         if on != self.streams_contacts:
             self.streams_contacts = on
@@ -258,7 +258,7 @@ class Uses:
         return True
 
     def _follow(self, calibration):
-        """Let the keypad's tracker take the readings, or one for the contacts alone, or none."""
+        """Choose the tracker of the readings: the keypad's, one for contacts only, or none."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

@@ -18,7 +18,7 @@ _STEP_MM = 1e-3
 
 
 class Bound:
-    """Smallest standard deviations of position and ln of the light, estimated from six counts.
+    """Smallest standard deviations with which six counts determine position and light.
 
     Parameters
     ----------

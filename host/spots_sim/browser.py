@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 
 def opens() -> bool:
-    """Return whether the web UI can be served, and a user would see it in a browser."""
+    """Return whether this computer can serve the web UI and show it in a browser."""
     screen = sys.platform in ("win32", "darwin") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )

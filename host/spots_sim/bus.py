@@ -9,7 +9,7 @@ from typing import Protocol
 
 
 class SimulationClock(Protocol):
-    """Clock of a simulation."""
+    """Interface of a simulation's clock, which counts simulated or real time."""
 
     def now_us(self) -> float:
         """Return the time since power-on, in us."""
@@ -18,7 +18,7 @@ class SimulationClock(Protocol):
         """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Wait while the board does nothing; the duration is in us."""
+        """Let `duration_us` microseconds pass, in which the board does nothing."""
 
 
 @dataclass
@@ -61,7 +61,7 @@ class BusCost:
     transactions : int
         Number of transfers.
     wire_bytes : int
-        Bytes on the wire, with addresses and registers.
+        Bytes on the wire, including addresses of chip and register.
     bus_us : float
         Duration of all transfers in us.
     """
@@ -169,7 +169,7 @@ class I2CBus:
         return self.chip.read(size)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Set the wires without a transfer, and return the level of SDA. The chip ignores it.
+        """Set the wires without a transfer, which the chip ignores; return the level of SDA.
 
         Parameters
         ----------
@@ -184,7 +184,7 @@ class I2CBus:
         return sda
 
     def light(self, level: int) -> None:
-        """Set the pin of the board that switches the strip's LED, where a pin does.
+        """Set the board's pin that switches the strip's LED, if the LED is wired to a pin.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class I2CBus:
         self.chip.switch_light(bool(level))
 
     def refuse(self) -> None:
-        """Advance the clock by an address without acknowledge, and raise OSError(ENODEV)."""
+        """Advance the clock by the duration of an address, and raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

@@ -17,13 +17,14 @@ _Relative = _within(-99, 1000)
 
 
 class Change(msgspec.Struct, **_Struct):
-    """Changes since the calibration; each is added to the sensor file's value.
+    """Changes of a sensor since its calibration, relative to the values of the sensor file.
 
     Attributes
     ----------
-    die_nm, phosphor_nm, phosphor_fwhm_nm : float
-        Shifts of the blue and the phosphor peak of the LED's spectrum, and change of the width of
-        the phosphor peak, in nm.
+    die_nm, phosphor_nm : float
+        Shifts of the blue peak and of the phosphor peak in the LED's spectrum, in nm.
+    phosphor_fwhm_nm : float
+        Change of the full width at half maximum of the phosphor peak, in nm.
     bands_nm : float
         Shift of all filters of the sensor, in nm.
     blue_share_percent : float
@@ -32,8 +33,8 @@ class Change(msgspec.Struct, **_Struct):
         Relative changes of the coupled light, of the dye's strength, and of the loss in the clear
         material, in per cent.
     tilt_percent : float
-        Gain of the reddest channel (680 nm) relative to the bluest (415 nm), in per cent. The gain
-        of the other channels is linear in wavelength.
+        Change of the light at 680 nm relative to the light at 415 nm, in per cent. Between these
+        wavelengths the change is linear.
     temperature_K : float
         Warming of strip, LED and sensor, in K; `Temperature` converts it to the other changes.
     """
@@ -73,8 +74,8 @@ class Temperature(msgspec.Struct, **_Struct):
     """Temperature coefficients of a sensor, and the self-heating of its LED.
 
     Each coefficient is the change per kelvin of the attribute of `Change` with the same name. The
-    LED's own heating uses the same coefficients. Its final temperature rise is `led_K_per_mA` per
-    mA; `led_warm_up_s` is the time constant in seconds.
+    LED's own heating uses the same coefficients: the temperature of the LED rises by `led_K_per_mA`
+    for each mA, with the time constant `led_warm_up_s` in seconds.
     """
 
     # Blue InGaN dies: 0.03 to 0.05 nm/K, typical of LED datasheets.
@@ -98,7 +99,7 @@ class Temperature(msgspec.Struct, **_Struct):
     led_warm_up_s: Annotated[float, msgspec.Meta(gt=0, le=1e6)] = 60.0
 
     def resolved(self, change: Change, led_K: float = 0.0) -> Change:
-        """Return a change to which the effects of temperature and of the LED's heating are added.
+        """Return `change` plus the effects of temperature and of the LED's heating.
 
         Parameters
         ----------

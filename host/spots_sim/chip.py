@@ -80,7 +80,7 @@ class ChipNoise:
     Attributes
     ----------
     read_counts : float
-        Standard deviation added before rounding.
+        Standard deviation of the noise that is added before rounding.
     electrons_per_count_1x : float
         Photo-electrons in one count at gain 1x, for the shot noise.
     dark_counts_512x : float
@@ -136,7 +136,7 @@ class AS7341:
         self._pointer = 0
         self._smux_done = None
         self._zeroed = False
-        self._start = None  # begin of the running integration, in us
+        self._start = None  # start of the running integration, in us
         self._part_start = 0.0  # time up to which its light is collected, in us
         self._collected = np.zeros(len(DIODES))
         self._cycle = 0
@@ -181,7 +181,7 @@ class AS7341:
             self._complete(self._end())
 
     def switch_light(self, on: bool) -> None:
-        """Switch an LED that another pin drives: calls ``light.switch(on)``."""
+        """Switch an LED that a pin of the board drives: calls ``light.switch(on)``."""
         self._collect(self._now)
         self._light.switch(on)
 
@@ -404,7 +404,7 @@ class AS7341:
         return counts, digital | analog
 
 
-# Registers that are worked out when they are read.
+# Registers whose values are computed at each read.
 _COMPUTED = {
     0xDB: AS7341._flicker_status,
     0xFD: lambda chip: len(chip._fifo),

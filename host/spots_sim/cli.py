@@ -21,9 +21,9 @@ def demo(parser: Parser):
       spots demo --use keyboard --seconds 10
     """
     arguments.add_seconds(parser, "stop after this time; 10 if the output is not a terminal")
-    parser.add_argument("--json", action="store_true", help="print only figures, as JSON")
+    parser.add_argument("--json", action="store_true", help="print only the results, as JSON")
     parser.add_argument("--fast", action="store_true", help="simulated time: same output each run")
-    parser.add_argument("--page", action="store_true", help="show it in a browser, until Ctrl-C")
+    parser.add_argument("--page", action="store_true", help="show the web UI, until Ctrl-C")
     parser.add_argument(
         "--use", help="application: strip, keyboard, controller, wearable or fivebar"
     )
@@ -73,7 +73,7 @@ def design(parser: Parser):
     parser.add_argument("--resolution-um", type=float, required=True, help="position resolution")
     parser.add_argument("--rate-hz", type=float, required=True, help="readings per second")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--out", metavar="DIR", help="write sensor file and figure there")
+    parser.add_argument("--out", metavar="DIR", help="write sensor file and figure to a folder")
     names = "length_mm", "resolution_um", "rate_hz", "json", "out"
     return calls("spots_sim.design:design_command", *names)
 
@@ -82,7 +82,7 @@ COMMANDS = demo, characterize, design
 
 
 def _add_change(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--change", metavar="FILE", help="file or name of a change of the sensor")
+    parser.add_argument("--change", metavar="FILE", help="file or name: change of the sensor")
 
 
 def _demo(options: argparse.Namespace) -> None:

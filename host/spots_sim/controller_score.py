@@ -97,7 +97,7 @@ class ControllerScore:
         return axis_value(deflection(value, rest, low, high), self._settings)
 
     def summary(self) -> dict:
-        """Return the figures of the run; errors in per cent of the way from centre to end."""
+        """Return the results of the run; errors in per cent of the range from centre to end."""
         rms = math.sqrt(self._squares / self._compared) if self._compared else None
         return {
             "states": self.states,

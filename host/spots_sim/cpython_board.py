@@ -230,7 +230,7 @@ class _Requests:
 
 
 class _Sensor:
-    """Reads and writes the sensor's registers; the bus that `spots_device.as7341` describes."""
+    """The I2C bus for the driver `spots_device.as7341`; it accesses the registers of the sensor."""
 
     def __init__(self, requests: _Requests):
         self._requests = requests
@@ -244,7 +244,7 @@ class _Sensor:
         self._requests.ask(self._requests.bus.write, ADDRESS, bytes(buffer))
 
     def recover(self) -> None:
-        """Free the bus, without waits: the simulated wires have no minimum pulse width."""
+        """Free the bus without waits, because simulated wires need no minimum pulse width."""
         free_bus(0, 1, self._level, self._put)
 
     def _level(self, sda: int) -> int:

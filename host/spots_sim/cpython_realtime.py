@@ -47,7 +47,7 @@ class PtyPort(PseudoTerminal):
 class SocketPort:
     """A TCP socket on loopback as a `cpython_board.BoardPort`.
 
-    It accepts one client at a time and disconnects further ones.
+    It accepts one client at a time and disconnects all others.
     """
 
     def __init__(self):

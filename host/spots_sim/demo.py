@@ -43,7 +43,7 @@ def demo(
     use: str = "strip",
     layout: str | None = None,
 ) -> dict:
-    """Run the virtual board, show its readings, and return the figures of the run.
+    """Run the virtual board, show its readings, and return the results of the run.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def demo(
     Returns
     -------
     dict
-        Figures of the run, with values that JSON supports.
+        Results of the run, with values that JSON supports.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def _with_link(board: Board, figures: dict) -> dict:
 
 # Function and default scenario of each application. The function gets the board, the scenario, the
 # host time in s at the scenario's time 0, the duration in s, and whether to print nothing. It
-# returns the figures of the run.
+# returns the results of the run.
 USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
     "strip": (_strip, "demo"),
     KEYBOARD: (_keyboard, "typing"),
@@ -205,7 +205,7 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        ``fivebar`` shows a simulated linkage. All other applications are always in the web UI.
+        ``fivebar`` for a simulated linkage. Any other value shows a strip with all applications.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int

@@ -34,7 +34,7 @@ _PLAIN_LINES_PER_S = 4
 def play_controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    """Show a controller that controls no gamepad of this computer; return the figures of the run.
+    """Show a controller without a gamepad device; return the results of the run.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def play_controller(
     Returns
     -------
     dict
-        Figures of the run, see `ControllerScore.summary`.
+        Results of the run, see `ControllerScore.summary`.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def type_on_board(
     quiet: bool,
     layout_name: str = DEMO_LAYOUT,
 ) -> dict:
-    """Type with the keys of a board, show the text, and return the figures of the run.
+    """Type with the keys of a board, show the text, and return the results of the run.
 
     The key engine also runs on the host with the same readings, and the key events are compared.
 
@@ -204,7 +204,7 @@ class NoGamepad(Gamepad):
 
 
 class _Sampled(PrintedGamepad):
-    """Gamepad that prints a few of the states a second."""
+    """Gamepad that prints only a few states per second."""
 
     def __init__(self, now_s: Callable[[], float]):
         super().__init__()

@@ -172,7 +172,7 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Search as the board does; return gain code, exposure in us and LED current in mA, or None."""
+    """Return gain code, exposure in us and LED current in mA of the board's search, or None."""
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
     outcome = AGAIN
@@ -226,7 +226,7 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
 
 def _slower(length_mm: float, resolution_um: float, rate_hz: float) -> str:
     if best(length_mm, _SLOWEST_HZ).resolution_um > resolution_um:
-        return f"no rate down to {_SLOWEST_HZ:.3g} Hz reaches it: choose a shorter strip"
+        return f"no rate down to {_SLOWEST_HZ:.3g} Hz suffices: choose a shorter strip"
     low_hz, high_hz = _SLOWEST_HZ, rate_hz
     while high_hz > 1.01 * low_hz:
         middle_hz = math.sqrt(low_hz * high_hz)

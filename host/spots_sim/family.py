@@ -42,7 +42,7 @@ def family(
     Parameters
     ----------
     sensor : SensorFile
-        Sensor that is varied.
+        Sensor whose length and dye are varied.
     channels : tuple of str
         Names of two diodes; the ratio is the second divided by the first.
     seed : int

@@ -1,8 +1,8 @@
 """Applies a scenario's faults to a link, a bus and a board, and counts them.
 
 Each fault has its own random generator, which depends only on the seed. So the sensor's noise is
-the same with and without faults, and one fault does not change another. All times are times of
-the simulation. Each wrapper can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages
+the same with and without faults, and one fault does not change another. All times are simulated
+times. Each of these classes can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages
 transfers, and `BoardFaults` applies faults of power and clock before each request of the board.
 """
 
@@ -42,7 +42,7 @@ class FaultLedger:
         Number of faults by kind, such as ``to_host.flip`` (bytes), ``i2c.nack`` (transfers) or
         ``power.brown_outs``.
     spells : list of (str, float, float)
-        Kind, begin and end in us of each fault with a duration: bursts, outages, restarts.
+        Kind, start and end of each fault with a duration (burst, outage, restart), in us.
     """
 
     counts: Counter = field(default_factory=Counter)
@@ -55,13 +55,13 @@ class Spells:
     Parameters
     ----------
     moments : files.Moments
-        Fixed and random moments, and the duration.
+        Fixed and random times at which the fault starts, and its duration.
     seconds : float
-        Duration of the scenario in seconds; `moments.at_s` repeats with it.
+        Duration of the scenario in seconds, after which the times `moments.at_s` repeat.
     from_s : float
-        Earliest begin of an interval, in seconds.
+        Earliest start of an interval, in seconds.
     rng : numpy.random.Generator
-        Generator of the random moments; must not be used for anything else.
+        Generator of the random times; must not be used for anything else.
     kind : str
         Name of the fault in the ledger.
     ledger : FaultLedger
@@ -81,7 +81,7 @@ class Spells:
         self._ledger = ledger
 
     def begun(self, now_us: float) -> tuple[float, float] | None:
-        """Return begin and end in us of the next interval that has begun, or None.
+        """Return start and end in us of the next interval that has begun, or None.
 
         Each interval is returned once.
         """
@@ -117,7 +117,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes of one direction; the result does not depend on the size of the pieces.
+    """Damages the bytes of one direction; calls with smaller pieces give the same result.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Damage:
     bursts : Spells
         Intervals with dense damage.
     from_s : float
-        Begin of the damage in seconds.
+        Start of the damage in seconds.
     rng : numpy.random.Generator
         Generator of the damage.
     kind : str
@@ -139,7 +139,7 @@ class Damage:
     passed : int
         Number of bytes so far.
     touched : collections.deque of int
-        Numbers of the last damaged bytes, counted from 0.
+        Indices in the stream of the most recently damaged bytes, from 0.
     """
 
     _KEPT = 1 << 20
@@ -286,7 +286,7 @@ class FaultyBus:
         self.bus.light(level)
 
     def _meet(self) -> float | None:
-        # Raises an error, or returns the place of a wrong bit (0 to 1 of the transfer), or None.
+        # Raises an error, or returns the position of a wrong bit (0 to 1 of the transfer), or None.
         now_us = self.clock.now_us()
         self._plug(now_us)
         if self._sda_is_held():
@@ -408,7 +408,7 @@ class Faults:
         return np.random.default_rng([_OWN, self._seed, *kind.encode()])
 
     def spells(self, kind: str) -> Spells:
-        """Return the intervals of a fault; `kind` is its key in the file, as ``clock.stalls``."""
+        """Return the intervals of a fault; `kind` is its key in the file, e.g. ``clock.stalls``."""
         moments = self.file.moments()[kind]
         rng = self.rng(kind)
         return Spells(moments, self._seconds, self.file.from_s, rng, kind, self.ledger)

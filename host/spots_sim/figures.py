@@ -29,7 +29,7 @@ def folder(path: str | Path) -> Path:
     Raises
     ------
     SpotsError
-        If the folder cannot be made.
+        If the folder cannot be created.
     """
     path = Path(path)
     try:
@@ -47,7 +47,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
     run : measurements.Run
         Results to draw.
     responses : dict
-        Responses of other lengths and dyes, from `family.family`.
+        Responses of strips with other lengths and dyes, from `family.family`.
     out : Path
         Existing folder for the PNG files.
 
@@ -90,7 +90,7 @@ def save(figure, path: Path) -> Path:
         If the file cannot be written.
     """
     with atomic.replacing(path) as file:
-        # Without the versions and dates that would change the file though the picture stays.
+        # Without versions and dates, which would change the file although the picture is the same.
         figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
     return path
 
@@ -146,7 +146,7 @@ def label(axis, title: str, x: str, y: str, **limits) -> None:
 
 
 def line(axis, i: int, x, y, name=None, **options) -> None:
-    """Draw points that are joined by a line.
+    """Draw points joined by a line.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def _resolution(run, reading: str):
 def _family(run, responses: dict):
     figure, (left, right) = panels(columns=2, width=10, sharey=True)
     for i, (length_mm, response) in enumerate(sorted(responses["length"].items(), reverse=True)):
-        # The longest lies below, wide, so that the others are seen to lie on it.
+        # The longest strip is drawn first, with a wide line, so that the other lines are visible.
         wide = {"linewidth": 6 - 2.2 * i, "alpha": 0.45 + 0.25 * i, "markersize": 5}
         line(left, i, response.x_um / 1000, response.log_ratio, f"{length_mm:g} mm", **wide)
     title = "Same dye: strips of other lengths share one response"

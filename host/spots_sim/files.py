@@ -21,7 +21,7 @@ from .change import Change, ChangeInTime, Temperature
 
 DATA = Path(__file__).parent / "data"
 
-_MOST = 1e12  # keeps out inf
+_MOST = 1e12  # excludes infinity
 Positive = Annotated[float, msgspec.Meta(gt=0, le=_MOST)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=_MOST)]
 Time = NotNegative
@@ -52,9 +52,9 @@ class Led(_SimulationFile):
     blue_share : float
         Share of the blue peak in the light, 0 to 1.
     irradiance_uW_cm2_per_mA : float
-        Irradiance at the sensor for a full contact at its end of the strip.
+        Irradiance at the sensor per mA, for a full contact at the strip's sensor end.
     bend_mA : float
-        The light is proportional to I / (1 + I / bend_mA) for a current I.
+        The light of a current I is proportional to I / (1 + I / bend_mA).
     noise_ppm_10ms : float
         Relative standard deviation of the light in an exposure of 10 ms.
     warm_up_percent, warm_up_s : float
@@ -71,7 +71,7 @@ class Led(_SimulationFile):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
-    # How it is wired: `spots_device.light.LEDS`. The chip sets the current of `ldr` alone.
+    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0
 
@@ -86,11 +86,11 @@ class Dye(_SimulationFile):
     Attributes
     ----------
     strength_per_mm : float
-        Decay by the dye below the edge.
+        Decay coefficient of the dye at wavelengths below the absorption edge.
     edge_nm, edge_width_nm : float
-        Wavelength and width of the edge, above which the dye is clear.
+        Wavelength and width of the absorption edge; the dye is clear above it.
     clear_per_mm : float
-        Decay by the clear material at every wavelength.
+        Decay coefficient of the clear material at every wavelength.
     """
 
     strength_per_mm: NotNegative
@@ -109,8 +109,8 @@ class ContactFile(_SimulationFile):
     half_mN : float
         Force above the threshold for half of the full contact, in mN.
     early_share, early_mN : float
-        Share of full contact that couples just below the threshold, and the force over which it
-        falls by a factor of e.
+        Share of full contact that couples just below the threshold. With each decrease of the
+        force by `early_mN`, this share falls by a factor of e.
     """
 
     threshold_mN: NotNegative
@@ -171,7 +171,7 @@ class JointFile(_SimulationFile):
     Attributes
     ----------
     radius_mm : float
-        Way of the indenter on the strip per rad of the joint.
+        Distance that the indenter slides on the strip per radian of the joint.
     force_mN : float
         Force of the indenter.
     play_deg : float
@@ -191,7 +191,7 @@ class SensorFile(_SimulationFile):
     length_mm : float
         Length of the strip at rest, in mm.
     led, dye, contact, converter, stretch, surroundings, joint, temperature
-        Tables of the file, see their types.
+        Tables of the file; their classes describe them.
     change : change.Change
         Change of the sensor since its calibration.
     """
@@ -229,7 +229,7 @@ class Finger(_SimulationFile):
     width_mm : float
         Width of the finger along the strip, in mm.
     tilt_percent : float
-        Difference between the pressure at one end of the width and the mean, in per cent.
+        Difference between the pressure at one edge of the finger and the mean, in per cent.
     """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
@@ -265,14 +265,14 @@ class Ambient(_SimulationFile):
 
 
 class Moments(_SimulationFile):
-    """Begin and duration of a fault: at fixed moments, at random moments, or both.
+    """Start times and duration of a fault: fixed times, random times, or both.
 
     Attributes
     ----------
     at_s : list of float
-        Fixed moments in seconds of the scenario; they repeat with it.
+        Fixed start times in seconds of the scenario; they repeat with the scenario.
     per_min : float
-        Mean number of random moments in a minute.
+        Mean number of random start times in a minute.
     last_ms : float
         Duration of the fault in ms.
     """
@@ -283,7 +283,7 @@ class Moments(_SimulationFile):
 
 
 class Bursts(Moments):
-    """Intervals of dense damage to `damage_percent` of the bytes, of four kinds equally."""
+    """Intervals in which `damage_percent` of the bytes are damaged, equally in four ways."""
 
     damage_percent: Percent = 100.0
 
@@ -294,7 +294,8 @@ class SerialFaults(_SimulationFile):
     Attributes
     ----------
     flip_percent, drop_percent, double_percent, insert_percent : float
-        Share of the bytes that have a flipped bit, are lost, are doubled, or follow a random byte.
+        Share of the bytes with a flipped bit, of lost bytes, of doubled bytes, and of bytes before
+        which a random byte is inserted.
     bursts : Bursts
         Intervals of dense damage.
     """
@@ -314,9 +315,9 @@ class SerialFaults(_SimulationFile):
 class BusFaults(_SimulationFile):
     """Damage to transfers on the I2C bus.
 
-    `nack_percent` of the transfers have no acknowledge, and all transfers during `nack_bursts`.
-    `wrong_percent` of the transfers have a wrong bit. During `sda_low`, SDA is held low until nine
-    clocks or the end of the interval.
+    `nack_percent` of all transfers are not acknowledged; during `nack_bursts` no transfer is.
+    `wrong_percent` of the transfers have a wrong bit. An interval of `sda_low` holds SDA low until
+    it ends, or until the board sends nine clocks.
     """
 
     nack_percent: Percent = 0.0
@@ -326,7 +327,7 @@ class BusFaults(_SimulationFile):
 
 
 class PowerFaults(_SimulationFile):
-    """Brown-outs stop board and sensor; the other two faults affect only the sensor."""
+    """Faults of the power: brown-outs stop board and sensor, the others affect only the sensor."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -341,7 +342,7 @@ class ClockFaults(_SimulationFile):
 
 
 class FaultsFile(_SimulationFile):
-    """Faults of a scenario; they begin at `from_s` of the run. See `faults`."""
+    """Faults of a scenario; they begin at the time `from_s` of the run, see module `faults`."""
 
     from_s: Time = 0.0
     to_host: SerialFaults = SerialFaults()
@@ -364,12 +365,12 @@ class FaultsFile(_SimulationFile):
 class ScenarioFile(_SimulationFile):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are measured on the strip in its present, possibly stretched, state. These keys are
-    lists of points: `strain` (time s, percent), `bend` (time s, degrees) and `leak` (time s, share
-    of full contact, position mm). So is each key of `change` (time s, change since calibration).
-    A leak is light that couples without a finger. Points are joined by straight lines; before the
-    first and after the last point the value is constant. `strain_percent` and `bend_deg` are
-    constants, used instead of points.
+    Positions are those on the strip as stretched at that time. These keys are lists of points:
+    `strain` (time s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact,
+    position mm), and each key of `change` (time s, change since calibration). A leak is light that
+    couples without a finger. Points are joined by straight lines; before the first and after the
+    last point the value is constant. `strain_percent` and `bend_deg` are constants, used instead
+    of points.
     """
 
     seconds: Cycle
@@ -386,11 +387,11 @@ class ScenarioFile(_SimulationFile):
     def __post_init__(self):
         if any(touch.points[-1][0] > self.seconds for touch in self.touch):
             raise ValueError(
-                f"a touch ends after the scenario's {self.seconds:g} seconds: shorten it"
+                f"a touch ends after the scenario's {self.seconds:g} seconds: shorten the touch"
             )
         for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
             if getattr(self, name) and constant:
-                raise ValueError(f"{name} is given twice, as points and as a constant: remove one")
+                raise ValueError(f"{name} is given as points and as a constant: remove one of them")
         lines = {name: getattr(self, name) for name in ("strain", "bend", "leak")}
         lines |= {f"change.{k}": v for k, v in msgspec.structs.asdict(self.change).items()}
         for name, points in lines.items():
@@ -399,12 +400,12 @@ class ScenarioFile(_SimulationFile):
                 raise ValueError(f"the times of {name} must ascend")
             if times and times[-1] > self.seconds:
                 raise ValueError(
-                    f"{name} ends after the scenario's {self.seconds:g} seconds: shorten it"
+                    f"{name} has points after the end ({self.seconds:g} s): remove these points"
                 )
         for place, moments in self.faults.moments().items() if self.faults else ():
             if any(at_s >= self.seconds for at_s in moments.at_s):
                 raise ValueError(
-                    f"faults.{place} has a time after the end ({self.seconds:g} s): remove it"
+                    f"faults.{place} has a time after the end ({self.seconds:g} s): remove the time"
                 )
 
 
@@ -433,19 +434,19 @@ class LinkageFile(_SimulationFile):
 
 
 class Stroke(_SimulationFile):
-    """A line of the terminal through points (x mm, y mm); a smooth curve if `smooth` is true."""
+    """A line through points (x mm, y mm), which the end point follows; a curve if `smooth`."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
     smooth: bool = False
 
 
 class PathFile(_SimulationFile):
-    """Path of a linkage's terminal that a hand guides.
+    """Path along which a hand guides the end point of a linkage.
 
     Attributes
     ----------
     speed_mm_s : float
-        Speed of the terminal in mm/s.
+        Speed of the end point in mm/s.
     stroke : list of Stroke
         Strokes, joined by straight lines.
     tremor_mm, tremor_hz : float
@@ -483,7 +484,7 @@ def to_toml(sensor: SensorFile) -> str:
 
 
 def _assignment(name: str, value: float | bool | str) -> str:
-    return f"{name} = {json.dumps(value)}"  # such a value is the same in TOML
+    return f"{name} = {json.dumps(value)}"  # JSON and TOML have the same notation for it
 
 
 def load_change(name: str | Path) -> Change:

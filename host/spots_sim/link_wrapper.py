@@ -1,4 +1,4 @@
-"""Links in front of another link; see `spots.link.serial_link.Link`."""
+"""Links that wrap another link; see `spots.link.serial_link.Link`."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ class LinkWrapper:
 
 
 class Tap(LinkWrapper):
-    """Shows a function the data that is read from another link.
+    """Wraps a link, and passes all data read from it to a function as well.
 
     Parameters
     ----------
     link : Link
         The other link.
     look : callable
-        ``look(data, now_s)``: the bytes of a read, and the time of the link's clock.
+        ``look(data, now_s)`` receives the bytes of each read, and the time by the link's clock.
     """
 
     def __init__(self, link: Link, look: Callable[[bytes, float], None]):

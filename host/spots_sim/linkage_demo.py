@@ -63,14 +63,14 @@ def endless(
 
 @contextmanager
 def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
-    """Open both boards of a linkage that opens them itself; use it in a ``with`` block.
+    """Open both boards of a simulated linkage; use it in a ``with`` block.
 
     Parameters
     ----------
     machine : DrivenLinkage
-        The linkage, for example a simulated one.
+        Linkage that opens its boards itself.
     record : list of str
-        Paths of two recordings to write, one for each board; none if empty.
+        Paths of two recordings to write, one for each board. Empty for no recording.
 
     Yields
     ------
@@ -88,7 +88,7 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
 
 
 def run(options) -> None:
-    """Run ``spots twin`` with a simulated linkage: live with a port, else against the truth.
+    """Run ``spots twin`` on a simulated linkage: live with ``--port``, otherwise with `compare`.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def run(options) -> None:
     Raises
     ------
     SpotsError
-        If a file is wrong, or an option needs real boards.
+        If a file is missing or invalid, or an option needs ``--port``.
     """
     if options.port:
         given = {"path": options.path, "exposure_us": options.exposure_us}
@@ -107,13 +107,13 @@ def run(options) -> None:
         with driven(linkage, options.record) as source:
             show(source, options.seconds, options.json)
     elif options.record or options.seconds:
-        raise SpotsError("--record and --seconds need boards: name them with --port")
+        raise SpotsError("--record and --seconds need boards: name the boards with --port")
     else:
         compare(options)
 
 
 def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
-    """Show the default linkage on its path and return the figures of the run.
+    """Show the default linkage on its path and return the results of the run.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     Returns
     -------
     dict
-        Figures of the run.
+        Results of the run.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def compare(options) -> None:
         return
     error = summary["error_mm"]
     print(
-        f"{summary['terminals']} terminals, {summary['rate_hz']:g} a second; error: "
+        f"{summary['terminals']} estimates, {summary['rate_hz']:g} a second; error: "
         f"{error['mean']:.3f} mm mean, {error['max']:.3f} mm maximum"
     )
 

@@ -36,7 +36,7 @@ class LockstepLink:
     folder : Path, optional
         File system of the board. By default a temporary folder with the firmware.
     started_s : float
-        Time in seconds for which the supply and the LED have been on before the board boots.
+        Time in seconds during which supply and LED were on before the board boots.
     board : str
         Name of the virtual board, ``virtual`` or ``virtual_circuitpython``.
     faults : faults.Faults, optional

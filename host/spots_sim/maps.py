@@ -16,7 +16,7 @@ _SAMPLES = 721
 
 
 def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> tuple:
-    """Return the path of the terminal while one joint is fixed: a line of Fig. 7B.
+    """Return the path of the end point while one joint is fixed: a line of Fig. 7B.
 
     Parameters
     ----------
@@ -27,12 +27,12 @@ def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> t
     theta_rad : float
         Angle of the fixed joint in rad.
     usable : callable, optional
-        ``usable(x_mm, y_mm)`` returns a bool array: which places are in the workspace.
+        ``usable(x_mm, y_mm)`` returns a bool array: which positions are in the workspace.
 
     Returns
     -------
     x_mm, y_mm : numpy.ma.MaskedArray, shape (n,)
-        Places of the terminal in mm; masked outside the workspace.
+        Positions of the end point in mm; masked outside the workspace.
     """
     other = np.linspace(-np.pi, np.pi, _SAMPLES)
     theta = (theta_rad, other) if joint == 0 else (other, theta_rad)
@@ -88,7 +88,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
             axis.plot(x_mm, y_mm, color=colour, linewidth=1.5 if strong else 0.7, label=name)
             named = True
             if strong:
-                # The label is at the begin of the line, on the rim of the workspace.
+                # The label is at the start of the line, on the edge of the workspace.
                 i = int(np.ma.argmin(x_mm) if joint == 0 else np.ma.argmax(x_mm))
                 side = "right" if joint == 0 else "left"
                 offset = (-4 if joint == 0 else 4, -3)
@@ -102,7 +102,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
                     fontsize=8,
                 )
     _bars(axis, linkage, (linkage.base_mm / 2, 1.5 * linkage.bar_mm[0]))
-    label(axis, "Positions of the terminal with one joint fixed", "x (mm)", "y (mm)")
+    label(axis, "Positions of the end point with one joint fixed", "x (mm)", "y (mm)")
     axis.set_aspect("equal")
     legend(axis, loc="center", bbox_to_anchor=(0.5, 0.32))
     return save(figure, path)
@@ -182,7 +182,7 @@ def trajectory(run: PathRun, path: Path) -> Path:
     on = np.where(wrote, 1.0, np.nan)
     top.plot(on * x_mm, on * y_mm, color=_BLUE, lw=1, marker=".", markersize=3, label="twin")
     figures = run.summary()["error_mm"]
-    title = f"The path of the terminal: mean error {figures['mean']:.3f} mm"
+    title = f"The path of the end point: mean error {figures['mean']:.3f} mm"
     label(top, title, "x (mm)", "y (mm)")
     top.set_aspect("equal")
     legend(top, loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -196,7 +196,7 @@ def trajectory(run: PathRun, path: Path) -> Path:
 
 
 def _bars(axis, linkage: Linkage, at_mm) -> None:
-    """Draw the bars of a linkage on matplotlib axes, for the terminal at `at_mm` (x, y)."""
+    """Draw the bars of a linkage on matplotlib axes; its end point is at `at_mm` (x, y)."""
     theta1, theta2 = linkage.inverse(*at_mm)
     a1, _, _, a2 = linkage.bar_mm
     elbow1 = (a1 * np.sin(theta1), a1 * np.cos(theta1))

@@ -21,7 +21,7 @@ from .pair import OnePair
 from .rezeroed import NO_HAND, Hand, age
 from .rig import Rig
 
-PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length; the calibration uses other places
+PLACES = np.linspace(0.05, 0.95, 19)  # shares of the length; the calibration uses others
 FORCE_MN = 3000.0
 STRAINS_PERCENT = (0, 5, 10, 15, 20, 25)
 BENDS_DEG = (0, 45, 90, 135, 180)
@@ -50,7 +50,7 @@ class Run:
     Attributes
     ----------
     summary : dict
-        Results in numbers; ``spots characterize --json`` prints them.
+        Numbers that ``spots characterize --json`` prints.
     series : dict of dict of arrays
         Arrays to draw, by the name of the figure.
     """
@@ -79,11 +79,11 @@ def characterize(
     exposure_us, average : int
         Integration time in us, and number of samples in a reading.
     progress : callable
-        ``progress(name)`` is called at the begin of each step.
+        ``progress(name)`` is called at the start of each step.
     change : Change
         Change of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        Re-zero of the strip after that change.
+        Options of a re-zero after that change.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
     seed : int
         Random seed of the presses.
     jittered : int
-        Number of presses at each place.
+        Number of presses at each position.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def _fewer(rig: Rig, count: int) -> int:
 
 
 def _jittered(rig: Rig, rng, place_um: float, count: int):
-    """Press `count` times around a place, with random offsets of position and force.
+    """Press `count` times around a position, with random offsets of position and force.
 
     `rng` is the random generator. Yields true position in um, true force in mN, reading and counts.
     """
@@ -184,14 +184,18 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 
 
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
-    """Press `count` times around a place; return errors of the position and their bound.
+    """Press `count` times around a position; return errors of the position and their bound.
 
     Returns
     -------
     errors : numpy.ndarray, shape (count,)
         Errors of the position, in um.
-    scatter, pair_scatter, least : float
-        Standard deviation of these errors, and of those of `pair`, and the bound, in um.
+    scatter : float
+        Standard deviation of these errors, in um.
+    pair_scatter : float
+        Standard deviation of the errors of the estimate by `pair`, in um.
+    least : float
+        Cramer-Rao bound of the standard deviation, in um.
     untrusted : float
         Share of untrusted readings, in per cent.
     """
@@ -260,10 +264,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return the pair's scatter divided by the bound, and signal to noise, of single samples.
+    """Return, for single samples, the pair's scatter over the bound and signal-to-noise ratios.
 
-    For averaged readings the board rounds the mean counts. The rounding would hide noise in the
-    signal-to-noise ratio, and add noise to the pair's scatter.
+    The board rounds the mean counts of averaged readings. With them, the rounding would hide noise
+    in the signal-to-noise ratio, and add noise to the pair's scatter.
     """
     average = rig.average
     rig.set_average(1)
@@ -330,8 +334,8 @@ def _threshold_mN(rig: Rig) -> float:
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
     """Measure the accuracy along the strip; `rng` draws the presses.
 
-    Returns an array of shape (3, number of places): places, mean errors and mean absolute errors,
-    all in um.
+    Returns an array of shape (3, n) for n positions: positions, mean errors and mean absolute
+    errors, all in um.
     """
     x_um = PLACES * rig.stage.length_um
     count = _fewer(rig, _ACCURACY)

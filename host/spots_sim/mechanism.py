@@ -1,6 +1,6 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-It is the truth with which a twin is compared. It shares no formula with `linkage.fivebar`.
+The estimates of a twin are compared with it. It shares no formula with `linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _PAUSE_S = 0.2  # after each stroke, and before the next one
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the terminal, sampled over time.
+    """A motion of the end point, sampled over time.
 
     Attributes
     ----------
     time_s : numpy.ndarray, shape (n,)
         Ascending times in seconds.
     x_mm, y_mm : numpy.ndarray, shape (n,)
-        Places of the terminal in mm.
+        Positions of the end point in mm.
     drawing : numpy.ndarray of bool, shape (n,)
         True on a stroke, False between two strokes.
     """
@@ -49,19 +49,19 @@ class Motion:
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y of the terminal in mm at times in s; constant outside the motion."""
+        """Return x and y of the end point in mm at times in s; constant outside the motion."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
 class Mechanism:
-    """A linkage as built, with its true lengths.
+    """A simulated linkage as built, with its true lengths.
 
     Parameters
     ----------
     file : LinkageFile
         Nominal lengths and their errors.
     sensor : SensorFile
-        Sensor file of both strips. Its `joint` has radius, force and backlash of the indenters.
+        Sensor file of both strips. Its table `joint` describes the indenters.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Mechanism:
     base_mm : float
         True distance of the base joints in mm.
     zero_rad : tuple of float
-        For each joint, the angle of Eqs. 3 and 4 in rad at which its own calibration has 0.
+        For each joint, its angle in rad (as in Eqs. 3 and 4) at the zero of its calibration.
     travel_deg : float
         Travel of each indenter in degrees.
     """
@@ -88,18 +88,18 @@ class Mechanism:
         self.travel_deg = math.degrees((last_mm - self._first_mm) / self._joint.radius_mm)
 
     def angles_deg(self, x_mm, y_mm) -> np.ndarray:
-        """Return the joint angles for places of the terminal.
+        """Return the joint angles for positions of the end point.
 
         Parameters
         ----------
         x_mm, y_mm : array_like
-            Places in mm in the frame of the base joints; both have the same shape.
+            Positions in mm in the frame of the base joints; both have the same shape.
 
         Returns
         -------
         numpy.ndarray, shape (2, ...)
             Angles of joint 1 and 2 in degrees, counted from the zero of each joint's calibration.
-            NaN if the linkage cannot reach a place.
+            NaN if the linkage cannot reach a position.
         """
         a1, b1, b2, a2 = self.bar_mm
         x_mm, y_mm = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
@@ -114,7 +114,7 @@ class Mechanism:
         Parameters
         ----------
         x_mm, y_mm : array_like
-            Places in mm in the frame of the base joints; both have the same shape.
+            Positions in mm in the frame of the base joints; both have the same shape.
 
         Returns
         -------
@@ -130,7 +130,7 @@ class Mechanism:
         Parameters
         ----------
         motion : Motion
-            Motion of the terminal.
+            Motion of the end point.
         again : bool
             True to repeat the motion without end.
 
@@ -150,7 +150,7 @@ class Mechanism:
             i = int(np.argmax(off))
             raise SpotsError(
                 f"the linkage cannot follow the path: ({motion.x_mm[i]:.1f}, {motion.y_mm[i]:.1f}) "
-                "mm is beyond its bars, or beyond the travel of a joint: move the path"
+                "mm is out of reach of its bars, or beyond the travel of a joint: move the path"
             )
         return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
@@ -227,14 +227,14 @@ class JointScenario:
 
 
 def guided(file: PathFile, start_s: float = 0.0) -> Motion:
-    """Return the motion of a terminal that a hand guides along a path.
+    """Return the motion of an end point that a hand guides along a path.
 
     Parameters
     ----------
     file : PathFile
         Strokes, speed and tremor.
     start_s : float
-        Begin of the motion in seconds.
+        Start of the motion in seconds.
 
     Returns
     -------
@@ -271,18 +271,18 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
 
 
 def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motion:
-    """Return a motion that stops at each place; between two places the joints turn evenly.
+    """Return a motion that stops at each position; in between, the joints turn at constant speed.
 
     Parameters
     ----------
     x_mm, y_mm : array_like, shape (n,)
-        Places of the terminal in mm.
+        Positions of the end point in mm.
     start_s : float
-        Time of arrival at the first place, in seconds.
+        Time of arrival at the first position, in seconds.
     dwell_s : float
         Duration of each stop in seconds.
     move_s : float
-        Duration of the move between two places, in seconds.
+        Duration of the move between two positions, in seconds.
 
     Returns
     -------
@@ -315,10 +315,10 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Return the angle of an arm in rad from +y, as intersection of two circles.
+    """Return the angle of an inner bar in rad from +y, from the intersection of two circles.
 
-    `x_mm` and `y_mm` are the terminal relative to the joint; `inner` and `outer` are the lengths of
-    the bars in mm.
+    `x_mm` and `y_mm` are the position of the end point relative to the joint; `inner` and `outer`
+    are the lengths of the bars in mm.
     """
     reach2 = x_mm**2 + y_mm**2
     with np.errstate(all="ignore"):
@@ -328,7 +328,7 @@ def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
 
 
 def _lag(angle_deg: np.ndarray, half_deg: float) -> np.ndarray:
-    """Return the angles of an indenter behind a backlash of +- `half_deg`, for joint angles."""
+    """Return the angles of an indenter that follows a joint with a backlash of +- `half_deg`."""
     lagging = np.empty(len(angle_deg))
     at = angle_deg[0]
     for i, angle in enumerate(angle_deg.tolist()):

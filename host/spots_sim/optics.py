@@ -83,7 +83,7 @@ _KEPT = 256  # number of presses whose light is cached
 class Optics:
     """Computes the count rates of a strip's photodiodes.
 
-    Rates are counts per ms at gain 1x, in the order of `names`.
+    All rates are in counts per ms at gain 1x, in the order of `names`.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Optics:
         bend_deg: float = 0.0,
         tilt_percent: float = 0.0,
     ) -> np.ndarray:
-        """Return the rates of a full contact, for a source of 1 uW/cm2.
+        """Return each diode's count rate for a full contact, and a source of 1 uW/cm2.
 
         Stretching increases the volume and so dilutes the dye (paper, section III.C). Bending
         reduces the light by the same share at every wavelength and position.
@@ -148,10 +148,10 @@ class Optics:
         return kept * (self._lit @ (np.exp(-decay * position_mm) * spread))
 
     def source_uW_cm2(self, led_mA: float) -> float:
-        """Return the irradiance of the sensor in uW/cm2, for a full contact at its end."""
+        """Return the irradiance at the sensor in uW/cm2, for a full contact beside the sensor."""
         light_mA = led_mA / (1 + led_mA / self._led.bend_mA)
         return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 
     def ambient(self, irradiance_uW_cm2: float) -> np.ndarray:
-        """Return the rates of ambient light with a flat spectrum, for an irradiance in uW/cm2."""
+        """Return each diode's count rate under ambient light of this irradiance; flat spectrum."""
         return self._flat * irradiance_uW_cm2

@@ -11,7 +11,7 @@ from .lockstep import LockstepLink
 class PacedLink(LinkWrapper):
     """A `lockstep.LockstepLink` that never runs ahead of real time.
 
-    Links with the same epoch share one clock, so two boards can belong to one linkage.
+    Links with the same epoch have the same clock, which the two boards of a linkage need.
 
     Parameters
     ----------

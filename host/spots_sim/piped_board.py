@@ -1,4 +1,4 @@
-"""A virtual board in MicroPython that stops at each of its requests until `step` is called."""
+"""A virtual board in MicroPython that waits at each of its requests until `step` is called."""
 
 from __future__ import annotations
 

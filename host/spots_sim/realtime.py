@@ -1,7 +1,8 @@
 """A virtual board in real time: a process with pseudo-terminals that pyserial opens.
 
 Run it as ``python -m spots_sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
-file system, used without changes; if it is an empty string, a temporary folder gets the firmware.
+file system, to which no firmware is copied. If FOLDER is empty, the file system is a temporary
+folder with the firmware.
 
 The process prints one JSON object: the port for frames, the port for the prompt, and the host's
 monotonic time of power-on. The two ports differ only on CircuitPython. The process ends when its
@@ -69,9 +70,10 @@ class Inlet:
 
 
 class Console(PseudoTerminal):
-    """The port with the prompt.
+    """The simulated board's port that has the MicroPython prompt.
 
-    The host's bytes pass through a second terminal, because MicroPython needs one for a prompt.
+    It consists of two PTYs: one for the host and one for MicroPython, which gives a prompt only on
+    a terminal.
     """
 
     def __init__(self):
@@ -82,7 +84,7 @@ class Console(PseudoTerminal):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Send the host's bytes to the board, after the function ``damaged(data) -> bytes``."""
+        """Send the bytes ``damaged(data)`` to the board, where `data` are the bytes of the host."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
@@ -100,7 +102,7 @@ class Console(PseudoTerminal):
 class PortNoise:
     """Damages the bytes between a board and its port for frames.
 
-    The board writes into a pipe. If the port is not its console, it also reads from a pipe.
+    The board writes into a pipe. If this port is not its console, the board also reads from a pipe.
 
     Parameters
     ----------
@@ -125,11 +127,11 @@ class PortNoise:
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
-        """Send the host's bytes to the board, damaged; for a port that is not the console."""
+        """Send the host's bytes, damaged, to the board; only for a port that is not the console."""
         self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:
-        """Send the board's bytes to the host, damaged."""
+        """Send the board's bytes, damaged, to the host."""
         data = os.read(self.from_board, 4096)
         self.to_host.write(self._faults.to_host(data, self._clock.now_us()))
 
@@ -146,7 +148,8 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     board : str
         Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
     folder : str
-        File system of the board, used without changes; empty for a temporary folder.
+        File system of the board, to which no firmware is copied. Empty for a temporary folder
+        with the firmware.
 
     Raises
     ------

@@ -37,7 +37,8 @@ class Hand:
     presses : int
         Number of presses of each mark.
     error_um : float
-        Standard deviation of the position of a press, in um. The calibration has no such error.
+        Standard deviation of the position of a press on a mark, in um. The presses of the
+        calibration have no such error.
     """
 
     marks: int = 0
@@ -77,7 +78,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     hand : Hand
         Options of the re-zero.
     seed : int
-        Random seed of the position errors.
+        Random seed of the errors `hand.error_um`.
 
     Returns
     -------

@@ -41,7 +41,7 @@ class Rig:
     noise : Noise
         Noise of the counts, measured from these presses.
     lines : tuple of str
-        Lines of the calibration, without the shift of `shift`.
+        Lines of the calibration, without the changes by `shift`.
     """
 
     def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
@@ -76,7 +76,7 @@ class Rig:
         return self.conditions.exposure_us * self.average
 
     def learn_strains(self, percents) -> None:
-        """Add calibrations at strains, given as a sequence of int in per cent."""
+        """Calibrate at further strains; `percents` is a sequence of int in per cent."""
         self.board.command("set average=1")
         changed, self.stage.held.changed = self.stage.held.changed, NONE
         for percent in percents:
@@ -114,7 +114,7 @@ class Rig:
         self.board.command("stream touch spectrum")
 
     def _dark_frame(self) -> list[int]:
-        """Return the dark frame of a board that has run for some minutes: its pool is full."""
+        """Return the dark frame of a board that has averaged the full number of dark windows."""
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)

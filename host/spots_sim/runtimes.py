@@ -46,7 +46,7 @@ def is_socket() -> bool:
 
 
 def headline(runtime: str = "") -> str:
-    """Return the first line of a demonstration: the runtime of the firmware, and its reason.
+    """Return the first line of a demonstration: the runtime of the firmware, and why it is used.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scenarios: fingers, strain and light on the strip over time; the truth for comparisons."""
+"""Scenarios: the true fingers, strain and light on the strip over time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Press:
     width_mm : float
         Width along the strip, in mm.
     tilt_percent : float
-        Difference between the pressure at one end of the width and the mean, in per cent.
+        Difference between the pressure at one edge of the finger and the mean, in per cent.
     """
 
     position_mm: float
@@ -64,7 +64,7 @@ class Scenario:
     Parameters
     ----------
     file : ScenarioFile
-        Validated scenario file; also an attribute.
+        Validated scenario file; stored in the attribute `file`.
     """
 
     still = False
@@ -112,7 +112,7 @@ class Scenario:
         Parameters
         ----------
         start_s, end_s : float
-            Begin and end of the interval, in seconds of the scenario.
+            Start and end of the interval, in seconds of the scenario.
 
         Returns
         -------
@@ -148,9 +148,9 @@ class Held:
         Amplitude of the force's tremor, as a share of the force. It is 0 for an indenter and
         above 0 for a finger.
     still : bool
-        True: nothing moves during an exposure.
+        True if nothing moves during an exposure.
     unplugged : bool
-        True: an LED that is always on has no power.
+        True if an LED that is otherwise always on has no power.
     """
 
     still = True
@@ -180,14 +180,14 @@ class Held:
 
 
 def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float:
-    """Return the mean light of a flickering lamp over an interval, relative to its overall mean.
+    """Return the mean light of a lamp over an interval, divided by its mean over all time.
 
     Parameters
     ----------
     lamp : Ambient or Surroundings
         Lamp with frequency, depth and phase of its flicker.
     start_s, end_s : float
-        Begin and end of the interval in seconds; `end_s` must be larger.
+        Start and end of the interval in seconds; `end_s` must be larger.
 
     Returns
     -------

@@ -77,7 +77,7 @@ class Score:
         return self._rms(self._force_mN2)
 
     def latency_ms(self, percentile: float) -> float | None:
-        """Return a percentile of the latency in ms: from mid-integration to arrival."""
+        """Return a percentile of the latency in ms, from mid-integration to arrival."""
         return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
 
     def _rms(self, squares: float) -> float | None:
@@ -95,7 +95,7 @@ class Score:
         return {"link": {"rate": f"{self.rate_hz:.1f} Hz", "latency": latency}, "rows": rows}
 
     def summary(self, info: dict, stats: LinkStats) -> dict:
-        """Return the figures of the run.
+        """Return the results of the run.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class Score:
         Returns
         -------
         dict
-            Errors in um and mN, latencies in ms.
+            Errors in um and mN, latencies in ms, and statistics of the link.
         """
         return {
             "runtime": info["runtime"],

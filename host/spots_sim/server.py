@@ -26,7 +26,7 @@ def is_reset(request: bytes) -> bool:
 
 
 def is_poll(request: bytes) -> bool:
-    """Return whether the request reads registers, as most passes of the board's loop do."""
+    """Return whether the request reads registers; most passes of the board's loop send one."""
     return request[:1] == bytes([protocol.READ])
 
 
@@ -39,7 +39,7 @@ def reported_free_bytes(request: bytes) -> int | None:
 
 
 def fed_for_us(request: bytes) -> int | None:
-    """Return the timeout in us if a request feeds the watchdog; None for other requests."""
+    """Return the timeout of the watchdog in us if a request feeds it; None for other requests."""
     return 1000 * _number(request) if request[:1] == bytes([protocol.FEED]) else None
 
 

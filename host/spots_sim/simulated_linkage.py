@@ -27,7 +27,7 @@ from .rig import Rig
 from .stage import set_led
 
 PATH, EXPOSURE_US = "sust", 30_000  # defaults
-START_S = 2.0  # begin of a motion: the boards are open and stream before that
+START_S = 2.0  # start of a motion; by then the boards are open and stream
 _ANGLES = 11  # angles in each direction, as in `spots calibrate joint`
 _WINDOW = 24  # readings at each angle
 _MOVE_S = 0.1
@@ -42,7 +42,7 @@ class Turned(NamedTuple):
     angle_deg : float
         True angle in degrees.
     direction : int
-        1 if the angle was reached upwards, -1 downwards.
+        1 if the angle was reached from below, -1 if from above.
     position_um, position_sigma_um : float
         Mean and standard deviation of the measured positions, in um.
     """
@@ -64,7 +64,7 @@ def calibrated(
     sensor : SensorFile
         Simulated sensor.
     linkage : LinkageFile
-        Linkage; determines the travel of the indenter.
+        Linkage that determines the travel of the indenter.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -112,13 +112,13 @@ class Simulation:
     linkage : LinkageFile
         Nominal linkage and its errors.
     motion : Motion
-        Motion of the terminal; it must begin at `START_S`.
+        Motion of the end point; it must begin at `START_S`.
     seed : int
         Random seed. The same seed gives the same two strips.
     exposure_us : int
         Integration time of both strips, in us.
     run : int
-        Number of a run with the same strips; each run has different noise.
+        Number of the run. Runs with the same seed have the same strips, but different noise.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class Endless:
     linkage : LinkageFile
         Nominal linkage and its errors.
     path : PathFile
-        Path of the terminal.
+        Path of the end point.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -249,7 +249,7 @@ def _strips(
 
 
 def _seeds(seed: int, what: int) -> list[int]:
-    """Return two seeds: for the strips (`what` 0), or for the noise of a run (`what` 1, 2, …)."""
+    """Return two seeds, for the strips (`what` 0) or for the noise of run number `what` - 1."""
     return [int(s) for s in np.random.SeedSequence((seed, what)).generate_state(2)]
 
 
@@ -262,7 +262,7 @@ def visited(
     exposure_us: int,
     run: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stop the terminal at each place and take one reading of each joint.
+    """Stop the end point at each position and take one reading of each joint.
 
     Parameters
     ----------
@@ -271,13 +271,13 @@ def visited(
     linkage : LinkageFile
         Nominal linkage and its errors.
     x_mm, y_mm : array_like, shape (n,)
-        Places of the terminal in mm.
+        Positions of the end point in mm.
     seed : int
         Random seed of the noise.
     exposure_us : int
         Integration time of both strips, in us.
     run : int
-        Number of the run; each run has different noise.
+        Number of the run. Runs with the same seed have the same strips, but different noise.
 
     Returns
     -------

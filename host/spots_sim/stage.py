@@ -31,7 +31,7 @@ class Stage:
     Parameters
     ----------
     sensor : SensorFile
-        Simulated sensor; its change since the calibration is ignored. Set `held.changed` instead.
+        Simulated sensor. The change in its file is ignored; set `held.changed` instead.
     seed : int
         Random seed of the noise.
     settings : str
@@ -71,7 +71,7 @@ class Stage:
         Parameters
         ----------
         exposure_us : int, optional
-            Exposure in us to set after the search, which may have changed it for a dim strip.
+            Exposure in us to set after the search; the search changes it for a dim strip.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """Unplug an LED that is always on while its dark frame is taken."""
+        """If the LED cannot be switched off, unplug it while the dark frame is taken."""
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
@@ -110,7 +110,7 @@ class Stage:
         self.held.press = None
 
     def read(self, places_um, forces_mN, samples: int) -> Presses:
-        """Press at each place with each force and return the readings.
+        """Press at each position with each force and return the readings.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Stage:
         Returns
         -------
         Presses
-            One row for each press: all places with the first force, then with the next one.
+            One row for each press: all positions with the first force, then with the next force.
         """
         rows = []
         for force_mN in forces_mN:
@@ -136,24 +136,24 @@ class Stage:
         return Presses(*(np.array(column) for column in zip(*rows)))
 
     def along(self, places: int = PLACES, samples: int = 24) -> Presses:
-        """Press with the force `FIRM_MN` at places along the whole strip.
+        """Press with the force `FIRM_MN` at positions along the whole strip.
 
         Parameters
         ----------
         places : int
-            Number of places, evenly spaced from end to end.
+            Number of positions, evenly spaced from end to end.
         samples : int
-            Samples that are averaged at each place.
+            Samples that are averaged at each position.
 
         Returns
         -------
         Presses
-            One row for each place.
+            One row for each position.
         """
         return self.read(np.linspace(0, self.length_um, places), [FIRM_MN], samples)
 
     def pressed(self, samples: int = 8) -> Presses:
-        """Press at a few places with forces from the smallest detectable one to `FULL_MN`.
+        """Press at a few positions with forces from the smallest detectable one to `FULL_MN`.
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        With the place of the first such press.
+        The text names the position of the first such press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
@@ -214,7 +214,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def set_led(board: Board, sensor: SensorFile) -> None:
-    """Set the LED's wiring on a board, and the dark frame that `calibrate` took for it.
+    """Set the wiring of the LED on a board, and the dark frame that `calibrate` took.
 
     Parameters
     ----------

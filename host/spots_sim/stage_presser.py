@@ -1,4 +1,4 @@
-"""Connects the simulated stage to a calibration session, which then needs no person."""
+"""Lets the simulated stage press the strip in a calibration session, in place of a person."""
 
 from __future__ import annotations
 

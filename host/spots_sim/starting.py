@@ -18,7 +18,7 @@ _END_S = 5.0  # time for the board to end cleanly after its parent
 def report(message: dict) -> None:
     """Print one line of JSON without buffering: the ports of the board, or an error.
 
-    It ignores a closed pipe: the parent may have ended, and then standard input closes too.
+    A closed pipe is no error: the parent may have ended, and then standard input closes too.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ def report(message: dict) -> None:
 def when_parent_ends(action: Callable[[], object]) -> None:
     """Call a function once standard input closes or the parent process ends.
 
-    A thread detects it. It ends this process 5 s later, in case the main thread has not. The
-    thread is not guarded: if it fails, it ends the process too.
+    A thread waits for this. Unless the main thread has ended this process 5 s later, the thread
+    ends it. If the thread itself fails, it also ends the process.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _await_end(parent: int, stdin: int) -> None:
 class PseudoTerminal:
     """A pseudo-terminal as the serial port of a board.
 
-    It is raw from the start; otherwise it would echo frames of the board as commands. The host's
+    It is in raw mode from the start; otherwise it would echo frames back to the board. The host's
     end also stays open in this process, so that the board sees no hang-up between two readers.
 
     Attributes

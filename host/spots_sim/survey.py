@@ -18,20 +18,20 @@ from .simulated_linkage import EXPOSURE_US, START_S, Simulation, visited
 # Smallest angle between the outer bars; the usual rule for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
 CALIBRATION_PLACES = 40
-PLACE_SIGMA_MM = 0.02  # standard deviation of the measured places of the terminal
-# Frame in which these places are measured: x and y of joint 1, and the rotation.
+PLACE_SIGMA_MM = 0.02  # standard deviation of the measured positions of the end point
+# Frame in which these positions are measured: x and y of joint 1, and the rotation.
 _GRID = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
 _DRAWS = 2000
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Distances between estimated and true places of the terminal.
+    """Distances between estimated and true positions of the end point.
 
     Attributes
     ----------
     error_mm : numpy.ndarray, shape (n,)
-        Distance at each place, in mm.
+        Distance at each position, in mm.
     mean_mm, max_mm : float
         Mean and maximum of these distances, in mm.
     """
@@ -49,16 +49,16 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Survey:
-    """Errors of a linkage at places of its workspace, with a single reading at each place.
+    """Errors of a linkage at positions of its workspace, with a single reading at each position.
 
     Attributes
     ----------
     x_mm, y_mm : numpy.ndarray, shape (n,)
-        Places of the terminal in mm.
+        Positions of the end point in mm.
     drawn : Deviation
-        Errors with the nominal lengths and mounting.
+        Errors with the nominal lengths and mounting angles.
     given : Deviation
-        Errors with the true lengths and mounting.
+        Errors with the true lengths and mounting angles.
     calibrated : Deviation
         Errors after a kinematic calibration that started from the nominal values.
     expected_mean_mm, expected_max_mm : float
@@ -85,7 +85,7 @@ def survey(
     exposure_us: int = 100_000,
     pitch_mm: float = 10.0,
 ) -> Survey:
-    """Calibrate a linkage at some places, then measure its error on a grid over its workspace.
+    """Calibrate a linkage at some positions, then measure its error on a grid over its workspace.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def survey(
     exposure_us : int
         Integration time in us; a reading is one exposure.
     pitch_mm : float
-        Distance between two places of the grid, in mm.
+        Distance between two positions of the grid, in mm.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def survey(
     drawn = Linkage(linkage.bar_mm, linkage.base_mm)
     given = Linkage(mechanism.bar_mm, mechanism.base_mm)
     x_mm, y_mm = working(given, mechanism, *_grid(given, pitch_mm, rng))
-    # The calibration uses other places than the grid.
+    # The calibration uses other positions than the grid.
     few = working(given, mechanism, *_grid(given, pitch_mm, rng, jitter_mm=pitch_mm / 2))
     few = [axis[:CALIBRATION_PLACES] for axis in few]
     angles, sigmas = visited(sensor, linkage, *few, seed, exposure_us)
@@ -146,18 +146,19 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Result of a twin with the true lengths that followed a path.
+    """Results of a twin that has the true lengths and estimates a motion along a path.
 
     Attributes
     ----------
     motion : Motion
-        True motion of the terminal.
+        True motion of the end point.
     linkage : Linkage
         The linkage with its true lengths.
     terminals : list of Terminal
         Estimates during the motion.
     error_mm : numpy.ndarray, shape (n,)
-        Distance between each estimate and the true place, in mm; without estimates at a limit.
+        Distance between each estimate and the true position, in mm. Estimates at a limit of the
+        linkage are left out.
     lost : int
         Number of lost frames.
     """
@@ -169,7 +170,7 @@ class PathRun:
     lost: int
 
     def summary(self) -> dict:
-        """Return the figures of the run as a dict for JSON."""
+        """Return the results of the run as a dict for JSON."""
         estimated = [terminal for terminal in self.terminals if not terminal.limit]
         span_s = estimated[-1].time_s - estimated[0].time_s
         expected_mm = np.sqrt(np.mean([terminal.sigma_mm**2 for terminal in estimated]))
@@ -197,7 +198,7 @@ def follow(
     exposure_us: int = EXPOSURE_US,
     report=lambda terminal: None,
 ) -> PathRun:
-    """Guide the terminal of a simulated linkage along a path, and estimate it with a twin.
+    """Guide the end point of a simulated linkage along a path, and estimate it with a twin.
 
     Parameters
     ----------
@@ -206,7 +207,7 @@ def follow(
     linkage : LinkageFile
         Nominal linkage and its errors.
     path : PathFile
-        Strokes of the terminal.
+        Strokes of the end point.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -242,10 +243,10 @@ def follow(
 
 
 def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
-    """Return those places that are in the workspace.
+    """Return those positions that are in the workspace.
 
-    A place is in the workspace if y > 0 and both joints are within their travel. The angle between
-    the outer bars must be at least `LEAST_OUTER_RAD`.
+    There y > 0, both joints are within their travel, and the angle between the outer bars is at
+    least `LEAST_OUTER_RAD`.
 
     Parameters
     ----------
@@ -254,12 +255,12 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
     mechanism : Mechanism
         Mechanism with the travel of the joints.
     x_mm, y_mm : numpy.ndarray, shape (n,)
-        Places of the terminal in mm.
+        Positions of the end point in mm.
 
     Returns
     -------
     x_mm, y_mm : numpy.ndarray, shape (m,)
-        Places in the workspace, in mm.
+        Positions in the workspace, in mm.
     """
     theta = linkage.inverse(x_mm, y_mm)
     apart = np.ma.filled(linkage.outer_angle(*theta), 0.0)
@@ -270,8 +271,8 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
     """Return x and y in mm of a grid that covers the workspace, in random order.
 
-    `pitch_mm` is the distance of the grid's places. Each place is moved by up to `jitter_mm`; `rng`
-    is the random generator.
+    `pitch_mm` is the distance between two positions. Each is moved by up to `jitter_mm`; `rng` is
+    the random generator.
     """
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1
@@ -293,10 +294,10 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return random position errors in mm, shape (number of draws, number of places).
+    """Return random position errors in mm, shape (number of draws, number of positions).
 
-    `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, places). `rng` is
-    the random generator.
+    `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
+    positions. `rng` is the random generator.
     """
     jacobian = np.asarray(linkage.jacobian(*theta))
     draws = sigmas.T * rng.standard_normal((_DRAWS, *sigmas.T.shape))

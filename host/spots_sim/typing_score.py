@@ -1,4 +1,4 @@
-"""Scores typing: compares the keys that a board pressed with the fingers of a scenario."""
+"""Scores typing: compares a board's key presses with those that the scenario's fingers made."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Stroke:
     Attributes
     ----------
     began_s, ended_s : float
-        Begin and end of the touch, in seconds of the scenario.
+        Start and end of the touch, in seconds of the scenario.
     key : tuple of int or None
         HID usage page and usage of the key that was touched; None between two keys.
     """
@@ -39,9 +39,9 @@ class Stroke:
 def strokes(
     file: ScenarioFile, layout: KeyLayout, length_mm: float, from_s: float, to_s: float
 ) -> list[Stroke]:
-    """Return the touches of a scenario in an interval, with the key that each one types.
+    """Return the touches of a scenario in an interval, with the key that each touch types.
 
-    A touch types the tap of the key on which it begins, in the first layer.
+    A touch types what a tap types on the key where the touch begins, in the first layer.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ def strokes(
     length_mm : float
         Length of the strip, in mm.
     from_s, to_s : float
-        Begin and end of the interval, in seconds of the scenario. A touch is included if it begins
+        Start and end of the interval, in seconds of the scenario. A touch is included if it begins
         after `from_s` and ends `AFTER_S` before `to_s`.
 
     Returns
     -------
     list of Stroke
-        Touches in the order of their begin.
+        Touches in the order in which they begin.
     """
     keys = next(iter(layout.layers.values()))
     found = []
@@ -118,7 +118,7 @@ class TypingScore:
             self._spans.append((self._down.pop(key), time_s))
 
     def summary(self, to_s: float) -> dict:
-        """Return the figures of the run up to a time.
+        """Return the results of the run up to a time.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Return a dict (index of a right press: index of its touch), and the other presses."""
+        """Return a dict from right presses to their touches, as indices, and a list of the rest."""
         right: dict[int, int] = {}
         matched, others = set(), []
         for p, (time_s, key) in enumerate(presses):

@@ -32,7 +32,7 @@ def typed(words_per_min: float, touches: int, seed: int, sensor: str = "default"
     Returns
     -------
     dict
-        Figures of the run, see `demo_applications.type_on_board`.
+        Results of the run, see `demo_applications.type_on_board`.
     """
     length_mm = load(SensorFile, sensor).length_mm
     file = fast_typing(load_layout("digits"), words_per_min, touches, length_mm, seed)
@@ -48,7 +48,7 @@ def added(runs: list[dict]) -> dict:
     Parameters
     ----------
     runs : list of dict
-        Figures of at least one run, as `typed` returns them.
+        Results of at least one run, as `typed` returns them.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def added(runs: list[dict]) -> dict:
 
 
 def main() -> None:
-    """Parse the command line, and print the figures for each speed."""
+    """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words_per_min", type=float, nargs="+")
     parser.add_argument("--touches", type=int, default=150, help="touches of each run (150)")

@@ -31,7 +31,7 @@ def picture(
     layout : KeyLayout
         Keys of the strip.
     engine : KeyEngine
-        Key engine; its layer and its force of a firm press are shown.
+        Key engine, whose present layer and force of a firm press are shown.
     touch : Touch or None
         Latest reading.
     typed : TypedText
@@ -69,7 +69,7 @@ def picture(
 
 
 def firm_scale(force_mN: int, firm_mN: int) -> Text:
-    """Return the force as a bar whose colour changes at the force of a firm press.
+    """Return the force as a bar, whose colour changes at `firm_mN`.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ class Typist:
                 self.do(self._rows[layer][key], slot)
 
     def do(self, key, slot: str = "tap") -> None:
-        """Add the touch that triggers an action of a key, at a random place on the key.
+        """Add the touch that triggers an action of a key, at a random position on the key.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Typist:
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:
-        """Return (layer, index, slot) of each key to press for a character, layer keys first."""
+        """Return (layer, index, slot) of the keys that type a character, layer keys first."""
         wanted = _action_of(character)
         waiting = deque([(0, [])])
         seen = {0}
@@ -213,8 +213,8 @@ class Hands:
         The duration hardly depends on the speed: fast typists press the next key before they
         release the last one.
     spread : float
-        Standard deviation of the natural logarithm of the time between two key presses. With this
-        value, 12 % of the touches overlap the last one at 60 words a minute, and 50 % at 100.
+        Standard deviation of the natural logarithm of the time between two key presses. With the
+        default, 12 % of the touches overlap the previous touch at 60 words a minute, 50 % at 100.
     force_mN, force_spread : float
         Median of the largest force of a touch in mN, and standard deviation of its natural
         logarithm. Source: Effects of key stiffness on force and the development of fatigue while
@@ -289,7 +289,7 @@ def fast_typing(
         middle, half = (key.low + key.high) / 2, 0.4 * (key.high - key.low)
         x_mm = length_mm * (middle + half * np.clip(rng.normal(0, 0.5), -1, 1))
         for other in fingers[-6:]:
-            # A finger lifts before its next touch; two fingers cannot be at the same place.
+            # A finger lifts before its next touch; two fingers cannot be at the same position.
             if abs(other.points[-1][1] - x_mm) < hands.apart_mm:
                 now_s = max(now_s, other.points[-1][0] + hands.same_s)
         rise_s, fall_s = rng.uniform(*hands.ramp_s, 2)

@@ -88,15 +88,15 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
 def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     """Return a simulated strip on a simulated stage, for ``spots calibrate`` and ``spots rezero``.
 
-    For ``spots rezero``, the strip has the change of the sensor file.
+    For ``spots rezero``, the strip has changed as the sensor file describes.
 
     Parameters
     ----------
     options : argparse.Namespace
         Options of the command.
     made_with : Session or CalibrationFile
-        Session of ``spots calibrate``, or calibration of ``spots rezero``. The board gets the
-        settings stored in it.
+        Session of ``spots calibrate``, or calibration for ``spots rezero``. Its settings are sent
+        to the board.
     path : Path
         Calibration file to write.
     guide : Guide
@@ -147,7 +147,7 @@ def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
     Parameters
     ----------
     folder : Path
-        File system of the board; for CircuitPython, its drive. It is used without changes.
+        File system of the board; for CircuitPython, its drive. No firmware is copied to it.
     device : Device
         The virtual board to start.
 
@@ -195,7 +195,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     Returns
     -------
     board : Board
-        Closing it stops the virtual board.
+        When it is closed, the virtual board stops.
     started_s : float
         Host time in seconds at which the scenario's time is 0.
 
@@ -226,7 +226,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
 
 def _opened(port: str) -> Board:
-    """Open a board that is still starting; repeat this for up to 10 s on a busy computer."""
+    """Open a board that is still starting; try again for up to 10 s."""
     end_s = time.monotonic() + _START_S
     while True:
         try:
@@ -248,8 +248,8 @@ def start_simulator(
     seed : int
         Random seed of the noise.
     folder : str
-        File system of the board, used without changes; this needs MicroPython. If it is empty, a
-        temporary folder gets the firmware.
+        File system of the board, to which no firmware is copied; this needs MicroPython. With an
+        empty string, the file system is a temporary folder with the firmware.
     board : str
         Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
 

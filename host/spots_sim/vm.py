@@ -66,7 +66,7 @@ class MicroPythonProcess:
     board : str
         Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
     blank : bool
-        True to use the file system without changes; False to copy the firmware to it.
+        True to leave the file system as it is; False to copy the firmware to it.
     terminal : bool
         True if `stdin` is a terminal. Then MicroPython shows its prompt after the main file ends.
     data : tuple of int, optional
@@ -157,7 +157,7 @@ class MicroPythonProcess:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Check why MicroPython closed its pipes. It does so at Ctrl-D at its prompt.
+        """Raise an error unless MicroPython closed its pipes because of Ctrl-D at its prompt.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class MicroPythonProcess:
         Raises
         ------
         SpotsError
-            If it ended for another reason.
+            If MicroPython hangs, or ended for another reason.
         """
         try:
             code = self._process.wait(_EXIT_S)

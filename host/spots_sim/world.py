@@ -75,8 +75,8 @@ class World:
         start_us, end_us : float
             Bounds of the integration, in us of simulated time.
         led_mA : float
-            Current of the chip's LED driver, in mA; 0 for off. It flows only in an LED that is
-            wired to the driver.
+            Current of the chip's LED driver, in mA; 0 for off. It has no effect on an LED that is
+            not wired to this driver.
 
         Returns
         -------
@@ -100,7 +100,7 @@ class World:
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
     def switch(self, on: bool) -> None:
-        """Set the board's LED pin; it switches the LED if ``led.wired`` is ``gpio``."""
+        """Set the board's LED pin, which switches the LED if ``led.wired`` is ``gpio``."""
         self._pin_on = on
 
     def _strip_mA(self, driver_mA: float) -> float:
@@ -114,7 +114,7 @@ class World:
         Parameters
         ----------
         start_us, end_us : float
-            Begin and end of the interval, in us of simulated time.
+            Start and end of the interval, in us of simulated time.
 
         Returns
         -------
@@ -147,7 +147,7 @@ class World:
             )
 
     def _warm(self, end_us: float, led_mA: float) -> None:
-        # The LED approaches the temperature of its present power, also between two calls.
+        # The LED approaches the temperature of its present power, even between two calls.
         warmth = self._sensor.temperature
         in_the_end_K = warmth.led_K_per_mA * led_mA
         share = math.exp(-max(end_us - self._led_us, 0.0) * 1e-6 / warmth.led_warm_up_s)

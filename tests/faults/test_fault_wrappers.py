@@ -254,10 +254,10 @@ FIRE = "seconds = 5.0\n[faults]\n"
         ("[faults.power]\nbrown_outs = {at_s = [5.0]}", "power.brown_outs has a time after"),
         ("[faults.power]\nbrown_outs = {last_ms = 0}", "> 0"),
         ("[faults.clock]\noscillator_ppm = 5000", "<= 1000"),
-        ("strain = [[0, 1.0]]\nstrain_percent = 2.0", "strain is given twice"),
+        ("strain = [[0, 1.0]]\nstrain_percent = 2.0", "strain is given as points and"),
         ("bend = [[1, 1.0], [1, 2.0]]", "times of bend must ascend"),
         ("bend = [[1, 400.0]]", "<= 360"),
-        ("leak = [[6, 0.1, 1.0]]", "leak ends after"),
+        ("leak = [[6, 0.1, 1.0]]", "leak has points after"),
         ("leak = [[1, 1.1, 1.0]]", "<= 1"),
     ],
 )

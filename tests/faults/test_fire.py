@@ -143,7 +143,7 @@ FINE = {
         ({"keys": {"usb": {"stuck": 1, "down_at_the_end": 1}}}, "2 keys of the keyboard 'usb'"),
         (
             {"recoveries": {"i2c.sda_low": {"longest_s": 1.0, "longest_at_s": 3.0}}},
-            "after i2c.sda_low at 3 s readings stayed away for 1 s",
+            "after i2c.sda_low at 3 s no reading arrived for 1 s",
         ),
     ],
 )

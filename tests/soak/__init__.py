@@ -1,1 +1,1 @@
-"""Long proofs: hours of faults and of hostile peers."""
+"""Long tests: hours of faults, and of hostile boards, clients and peers."""

@@ -1,4 +1,4 @@
-"""``make soak``: hours of faults in simulated time, and a ledger of every frame."""
+"""``make soak``: hours of faults in simulated time; checks every frame and every key."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ hours = number("a time in hours", 0.001, 10_000)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one soak."""
+    """Run one soak test; return the exit code."""
     parser = argparse.ArgumentParser(prog="make soak", description=__doc__)
-    parser.add_argument("--hours", type=hours, default=1.0, help="of simulated time (1)")
+    parser.add_argument("--hours", type=hours, default=1.0, help="simulated time in hours (1)")
     parser.add_argument(
         *("--faults", "--scenario"), default="fire", metavar="FILE", help="scenario file or name"
     )
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
-    parser.add_argument("--seed", type=seed, default=0, help="of noise and faults")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--seed", type=seed, default=0, help="random seed of noise and faults (0)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     try:
         soak_command(options.hours, options.faults, options.seed, options.sensor, options.json)

@@ -1,4 +1,4 @@
-"""What a soak watches as it goes, in memory that does not grow: frames, outages, keys, memory."""
+"""Checks of a soak test, in bounded memory: frames, recovery times, keys, memory."""
 
 from __future__ import annotations
 
@@ -12,41 +12,40 @@ from spots.outputs.usages import MODIFIERS, MODIFIERS_FROM
 from spots_device.decode import LED_OFF
 from spots_sim.files import ScenarioFile
 
-# What interrupts readings. What begins while they have not come back yet belongs to the same
-# outage.
+# Faults that interrupt readings. A fault that starts during an outage belongs to this outage.
 _INTERRUPTS = ("power.", "i2c.", "clock.")
-# Over at once, or until the board does something about it: these count from their begin.
+# Faults that only the board ends: their recovery time is counted from their start.
 _FROM_THE_BEGIN = ("i2c.sda_low", "power.sensor_resets")
-# For how long after its begin an outage may begin.
+# Longest time from the start of a fault to the start of its outage.
 _ONSET_S = 0.15
 _OUTAGES_KEPT = 64
-# A key may stay for so long after its finger has gone: 0.3 s without a reading on the host, and
-# what a board needs that is itself without power or sensor.
+# Longest time for which a key may stay down after its finger was lifted: 0.3 s without a reading on
+# the host, plus the recovery time of a board without power or sensor.
 _LATE_S = 1.0
 
 
 class Audit:
-    """Compares the frames that were sent with those that arrived.
+    """Compares the frames that were sent with the frames that arrived.
 
     Parameters
     ----------
     touched : collections.deque of int
-        Numbers of the bytes that were damaged, ascending; those that were looked at are removed.
+        Ascending indices of the damaged bytes in the stream. `Audit` removes processed indices.
     arrived : callable
-        Called with the time at which a reading arrives, those with the LED off left out.
+        ``arrived(now_s)`` is called for each reading that arrives, except those with the LED off.
 
     Attributes
     ----------
     sent, delivered : collections.Counter
-        Frames by type.
+        Number of frames by type.
     lost : collections.Counter
-        Frames by cause: ``damaged``, or ``undamaged``, which there must not be.
+        Number of lost frames: ``damaged``, and ``undamaged``, which must be 0.
     wrong : int
-        Frames that arrived and were not sent so, or not in this order.
+        Number of frames that arrived but were not sent, or not in this order.
     wrong_frames : collections.deque of Frame
-        The last of them.
+        The last wrong frames.
     readings : int
-        Those that `arrived` was called with.
+        Number of readings for which `arrived` was called.
     """
 
     def __init__(self, touched: deque[int], arrived: Callable[[float], None] = lambda now_s: None):
@@ -62,11 +61,11 @@ class Audit:
 
     @property
     def cut(self) -> int:
-        """Frames that the board did not send to their end, as when its power fails."""
+        """Number of frames that the board sent incompletely, for example at a power failure."""
         return self._clean.stats.bad_crc
 
     def send(self, data: bytes, now_s: float) -> None:
-        """Take bytes as the board sent them."""
+        """Record bytes as the board sent them."""
         *pieces, self._rest = (self._rest + data).split(b"\0")
         for piece in pieces:
             end = self._at + len(piece)
@@ -76,10 +75,10 @@ class Audit:
             self._at = end + 1
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Take bytes as they arrived."""
+        """Compare bytes as they arrived."""
         *pieces, self._heard_rest = (self._heard_rest + data).split(b"\0")
         for piece in pieces:
-            # The same bytes are the same frame; only others have to be decoded to compare.
+            # Equal bytes are equal frames; only other bytes must be decoded for the comparison.
             i = next((i for i, sent in enumerate(self._pending) if sent[0] == piece), None)
             if i is not None:
                 self._deliver(i, now_s)
@@ -93,7 +92,7 @@ class Audit:
                     self._deliver(i, now_s)
 
     def finish(self) -> None:
-        """Count as lost what has not arrived by now."""
+        """Count all frames as lost that have not arrived yet."""
         self._lose(len(self._pending))
 
     def _deliver(self, i: int, now_s: float) -> None:
@@ -107,8 +106,8 @@ class Audit:
     def _lose(self, count: int) -> None:
         for _ in range(count):
             _, _, start, end = self._pending.popleft()
-            # The delimiter before it belongs to it, too: without that one, it is joined to
-            # whatever came before.
+            # The delimiter before a frame counts as a part of it: without this delimiter, the frame
+            # is joined to the bytes before it.
             while self._touched and self._touched[0] < start - 1:
                 self._touched.popleft()
             hurt = bool(self._touched) and self._touched[0] <= end
@@ -119,26 +118,26 @@ class _Outage:
     def __init__(self, kind: str, begin_s: float, end_s: float):
         self.kind, self.begin_s, self.end_s = kind, begin_s, end_s
         self.onset_s = max(end_s, begin_s + _ONSET_S)
-        self.gap_s = 0.0  # the longest one that begins by `onset_s`
-        self.again_s = begin_s  # and its end
+        self.gap_s = 0.0  # longest gap between two readings that begins before `onset_s`
+        self.again_s = begin_s  # end of this gap
 
 
 class Recoveries:
-    """How long after the end of each fault readings came again.
+    """Measures the time from the end of each fault until readings arrive again.
 
-    Where another fault acts before they do, both count from the end of the later one.
+    If another fault starts before readings arrive, both times start at the end of the later fault.
 
     Parameters
     ----------
     spells : list of (str, float, float)
-        Of a `spots_sim.faults.FaultLedger`; those that were taken are removed.
+        The list `spells` of a `spots_sim.faults.FaultLedger`; processed items are removed.
 
     Attributes
     ----------
     took_ms : dict of collections.Counter
-        By kind, how often so many ms.
+        Histogram of the recovery times in ms, by kind of fault.
     longest : dict of (float, float)
-        By kind, the longest in seconds, and at which time its fault began.
+        Longest recovery time and start of its fault, in seconds, by kind of fault.
     """
 
     def __init__(self, spells: list[tuple[str, float, float]]):
@@ -150,7 +149,7 @@ class Recoveries:
         self.longest: dict[str, tuple[float, float]] = {}
 
     def arrived(self, now_s: float) -> None:
-        """Take the time of a reading."""
+        """Record the arrival of a reading at the time `now_s`."""
         self._take_spells()
         before_s, self._before_s = self._before_s, now_s
         if not self._open:
@@ -166,7 +165,7 @@ class Recoveries:
         self._open = still
 
     def finish(self, now_s: float) -> None:
-        """Count as recovered now what has not by now, if it could have."""
+        """Count faults without a recovery as recovered at `now_s`, if they ended before."""
         self.arrived(now_s)
         for outage in self._open:
             if outage.end_s < now_s:
@@ -215,32 +214,33 @@ def _median(counts: Counter) -> int:
 
 
 class Keys:
-    """Keys of one keyboard, and those that outlive their fingers.
+    """Counts the keys of one keyboard that stay down after their finger was lifted.
 
     Parameters
     ----------
     file : spots_sim.files.ScenarioFile
-        Whose fingers press.
+        Scenario with the fingers.
     now_s : callable
-        Returns the time, from the scenario's begin.
+        Returns the time since the start of the scenario, in seconds.
 
     Attributes
     ----------
     presses, releases : int
+        Number of presses and of releases.
     stuck : int
-        Keys that were down `_LATE_S` after the finger had gone that was there, or the last one
-        before, when they went down.
+        Number of keys that were down `_LATE_S` after their finger was lifted. The finger of a key
+        is the one that touched last when the key was pressed.
     """
 
     def __init__(self, file: ScenarioFile, now_s: Callable[[], float]):
         self._now_s = now_s
         self._seconds = file.seconds
         self._fingers = [(touch.points[0][0], touch.points[-1][0]) for touch in file.touch]
-        self._down: dict[tuple[int, int], float] = {}  # and when it is late
+        self._down: dict[tuple[int, int], float] = {}  # with the time at which the key is stuck
         self.presses = self.releases = self.stuck = 0
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Take an event, as `keyboard.key_engine.KeySink` says."""
+        """Process a key event, see `keyboard.key_engine.KeySink`."""
         if pressed:
             self.presses += 1
             self._down[page, usage] = self._leaves_s() + _LATE_S
@@ -248,7 +248,7 @@ class Keys:
             self.releases += 1
 
     def report(self, page: int, usages: Iterable[int]) -> None:
-        """Take all that is down on a page."""
+        """Process the list of all keys that are down on a HID usage page."""
         now = {(page, usage) for usage in usages}
         for event in [event for event in self._down if event not in now]:
             self.key(*event, 0, False)
@@ -256,12 +256,12 @@ class Keys:
             self.key(*event, 0, True)
 
     def release(self) -> None:
-        """Take note that nobody knows of a key any more."""
+        """Count all keys as released."""
         self.releases += len(self._down)
         self._down.clear()
 
     def look(self) -> None:
-        """Count what is late; each is forgotten then."""
+        """Count stuck keys; each stuck key is counted once."""
         if self._down:
             now_s = self._now_s()
             for event in [event for event, late_s in self._down.items() if now_s > late_s]:
@@ -270,7 +270,7 @@ class Keys:
 
     @property
     def down(self) -> int:
-        """How many are down now, the late ones not counted."""
+        """Number of keys that are down now, without the stuck keys."""
         return len(self._down)
 
     def summary(self) -> dict[str, int]:
@@ -279,33 +279,33 @@ class Keys:
     def _leaves_s(self) -> float:
         turn, phase_s = divmod(self._now_s(), self._seconds)
         ends_s = [end for begin, end in self._fingers if begin <= phase_s]
-        if not ends_s:  # of the turn before
+        if not ends_s:  # the last finger belongs to the previous repetition
             turn -= 1
             ends_s = [end for _, end in self._fingers]
         return turn * self._seconds + max(ends_s, default=0.0)
 
 
 def usages_of(report: bytes) -> list[int]:
-    """Return what is down in a report of a boot keyboard, modifiers as usages."""
+    """Return the usages of all keys in a boot keyboard report, including modifier keys."""
     modifiers = [MODIFIERS_FROM + i for i in range(MODIFIERS) if report[0] >> i & 1]
     return modifiers + [usage for usage in report[2:] if usage]
 
 
 class Memory:
-    """What this process holds: at a mark, and at the end.
+    """Measures the memory of this process at each call of `mark`.
 
     Attributes
     ----------
     marks : list of dict
-        ``peak_kB`` (most that it has had of the system) and ``objects`` (blocks that Python has
-        allocated now).
+        ``peak_kB``: peak of the memory from the system. ``objects``: memory blocks that Python has
+        allocated at the time of the call.
     """
 
     def __init__(self):
         self.marks: list[dict[str, int]] = []
 
     def mark(self) -> None:
-        import resource  # not at the top: Windows has none
+        import resource  # not at the top, because Windows lacks this module
 
         gc.collect()
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,10 +1,11 @@
-"""A hostile board against `monitor`, `serve` and `keyboard` as real processes, for hours.
+"""Runs `monitor`, `serve` and `keyboard` as real processes with hostile boards, for hours.
 
     python tests/soak/hostile_board.py --minutes 60
 
-Each program has a board of its own, which changes its mood every few seconds. A program may end in
-a sentence with exit code 2 (it is started again); it may not die otherwise, leave a key down while
-the board is silent, or take more and more memory. The last line is JSON; exit code 1 if any did.
+Each program has its own board, which changes its kind of misbehaviour, the *mood*, every few
+seconds. A program may end with an error message and exit code 2; it is then started again. It fails
+if it ends in another way, if a key stays down while the board is silent, or if its memory grows.
+The last line of the output is JSON. The exit code is 1 if a program failed.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ from plugs import Plug  # noqa: E402
 
 MOOD_S = 4.0
 OFF_S = 1.0
-RELEASED_S = 2.0  # the longest that a key may stay down after a board fell silent
-WARM_S = 60.0  # by then a program has all the memory that it needs
+RELEASED_S = 2.0  # longest time for which a key may stay down while the board is silent
+WARM_S = 60.0  # after this time, a program must not need more memory
 GROWTH_KB = 8_000
 KEPT_TEXT = 400
 PROGRAMS = {
@@ -49,7 +50,7 @@ CORPUS = [*kept("decoder").values()]
 
 
 class Hostile(Plug):
-    """A board in a mood, behind a link that keeps its name."""
+    """A board that misbehaves. Its port has a symbolic link, whose name never changes."""
 
     def __init__(self, link: Path, seed: int):
         super().__init__(f"hostile{seed}")
@@ -111,7 +112,7 @@ class Hostile(Plug):
         self.tick()
 
     def backwards(self):
-        self._booted_s += 0.02  # its clock loses more than passes
+        self._booted_s += 0.02  # the board's clock runs backwards
         self.tick()
 
     def brown_out(self):
@@ -139,7 +140,7 @@ class Hostile(Plug):
 
 
 class Program:
-    """One of the programs, restarted when it ended in a sentence."""
+    """One of the programs; it is restarted after it ended."""
 
     def __init__(self, name: str, board: Hostile):
         self.name, self.board = name, board

@@ -1,6 +1,7 @@
-"""Hostile clients against a real ``spots serve --port virtual``; see ``--help``.
+"""Runs hostile clients against a real ``spots serve --port virtual``, for ``--minutes``.
 
-Prints one line of JSON at the end; exit code 1 if something died or memory grew.
+Prints one line of JSON at the end. The exit code is 1 if the server ended, its memory or its log
+grew too much, or a well-behaved client got no readings.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ _REQUESTS = (
 
 
 def _frame(choice: random.Random) -> bytes:
-    """Return a WebSocket frame of any kind, most of them wrong."""
+    """Return a random WebSocket frame; most of these frames are invalid."""
     first = choice.choice((0x80, 0x81, 0x82, 0x88, 0x89, 0x8A, 0x01, 0x02, 0xC1, 0xF3))
     body = choice.choice((b"1", b"-1", b"set gain=3", b"\xff", b"1" * 17, b"x" * 125, b""))
     return bytes((first, 0x80 | len(body), 0, 0, 0, 0)) + body
@@ -87,7 +88,7 @@ async def _hostile(port: int, seed: int, end_s: float, counts: dict) -> None:
 
 
 async def _well_behaved(port: int, end_s: float, counts: dict) -> None:
-    """Open the page again and again; each has to get readings in time."""
+    """Open the web UI again and again; each visit must get readings in time."""
     while time.monotonic() < end_s:
         begun_s = time.monotonic()
         try:
@@ -134,7 +135,7 @@ async def _attack(server: subprocess.Popen, port: int, seconds: float) -> dict:
         *hostile, _well_behaved(port, end_s, counts), _watch(server, end_s, sizes_kb)
     )
     warm = sizes_kb[int(_WARM_UP_S / _EVERY_S) :] or sizes_kb
-    tenth = max(1, len(warm) // 10)  # medians, for what is freed is not always given back at once
+    tenth = max(1, len(warm) // 10)  # medians, because freed memory is not always returned at once
     first, last = (sorted(part)[len(part) // 2] for part in (warm[:tenth], warm[-tenth:]))
     return {**counts, "rss_first_kb": first, "rss_last_kb": last, "rss_max_kb": max(sizes_kb)}
 
@@ -144,7 +145,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     minutes = parser.parse_args().minutes
-    logging.getLogger("asyncio").setLevel(logging.ERROR)  # a server that hangs up is no news here
+    logging.getLogger("asyncio").setLevel(logging.ERROR)  # the server closes many connections here
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log"
         with log.open("wb") as errors:

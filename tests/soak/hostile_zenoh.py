@@ -1,8 +1,9 @@
-"""Hostile Zenoh peers against `monitor`, `serve` and `subscribe`, as real processes.
+"""Runs hostile Zenoh peers against real processes of `monitor`, `serve` and `subscribe`.
 
     python tests/soak/hostile_zenoh.py --minutes 60
 
-The last line is JSON. Exit code 1 if a process died, its memory grew or readings stopped.
+The last line of the output is JSON. The exit code is 1 if a process ended, its memory grew, or its
+readings stopped.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from boards import running  # noqa: E402
 from net import Net, session  # noqa: E402
 
 SAMPLE_EVERY_S = 5.0
-WARM_UP_SHARE = 0.25  # of the time: memory is compared with what it was after that
+WARM_UP_SHARE = 0.25  # of the duration; memory may grow only before
 GROWTH_MAX = 24 << 20
 STALE_MAX_S = 15.0
 DEEP = b'{"a":' * 20_000 + b"1" + b"}" * 20_000
@@ -40,7 +41,7 @@ HEADERS = None, b"", b"x", b"\xff" * 100_000
 
 
 def attack(config: Path, board_id: str, seed: int) -> None:
-    """Send what no program of the project would, until killed."""
+    """Send invalid and hostile messages until the process is killed."""
     chance, peer = random.Random(seed), session(config)
     ignore = zenoh.handlers.Callback(lambda reply: None, indirect=False)
     peer.declare_queryable("spots/*/info", lambda query: query.reply(query.key_expr, DEEP))
@@ -67,7 +68,7 @@ def attack(config: Path, board_id: str, seed: int) -> None:
             tokens.pop(0).undeclare()
 
     def break_in() -> None:
-        # Under the board's own name, seldom: it passes for a restart, as documented.
+        # Rare, because a message under the board's name counts as a restart of the board.
         place = f"spots/{board_id}/frames"
         peer.put(place, chance.choice(PAYLOADS), attachment=chance.choice(HEADERS))
 
@@ -78,7 +79,7 @@ def attack(config: Path, board_id: str, seed: int) -> None:
 
 
 class Victim:
-    """A process under attack: alive, its memory, and when it last showed a reading."""
+    """A process under attack; records its memory and the time of its last reading."""
 
     def __init__(self, config: Path, reading: str, *arguments: str):
         self.name, self._reading = arguments[0], re.compile(reading)
@@ -125,7 +126,7 @@ class Victim:
 
 
 def watch_page(victim: Victim) -> None:
-    """Be the page of `serve`, which connects again whenever it has to."""
+    """Act as a browser with the web UI of `serve`; reconnect after each disconnect."""
 
     async def look() -> None:
         async with aiohttp.ClientSession() as client:

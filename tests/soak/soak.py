@@ -1,8 +1,8 @@
-"""Hours of a scenario with faults in simulated time, and a ledger of every frame.
+"""Runs a scenario with faults for hours of simulated time; checks every frame and every key.
 
-What the board sent is tapped before its bytes are damaged, and compared with what a program gets.
-Three keyboards are watched: one on this computer that is fed with readings, the KEY frames, and
-the board's own on USB. A soak takes no more memory the longer it lasts.
+The frames that the board sends are recorded before damage, and compared with the received frames.
+Three keyboards are checked: the key engine on the host, the KEY frames, and the board's USB
+keyboard. The memory that a run needs does not depend on its duration.
 """
 
 from __future__ import annotations
@@ -31,22 +31,26 @@ from .audit import Audit, Keys, Memory, Recoveries, usages_of
 
 _TICK_S = 0.05
 _LAYOUT = "digits"  # the ten zones that a board has without a layout
-_RECOVERED_S = 1.0  # the longest that readings may stay away after a fault has ended
+_RECOVERED_S = 1.0  # longest time without readings after the end of a fault
 _HOUR_S = 3600.0
 _INTERFACE = 0  # of the USB keyboard
 
 
 class Watch:
-    """The keyboards of a soak and its memory, looked at as it goes.
+    """Checks the keyboards and the memory during a soak test.
 
     Parameters
     ----------
     board : board.Board
+        Board with a calibration, connected through a link with faults.
     bare : spots_sim.lockstep.LockstepLink
+        Link of this board without faults.
     faults : spots_sim.faults.Faults
+        Faults of the run.
     file : spots_sim.files.ScenarioFile
+        Scenario of the run.
     mark_s : float
-        When memory is what it should be at the end.
+        Time after the start at which memory is measured for comparison with the end, in seconds.
     """
 
     def __init__(self, board, bare, faults, file, mark_s):
@@ -61,7 +65,7 @@ class Watch:
         self._brown_outs = 0
 
     def run(self, seconds: float) -> None:
-        """Take what comes for so long."""
+        """Process frames for a duration in seconds."""
         board = self._board
         end_s = board.now_s() + seconds
         while board.now_s() < end_s:
@@ -70,14 +74,14 @@ class Watch:
             self._look()
 
     def settle(self, most_s: float) -> None:
-        """Go on until no key is down any more."""
+        """Continue until no key is down, at most for `most_s` seconds."""
         end_s = self._board.now_s() + most_s
         while any(keys.down for keys in self.keys.values()) and self._board.now_s() < end_s:
             self.run(_TICK_S)
 
     def _take(self, frame) -> None:
         gaps = self._told_gaps()
-        if gaps != self._gaps:  # see docs/protocol.md: a KEY does not come again
+        if gaps != self._gaps:  # see docs/protocol.md: a dropped KEY frame is not sent again
             self._gaps = gaps
             self.keys["frames"].release()
         if isinstance(frame, Touch):
@@ -91,7 +95,7 @@ class Watch:
     def _look(self) -> None:
         self._engine.tick(self._board.now_s())
         brown_outs = self._faults.ledger.counts["power.brown_outs"]
-        if brown_outs != self._brown_outs:  # it left the bus, and its computer let go of its keys
+        if brown_outs != self._brown_outs:  # a computer releases the keys of a removed keyboard
             self._brown_outs = brown_outs
             self.keys["usb"].release()
         for interface, report in self._bare.usb.reports:
@@ -116,18 +120,18 @@ class Watch:
 def soak(
     hours: float, scenario: str, seed: int, sensor: str = "default", console: Console | None = None
 ) -> dict:
-    """Run a virtual board in simulated time and return the ledger.
+    """Run a virtual board in simulated time and return the results.
 
     Parameters
     ----------
     hours : float
-        Of simulated time.
+        Simulated time in hours.
     scenario, sensor : str
-        Files, by path or name; the scenario has to have faults.
+        Scenario file with faults, and sensor file: a path or a name.
     seed : int
-        Of sensor's noise and faults.
+        Random seed of noise and faults.
     console : rich.console.Console, optional
-        Where progress is shown, if it is a terminal.
+        Console that shows the progress, if it is a terminal; stderr by default.
 
     Raises
     ------
@@ -192,22 +196,22 @@ def soak(
 
 
 def soak_command(hours: float, scenario: str, seed: int, sensor: str, as_json: bool) -> None:
-    """Print the ledger.
+    """Run a soak test and print its results; the parameters are those of `soak`.
 
     Raises
     ------
     SpotsError
-        After that, if a frame arrived that was not sent, or one was lost for no reason.
+        After the results are printed, if `broken_promises` yields a failure.
     """
     ledger = soak(hours, scenario, seed, sensor)
     print(json.dumps(ledger) if as_json else _table(ledger))
     broken = list(broken_promises(ledger))
     if broken:
-        raise SpotsError("there must be none of these: " + "; ".join(broken))
+        raise SpotsError("the soak test failed: " + "; ".join(broken))
 
 
 def broken_promises(ledger: dict) -> Iterator[str]:
-    """Yield what a ledger has that there must not be."""
+    """Yield a sentence for each failure in the results of `soak`."""
     if ledger["wrong"]:
         yield f"{ledger['wrong']} wrong frames were delivered"
     if ledger["lost"]["undamaged"]:
@@ -219,7 +223,7 @@ def broken_promises(ledger: dict) -> Iterator[str]:
     for kind, took in ledger["recoveries"].items():
         if took["longest_s"] >= _RECOVERED_S:
             yield (
-                f"after {kind} at {took['longest_at_s']:g} s readings stayed away for "
+                f"after {kind} at {took['longest_at_s']:g} s no reading arrived for "
                 f"{took['longest_s']:g} s"
             )
 

@@ -382,7 +382,7 @@ def test_options_that_do_not_go_together(arguments, words, machine, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--record", "a.spots"], "need boards: name them with --port"),
+        (["--record", "a.spots"], "need boards: name the boards with --port"),
         (["--port", "virtual", "--measure", "p.csv"], "--measure needs real boards"),
         (["--port", "virtual", "--picture", "a.png"], "recordings and --port virtual"),
     ],

@@ -29,7 +29,7 @@ _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 class BusioBus:
     """Reads and writes the sensor's registers over ``busio``.
 
-    It allocates only in Adafruit's I2CDevice.
+    A transfer allocates memory in Adafruit's I2CDevice, but nothing here.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ def main():
 
 
 def _strip_led(board_config):
-    """Return a function ``gpio(on)`` that switches the strip's LED; the first call opens it."""
+    """Return a function ``gpio(on)`` that switches the strip's LED and opens its pin once."""
     pin = None
 
     def switch(on):

@@ -106,7 +106,7 @@ class StdioSerial:
                     sent = self._out.write(buffer, size) == size
                 except OSError:
                     sent = False
-                # MicroPython returns the size also if it gave up waiting and dropped the bytes.
+                # MicroPython returns the size even if it stopped waiting and dropped the bytes.
                 return self._took(began) and sent
         return False
 
