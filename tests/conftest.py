@@ -6,7 +6,9 @@ import gc
 import os
 import resource
 import signal
+import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -17,6 +19,9 @@ from spots_sim.stage import calibrate
 # A loaded machine is slow, not wrong.
 settings.register_profile("spots", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("spots")
+
+# Of what plays keyboards and gamepads, so that every machine runs every test.
+STAND_INS = Path(__file__).parent / "stand_ins"
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -79,6 +84,43 @@ def full_disk():
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
     return limit
+
+
+def _without(monkeypatch, *names):
+    for name in [*sys.modules]:
+        if name.split(".")[0] in names:
+            monkeypatch.delitem(sys.modules, name)
+
+
+@pytest.fixture
+def evdev(monkeypatch):
+    """The stand-in for evdev, which is what ``import evdev`` finds."""
+    _without(monkeypatch, "evdev")
+    monkeypatch.syspath_prepend(str(STAND_INS))
+    import evdev
+
+    assert Path(evdev.__file__).parent == STAND_INS
+    yield evdev
+    _without(monkeypatch, "evdev")
+
+
+@pytest.fixture
+def pynput(monkeypatch):
+    """The stand-in for pynput's keyboard."""
+    _without(monkeypatch, "pynput")
+    monkeypatch.syspath_prepend(str(STAND_INS))
+    from pynput import keyboard
+
+    assert Path(keyboard.__file__).parent.parent == STAND_INS
+    yield keyboard
+    _without(monkeypatch, "pynput")
+
+
+@pytest.fixture
+def environment():
+    """The environment of a process that finds the stand-ins."""
+    path = os.pathsep.join([str(STAND_INS), *filter(None, sys.path)])
+    return {**os.environ, "PYTHONPATH": path}
 
 
 def pytest_terminal_summary(terminalreporter):
