@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
 import resource
@@ -46,9 +47,30 @@ def sensor():
 
 
 @pytest.fixture(scope="session")
-def calibration(sensor):
+def once(tmp_path_factory):
+    """Return a function that makes a file or a folder once for all processes of a test run."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+
+    def once(name, make):
+        """Return the path; the first caller makes it with ``make(path)``, and others wait."""
+        path = folder / name
+        with open(folder / f"{name}.lock", "a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                make(folder / f"{name}.part")
+                os.replace(folder / f"{name}.part", path)
+        return path
+
+    return once
+
+
+@pytest.fixture(scope="session")
+def calibration(sensor, once):
     """Lines of its calibration, from presses of the simulated stage."""
-    return list(calibrate(sensor))
+    path = once("calibration.txt", lambda path: path.write_text("\n".join(calibrate(sensor))))
+    return path.read_text().split("\n")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -17,9 +17,9 @@ from spots_sim.files import ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 
-TEXT = (Path(__file__).parents[1] / "docs/api.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-FILES = Path(__file__).parent / "data/0.1.0"  # run.spots and joint.toml of the examples
+FILES = Path(__file__).parents[1] / "data/0.1.0"  # run.spots and joint.toml of the examples
 matplotlib.use("Agg")
 
 
