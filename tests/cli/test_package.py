@@ -38,8 +38,8 @@ def command(installed, folder, *arguments):
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")
-# Of the commands that test_readme.py does not run from the wheel: the exit code, what each is
-# given, and words of what it prints. No code: what a doctor finds depends on how busy the machine is.
+# Of the commands that test_readme.py does not run from the wheel: the exit code, the arguments,
+# and words of what it prints. No code: what a doctor finds depends on how busy the machine is.
 RUNS = {
     "boards": (0, [], "virtual"),
     "build": (0, ["virtual"], "build/virtual"),
