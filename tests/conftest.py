@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
 import resource
 import signal
+import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -17,6 +20,9 @@ from spots_sim.stage import calibrate
 # A loaded machine is slow, not wrong.
 settings.register_profile("spots", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("spots")
+
+# Of what plays keyboards and gamepads, so that every machine runs every test.
+STAND_INS = Path(__file__).parent / "stand_ins"
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -41,9 +47,30 @@ def sensor():
 
 
 @pytest.fixture(scope="session")
-def calibration(sensor):
+def once(tmp_path_factory):
+    """Return a function that makes a file or a folder once for all processes of a test run."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+
+    def once(name, make):
+        """Return the path; the first caller makes it with ``make(path)``, and others wait."""
+        path = folder / name
+        with open(folder / f"{name}.lock", "a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                make(folder / f"{name}.part")
+                os.replace(folder / f"{name}.part", path)
+        return path
+
+    return once
+
+
+@pytest.fixture(scope="session")
+def calibration(sensor, once):
     """Lines of its calibration, from presses of the simulated stage."""
-    return list(calibrate(sensor))
+    path = once("calibration.txt", lambda path: path.write_text("\n".join(calibrate(sensor))))
+    return path.read_text().split("\n")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -79,6 +106,43 @@ def full_disk():
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
     return limit
+
+
+def _without(monkeypatch, *names):
+    for name in [*sys.modules]:
+        if name.split(".")[0] in names:
+            monkeypatch.delitem(sys.modules, name)
+
+
+@pytest.fixture
+def evdev(monkeypatch):
+    """The stand-in for evdev, which is what ``import evdev`` finds."""
+    _without(monkeypatch, "evdev")
+    monkeypatch.syspath_prepend(str(STAND_INS))
+    import evdev
+
+    assert Path(evdev.__file__).parent == STAND_INS
+    yield evdev
+    _without(monkeypatch, "evdev")
+
+
+@pytest.fixture
+def pynput(monkeypatch):
+    """The stand-in for pynput's keyboard."""
+    _without(monkeypatch, "pynput")
+    monkeypatch.syspath_prepend(str(STAND_INS))
+    from pynput import keyboard
+
+    assert Path(keyboard.__file__).parent.parent == STAND_INS
+    yield keyboard
+    _without(monkeypatch, "pynput")
+
+
+@pytest.fixture
+def environment():
+    """The environment of a process that finds the stand-ins."""
+    path = os.pathsep.join([str(STAND_INS), *filter(None, sys.path)])
+    return {**os.environ, "PYTHONPATH": path}
 
 
 def pytest_terminal_summary(terminalreporter):

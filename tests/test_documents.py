@@ -1,21 +1,16 @@
-"""Documents point at what exists, and what they show runs."""
+"""Documents point at what exists, and show what the parsers accept; see also cli/test_readme.py."""
 
 from __future__ import annotations
 
 import ast
 import importlib
 import importlib.metadata
-import os
 import re
 import shlex
-import signal
 import subprocess
-import sys
-import threading
 from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
 
 from spots.cli import _parser
 
@@ -31,17 +26,6 @@ BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"`(spots [a-z][^`]*)`")
 # Words that stand for others, and what may be left out.
 PLACEHOLDER = re.compile(r"…|\.\.\.|\[|\||\b[A-Z]{2,}\b(?![a-z])")
-TIMEOUT_S = 120
-# What does not end by itself, and what it prints once it runs.
-ENDLESS = {
-    "spots demo --page": "http://",
-    "spots serve --port virtual": "http://",
-    "spots monitor --port virtual": " mm",
-    "spots publish --port virtual": "publish",
-    "spots controller --port virtual --dry-run": "x",
-    "spots twin --port virtual": "terminal",
-    "python": " ",
-}
 
 
 def blocks(name):
@@ -128,97 +112,3 @@ def test_each_extra_that_is_named_exists():
         text = (ROOT / name).read_text(encoding="utf-8")
         for named in re.findall(r"(?:spots-tactile|-e \.)\[([a-z,]+)\]", text):
             assert set(named.split(",")) <= extras, name
-
-
-def _installed_by_make_demo():
-    """Return the names of the distributions, by what the Makefile asks pip for."""
-    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\n.venv/demo:")[1]
-    extras = ",".join(re.findall(r"'\.\[([a-z,]+)\]'", recipe.split("\n\n")[0]))
-    found, wanted = set(), [Requirement(f"spots-tactile[{extras}]")]
-    while wanted:
-        one = wanted.pop()
-        name = re.sub(r"[-_.]+", "-", one.name).lower()
-        key = name, tuple(sorted(one.extras))
-        if key in found:
-            continue
-        found.add(key)
-        try:
-            requires = importlib.metadata.requires(name) or []
-        except importlib.metadata.PackageNotFoundError:
-            continue  # for another machine
-        wanted += [
-            need
-            for need in map(Requirement, requires)
-            if need.marker is None
-            or any(need.marker.evaluate({"extra": extra}) for extra in ("", *one.extras))
-        ]
-    return {name for name, _ in found}
-
-
-HIDE = """
-import sys
-class Hide:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {hidden!r}:
-            raise ModuleNotFoundError("No module named " + repr(name), name=name)
-sys.meta_path.insert(0, Hide())
-"""
-
-
-@pytest.fixture(scope="module")
-def newcomer(tmp_path_factory):
-    """A folder to work in, and an environment with the packages of `make demo` alone."""
-    folder = tmp_path_factory.mktemp("newcomer")
-    installed = _installed_by_make_demo()
-    hidden = {
-        module
-        for module, distributions in importlib.metadata.packages_distributions().items()
-        if not installed & {re.sub(r"[-_.]+", "-", one).lower() for one in distributions}
-    } - {"pip", "setuptools", "__pycache__"}
-    assert {"scipy", "matplotlib", "pytest"} <= hidden
-    assert not {"spots", "serial", "aiohttp"} & hidden
-    (folder / "sitecustomize.py").write_text(HIDE.format(hidden=hidden), encoding="utf-8")
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    return folder, os.environ | {"PYTHONPATH": str(folder), "PATH": path, "BROWSER": "true"}
-
-
-def run(words, said, newcomer):
-    """Run to the end, or until it says so and Ctrl-C; return its output."""
-    folder, environment = newcomer
-    process = subprocess.Popen(
-        words,
-        cwd=folder,
-        env=environment | {"PYTHONUNBUFFERED": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    timer = threading.Timer(TIMEOUT_S, process.kill)
-    timer.start()
-    lines, awaited = [], said
-    for line in process.stdout:
-        lines.append(line)
-        if awaited and awaited in line:
-            process.send_signal(signal.SIGINT)
-            awaited = ""
-    timer.cancel()
-    output = "".join(lines)
-    assert not awaited, output
-    assert process.wait() in ((0, 130, -signal.SIGINT) if said else (0,)), output
-    return output
-
-
-# In the order in which they stand there: some work on what earlier ones left.
-@pytest.mark.parametrize("line", [one for one in shell_lines("README.md") if "spots " in one])
-def test_a_line_of_the_readme_runs_after_make_demo(line, newcomer):
-    words = shlex.split(line)
-    if words[1] == "serve":
-        words += ["--http-port", "0"]  # other programs may have the usual one
-    output = run(words, ENDLESS.get(line, ""), newcomer)
-    assert "Traceback" not in output
-
-
-@pytest.mark.parametrize("text", [text for kind, text in blocks("README.md") if kind == "python"])
-def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
-    run([sys.executable, "-c", text], ENDLESS["python"], newcomer)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 
 import pytest
 
@@ -12,16 +10,7 @@ import bench
 
 
 @pytest.fixture(scope="session")
-def results(tmp_path_factory):
+def results(once):
     """The figures of one run, which the workers of a test run share."""
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
-    with open(folder / "bench.json", "a+") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        file.seek(0)
-        if text := file.read():
-            return json.loads(text)
-        found = bench.run()
-        json.dump(found, file)
-        return found
+    path = once("bench.json", lambda path: path.write_text(json.dumps(bench.run())))
+    return json.loads(path.read_text())

@@ -103,6 +103,14 @@ class Drifted:
         return np.array(rows).T
 
 
+@pytest.fixture(scope="module")
+def rezeroed(full, sensor, tmp_path_factory):
+    """The calibration file's content after three presses of each mark of the strip `Drifted`."""
+    made = file.load(full.with_suffix(".toml"))
+    with Drifted(sensor, made, tmp_path_factory.mktemp("rezeroed") / "a.toml") as strip:
+        return rezero(strip.bench, made, presses=3)
+
+
 # ---- marks
 
 
@@ -271,15 +279,13 @@ def stray(at, times, off_um):
 
 
 @pytest.mark.parametrize("at", [0, 1, 2])
-def test_a_press_that_disagrees_is_asked_for_again(made, sensor, tmp_path, at):
+def test_a_press_that_disagrees_is_asked_for_again(made, rezeroed, sensor, tmp_path, at):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(at, 1, 3000.0)) as strip:
         got = rezero(strip.bench, made, presses=3)
         assert strip.said.getvalue().count("press this mark again") == 1
         assert strip.bench.presser.count == 10
-    with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        right = rezero(strip.bench, made, presses=3)
     assert np.array(got.rezeros[0].shifts) == pytest.approx(
-        np.array(right.rezeros[0].shifts), abs=0.003
+        np.array(rezeroed.rezeros[0].shifts), abs=0.003
     )
 
 
@@ -421,12 +427,11 @@ def test_an_interrupted_re_zero_changes_nothing(made, sensor, tmp_path):
 
 @pytest.mark.parametrize("after", [0, 1, 100, "cal end", "save"])
 def test_an_interrupt_while_the_board_is_written_leaves_file_and_board(
-    made, sensor, tmp_path, monkeypatch, after
+    made, rezeroed, sensor, tmp_path, monkeypatch, after
 ):
     path = tmp_path / "a.toml"
     file.save(made, path)
     with Drifted(sensor, made, path) as strip:
-        new = rezero(strip.bench, made)
         command, sent = strip.board.command, []
 
         def cut(line, *words, **options):
@@ -439,7 +444,7 @@ def test_an_interrupt_while_the_board_is_written_leaves_file_and_board(
 
         monkeypatch.setattr(strip.board, "command", cut)
         with pytest.raises(KeyboardInterrupt):
-            use(strip.bench, made, new)
+            use(strip.bench, made, rezeroed)
         monkeypatch.undo()
         assert strip.uses == checksum(list(made.lines))
         strip.board.command("reboot")
@@ -451,28 +456,26 @@ def test_an_interrupt_while_the_board_is_written_leaves_file_and_board(
 
 @pytest.mark.parametrize("lines", [0, 1, 50, -1, None])
 def test_a_power_cut_in_the_upload_leaves_the_old_calibration_or_the_new_one(
-    made, sensor, tmp_path, lines
+    made, rezeroed, sensor, tmp_path, lines
 ):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
-        new = rezero(strip.bench, made)
         if lines is None:
-            upload(strip.board, new.lines)
+            upload(strip.board, rezeroed.lines)
             strip.board.command("save")
         else:
             strip.board.command("cal begin")
-            for line in new.lines[:lines]:
+            for line in rezeroed.lines[:lines]:
                 strip.board.command("cal " + line)
         strip.board.command("reboot")
         for _ in strip.board.frames(0.5):
             pass
-        assert strip.uses == checksum(list((new if lines is None else made).lines))
+        assert strip.uses == checksum(list((rezeroed if lines is None else made).lines))
 
 
-def test_a_file_that_cannot_be_written_leaves_the_board(made, sensor, tmp_path):
+def test_a_file_that_cannot_be_written_leaves_the_board(made, rezeroed, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "nowhere" / "a.toml") as strip:
-        new = rezero(strip.bench, made)
         with pytest.raises(SpotsError, match="there is no folder"):
-            use(strip.bench, made, new)
+            use(strip.bench, made, rezeroed)
         assert strip.uses == checksum(list(made.lines))
 
 
@@ -564,7 +567,7 @@ def test_characterize_shows_the_damage_and_the_cure(sensor, change):
         run = Run()
         with Rig(sensor, 0, 10_000, 1) as rig:
             age(rig, change, hand, 0)
-            _position(rig, np.random.default_rng(1), run)
+            _position(rig, np.random.default_rng(1), run, PLACES if hand.marks else PLACES[::3])
         found[hand.marks] = run.summary["position"]
     assert found[0]["accuracy_um"] > 500
     assert found[0]["rms_ratio"] > 5

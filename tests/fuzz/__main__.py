@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent / room) for room in (".", "host", "recording")]
+sys.path[:0] = [str(HERE.parent / room) for room in (".", "link", "recording")]
 
 import kept  # noqa: E402
 from targets import TARGETS  # noqa: E402

@@ -6,7 +6,7 @@ from pathlib import Path
 import atheris
 
 TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(TESTS / room) for room in (".", "host", "recording")]
+sys.path[:0] = [str(TESTS / room) for room in (".", "link", "recording")]
 target = sys.argv.pop(1)
 with atheris.instrument_imports(include=["spots", "spots_device", "tomllib"]):
     import targets

@@ -5,11 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import sys
-from importlib.metadata import entry_points
 
 from spots_device import __version__
 
 from ..errors import SpotsError
+from ..plugins import entry_points
 from . import applications, boards, look, recordings, remote
 from .glyphs import never_fail
 from .parser import CommandList, Parser

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
-from importlib.metadata import entry_points
 
 from ..link.ports import known
+from ..plugins import entry_points
 
 PORTS = f"serial port, {known()}"
 # Entry points of other packages: functions that add options to a parser.

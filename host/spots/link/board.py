@@ -6,7 +6,6 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, overload
 
@@ -16,6 +15,7 @@ from spots_device import PROTOCOL
 from spots_device.command import LINE_MAX, NAME_MAX
 
 from ..errors import ClosedError, CommandError, PortLostError, RefusedError, SpotsError
+from ..plugins import entry_points
 from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
 from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
 from .readers import FrameIterator, FrameLog, Handle, Subscription

@@ -26,11 +26,11 @@ and may have
 from __future__ import annotations
 
 import difflib
-from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Any
 
 from ..errors import missing
+from ..plugins import entry_points
 
 GROUP = "spots.ports"
 _SIMULATED = "virtual"

@@ -14,10 +14,10 @@ class Hide:
         if name.partition(".")[0] == "spots_sim":
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Hide())
-every = metadata.entry_points
-def entry_points(**chosen):
-    return [one for one in every(**chosen) if not one.value.startswith("spots_sim")]
-metadata.entry_points = entry_points
+every = metadata.entry_points()
+found = [one for group in every.groups for one in every.select(group=group)]
+product = [one for one in found if not one.value.startswith("spots_sim")]
+metadata.entry_points = lambda: metadata.EntryPoints(product)
 """
 COMMANDS = "ports boards build flash erase doctor dark command monitor serve keys keyboard "
 COMMANDS += "wearable controller twin calibrate record replay info export publish subscribe"

@@ -1,0 +1,15 @@
+"""Entry points of the installed packages."""
+
+from functools import cache
+from importlib import metadata
+
+
+@cache
+def _installed():
+    # Reads files of every installed package, which takes about 10 ms.
+    return metadata.entry_points()
+
+
+def entry_points(**wanted: str) -> metadata.EntryPoints:
+    """Return the entry points with this ``group``, and this ``name`` if one is given."""
+    return _installed().select(**wanted)

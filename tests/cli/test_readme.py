@@ -1,0 +1,144 @@
+"""What the README shows runs, from the wheel, with the packages of `make demo` alone."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from test_documents import ROOT, blocks, shell_lines
+
+TIMEOUT_S = 120
+# What does not end by itself, and what it prints once it runs.
+ENDLESS = {
+    "spots demo --page": "http://",
+    "spots serve --port virtual": "http://",
+    "spots monitor --port virtual": " mm",
+    "spots publish --port virtual": "publish",
+    "spots controller --port virtual --dry-run": "x",
+    "spots twin --port virtual": "terminal",
+    "python": " ",
+}
+LINES = [one for one in shell_lines("README.md") if one.startswith("spots ")]
+RECORDING = "run.spots"
+# Other programs may have the usual port; 100 ms of exposure take three times as long as 10 ms.
+MORE = {"serve": ["--http-port", "0"], "characterize": ["--exposure-us", "10000"]}
+# What the others print, by command.
+PRINTED = {
+    "flash": "copy main.py",
+    "command": '"exposure_us": 10000',
+    "record": RECORDING,
+    "info": "virtual",
+    "export": "run.mcap",
+    "calibrate": " mm",
+    "characterize": "accuracy",
+    "design": "mm",
+}
+
+
+def _installed_by_make_demo():
+    """Return the names of the distributions, by what the Makefile asks pip for."""
+    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\n.venv/demo:")[1]
+    extras = ",".join(re.findall(r"'\.\[([a-z,]+)\]'", recipe.split("\n\n")[0]))
+    found, wanted = set(), [Requirement(f"spots-tactile[{extras}]")]
+    while wanted:
+        one = wanted.pop()
+        name = re.sub(r"[-_.]+", "-", one.name).lower()
+        key = name, tuple(sorted(one.extras))
+        if key in found:
+            continue
+        found.add(key)
+        try:
+            requires = importlib.metadata.requires(name) or []
+        except importlib.metadata.PackageNotFoundError:
+            continue  # for another machine
+        wanted += [
+            need
+            for need in map(Requirement, requires)
+            if need.marker is None
+            or any(need.marker.evaluate({"extra": extra}) for extra in ("", *one.extras))
+        ]
+    return {name for name, _ in found}
+
+
+HIDE = """
+import sys
+class Hide:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {hidden!r}:
+            raise ModuleNotFoundError("No module named " + repr(name), name=name)
+sys.meta_path.insert(0, Hide())
+"""
+
+
+@pytest.fixture(scope="module")
+def newcomer(tmp_path_factory, installed):
+    """A folder to work in, and an environment with the wheel and the packages of `make demo`."""
+    folder = tmp_path_factory.mktemp("newcomer")
+    packages = _installed_by_make_demo()
+    hidden = {
+        module
+        for module, distributions in importlib.metadata.packages_distributions().items()
+        if not packages & {re.sub(r"[-_.]+", "-", one).lower() for one in distributions}
+    } - {"pip", "setuptools", "__pycache__"}
+    assert {"scipy", "matplotlib", "pytest"} <= hidden
+    assert not {"spots", "serial", "aiohttp"} & hidden
+    (folder / "sitecustomize.py").write_text(HIDE.format(hidden=hidden), encoding="utf-8")
+    environment = os.environ | {"BROWSER": "true"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(folder), str(installed)])
+    environment["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    command = [sys.executable, "-c", "import spots; print(spots.__file__)"]
+    assert run(command, "", (folder, environment)).startswith(str(installed))
+    return folder, environment
+
+
+def run(words, said, newcomer):
+    """Run to the end, or until it says so and Ctrl-C; return its output."""
+    folder, environment = newcomer
+    process = subprocess.Popen(
+        words,
+        cwd=folder,
+        env=environment | {"PYTHONUNBUFFERED": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    timer = threading.Timer(TIMEOUT_S, process.kill)
+    timer.start()
+    lines, awaited = [], said
+    for line in process.stdout:
+        lines.append(line)
+        if awaited and awaited in line:
+            process.send_signal(signal.SIGINT)
+            awaited = ""
+    timer.cancel()
+    output = "".join(lines)
+    assert not awaited, output
+    assert process.wait() in ((0, 130, -signal.SIGINT) if said else (0,)), output
+    return output
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_line_of_the_readme_runs_after_make_demo(line, newcomer):
+    words = shlex.split(line)
+    if RECORDING in words and words[1] != "record" and not (newcomer[0] / RECORDING).exists():
+        (record,) = (one for one in LINES if one.startswith("spots record"))  # in another process
+        run(shlex.split(record), "", newcomer)
+    words += MORE.get(words[1], [])
+    output = run(words, ENDLESS.get(line, ""), newcomer)
+    assert "Traceback" not in output
+    assert PRINTED.get(words[1], "") in output
+
+
+@pytest.mark.parametrize("text", [text for kind, text in blocks("README.md") if kind == "python"])
+def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
+    run([sys.executable, "-c", text], ENDLESS["python"], newcomer)
