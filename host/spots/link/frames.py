@@ -450,3 +450,10 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TEXT: _text,
     NOTE: _note,
 }
+# Kinds whose body has one size: their type, and the format of the body for `struct`.
+LAYOUTS: dict[int, tuple[type[Reading], str]] = {
+    frame.TOUCH: (Touch, frame.TOUCH_BODY),
+    frame.SPECTRUM: (Spectrum, frame.SPECTRUM_BODY),
+    frame.KEY: (Key, frame.KEY_BODY),
+    frame.CONTACT: (Contact, frame.CONTACT_BODY),
+}
