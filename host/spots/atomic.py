@@ -71,10 +71,7 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
             part.chmod(mode)
         (_place_new if new else os.replace)(part, path)
     except OSError as error:
-        if not path.parent.is_dir():
-            raise SpotsError(f"there is no folder {path.parent}: make it first") from None
-        reason = error.strerror or error
-        raise SpotsError(f"cannot write {path}: {reason}; name another file or folder") from None
+        raise not_written(path, error) from None
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
@@ -119,6 +116,14 @@ def folder(parent: Path) -> Iterator[Path]:
         _SUFFIX, _PREFIX, parent, ignore_cleanup_errors=True
     ) as staging:
         yield Path(staging)
+
+
+def not_written(path: Path, error: OSError) -> SpotsError:
+    """Return the error for the file `path`, which cannot be written because of `error`."""
+    if not path.parent.is_dir():
+        return SpotsError(f"there is no folder {path.parent}: make it first")
+    reason = error.strerror or error
+    return SpotsError(f"cannot write {path}: {reason}; name another file or folder")
 
 
 def exists(path: Path) -> SpotsError:

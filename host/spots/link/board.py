@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, overload
+from typing import Any, Literal, TypeVar, cast, overload
 
 import msgspec
 
@@ -23,9 +23,6 @@ from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
 from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
 from .turn import Turn
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
 
 # Timeouts of replies. These commands reply when their work is done, others at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}

@@ -328,19 +328,10 @@ class Decoder:
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take any number of bytes, and return the frames that are complete now."""
-        self.stats.bytes += len(data)
-        *pieces, rest = (self._rest + data).split(b"\0")
         frames: list[Frame] = []
-        for piece in pieces:
-            if self._overlong:
-                self._overlong = False
-            elif piece:
+        for piece in self._completed(data).split(b"\0"):
+            if piece:
                 self._take(piece, frames)
-        if self._overlong or len(rest) > ENCODED_MAX:
-            if not self._overlong:
-                self.stats.bad_crc += 1
-            self._overlong, rest = True, b""
-        self._rest = rest
         return frames
 
     def restarted(self, restarts: int) -> None:
@@ -353,6 +344,21 @@ class Decoder:
         if restarts > self.restarts:
             self.restarts = restarts
             self.stats.lost = min(self.stats.lost, self._lost_at_reading)
+
+    def _completed(self, data: bytes) -> bytes:
+        """Return the bytes up to the last delimiter; store the others for the next call."""
+        self.stats.bytes += len(data)
+        data = self._rest + data
+        end = data.rfind(b"\0") + 1
+        begin = 0
+        if self._overlong and end:
+            begin = data.index(b"\0") + 1
+            self._overlong = False
+        self._rest = data[end:]
+        if self._overlong or len(self._rest) > ENCODED_MAX:
+            self.stats.bad_crc += not self._overlong
+            self._overlong, self._rest = True, b""
+        return data[begin:end]
 
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
         # A piece that is longer than any frame is invalid.

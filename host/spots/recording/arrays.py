@@ -13,7 +13,7 @@ import numpy as np
 from spots_device import frame
 from spots_device.kernel import CRC_SIZE
 
-from ..link.frames import ENCODED_MAX, LAYOUTS, NOTE, Decoder, Frame, LinkStats, Note, Reading, Text
+from ..link.frames import LAYOUTS, NOTE, Decoder, Frame, LinkStats, Note, Reading, Text
 from .columns import payloads
 from .header import Header
 from .recording import Recording
@@ -109,7 +109,7 @@ class _BlockDecoder(Decoder):
 
     def feed_block(self, data: bytes) -> Iterator[_Run | Frame]:
         """Yield the runs in a block of bytes, and between runs each frame without a table."""
-        stream = self._completed(data)
+        stream = np.frombuffer(self._completed(data), np.uint8)
         ends = np.flatnonzero(stream == 0)
         starts = np.concatenate(([0], ends[:-1] + 1))[: len(ends)]
         starts, ends = starts[ends > starts], ends[ends > starts]
@@ -136,21 +136,6 @@ class _BlockDecoder(Decoder):
             if at < len(plain):
                 self._take(stream[starts[at] : ends[at]].tobytes(), found)
             yield from found
-
-    def _completed(self, data: bytes) -> np.ndarray:
-        """Return the bytes up to the last delimiter; store the others for the next block."""
-        self.stats.bytes += len(data)
-        data = self._rest + data
-        end = data.rfind(b"\0") + 1
-        begin = 0
-        if self._overlong and end:
-            begin = data.index(b"\0") + 1
-            self._overlong = False
-        self._rest = data[end:]
-        if self._overlong or len(self._rest) > ENCODED_MAX:
-            self.stats.bad_crc += not self._overlong
-            self._overlong, self._rest = True, b""
-        return np.frombuffer(data, np.uint8)[begin:end]
 
     def _run(
         self,
