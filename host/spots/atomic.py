@@ -119,7 +119,15 @@ def folder(parent: Path) -> Iterator[Path]:
 
 
 def not_written(path: Path, error: OSError) -> SpotsError:
-    """Return the error for the file `path`, which cannot be written because of `error`."""
+    """Return the error for a file that cannot be written.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the file.
+    error : OSError
+        The reason.
+    """
     if not path.parent.is_dir():
         return SpotsError(f"there is no folder {path.parent}: make it first")
     reason = error.strerror or error

@@ -17,7 +17,6 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, ticks
 from ..link.connect import open_named
 from ..link.frames import Touch
-from ..link.untrusted import Untrusted
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
 from ..signals import released_by_signals
@@ -113,10 +112,8 @@ def play(
                 watcher.sent(state, board.now_s())
             gamepad.update(*state)
 
-    untrusted = Untrusted()
     for touches in ticks(board, seconds, _TICK_S, controller.release):
         for touch in touches:
-            untrusted.warn(touch, board.now_s())
             send(controller.take(touch, board.now_s()))
             for watcher in watchers:
                 watcher.read(touch, controller.state)

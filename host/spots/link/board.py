@@ -16,7 +16,7 @@ from spots_device import PROTOCOL
 from spots_device.command import LINE_MAX, NAME_MAX
 
 from ..errors import ClosedError, CommandError, PortLostError, RefusedError, SpotsError
-from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
+from .clocksync import TRIPS, ClockSync, spread_s
 from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
 from .readers import FrameIterator, FrameLog, Handle, Subscription
 from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
@@ -613,7 +613,7 @@ class Board:
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
-            self._idle(i * GOLDEN % 1 * SPREAD_S)
+            self._idle(spread_s(i))
             self._sync()
         self._clocks.keep(self.now_s())
 

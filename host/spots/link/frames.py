@@ -1,10 +1,11 @@
-"""Decodes the bytes of a board into frames; see docs/protocol.md.
+"""Decodes the bytes of a board into frames; see docs/protocol.md. Encodes notes.
 
 The decoder has no I/O and no threads. Live links, recordings and the simulator use the same one.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import struct
 import zlib
@@ -407,6 +408,27 @@ def checked(piece: bytes) -> bytes | None:
         return None
     body, crc = payload[:-CRC_SIZE], payload[-CRC_SIZE:]
     return body if _CRC.pack(zlib.crc32(body)) == crc else None
+
+
+def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
+    """Encode a note.
+
+    Parameters
+    ----------
+    since_us : int
+        Host time since the recording began, in us, 0 to 2**48 - 1.
+    content : dict, optional
+        Content of the note, up to `spots_device.frame.TEXT_MAX` bytes as JSON.
+
+    Returns
+    -------
+    bytes
+    """
+    low, high, sequence = (since_us >> shift & 0xFFFF for shift in (0, 16, 32))
+    payload = _HEADER.pack(NOTE, sequence, low, high)
+    if content is not None:
+        payload += json.dumps(content, separators=(",", ":")).encode()
+    return cobs.encode(payload + _CRC.pack(zlib.crc32(payload))) + b"\0"  # pyright: ignore[reportUnknownMemberType]
 
 
 def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:

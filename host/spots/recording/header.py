@@ -12,9 +12,8 @@ import msgspec
 from spots_device import PROTOCOL
 
 from ..errors import SpotsError
-from ..link.frames import Decoder, Note
+from ..link.frames import Decoder, Note, note
 from ..link.replies import validated
-from .note import note
 
 VERSION = 1
 _PIECE = 200  # characters of the header in a note; escapes may double its length
