@@ -5,8 +5,6 @@ The random name is created exclusively, so no link is followed. A killed process
 behind; a write in the same folder at least an hour later removes it.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re

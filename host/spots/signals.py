@@ -7,8 +7,6 @@ After a signal, outputs press nothing until the loop that feeds them has called 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """
 
-from __future__ import annotations
-
 import _thread
 import contextlib
 import signal

@@ -1,7 +1,5 @@
 """Reads TOML files and validates their keys, and writes TOML; size and depth are limited."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """``spots controller``: use a strip as a gamepad of this computer."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from contextlib import nullcontext

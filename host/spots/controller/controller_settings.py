@@ -3,8 +3,6 @@
 The default file ``data/controller.toml`` explains each key.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Union
 

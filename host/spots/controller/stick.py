@@ -1,7 +1,5 @@
 """Picture of a controller in the terminal: stick, force and buttons."""
 
-from __future__ import annotations
-
 from rich.console import Group
 from rich.panel import Panel
 from rich.text import Text

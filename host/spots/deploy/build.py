@@ -1,7 +1,5 @@
 """Builds the files of a board; for MicroPython, the modules are compiled."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

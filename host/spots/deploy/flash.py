@@ -1,7 +1,5 @@
 """Copies the firmware to a board. A partial copy never starts."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 import tempfile

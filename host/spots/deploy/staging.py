@@ -1,7 +1,5 @@
 """Collects the files of a board in a folder with the structure of the board's file system."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 from importlib import resources

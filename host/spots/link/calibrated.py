@@ -1,7 +1,5 @@
 """Functions for applications of a calibrated board: strip length, rate, baseline, readings."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Schedules questions for a board's time, and feeds the answers to the clock map."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 

@@ -3,8 +3,6 @@
 The decoder has no I/O and no threads. Live links, recordings and the simulator use the same one.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

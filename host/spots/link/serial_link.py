@@ -1,7 +1,5 @@
 """A link to a board: reads and writes bytes, and has a clock; here, a serial port."""
 
-from __future__ import annotations
-
 import errno
 import sys
 import time

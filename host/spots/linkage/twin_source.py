@@ -1,7 +1,5 @@
 """Sources of a twin's readings: boards, recordings of boards, or a simulated linkage."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Reads recordings as NumPy arrays, a block at a time."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A file that only grows, and reaches the medium within a second."""
 
-from __future__ import annotations
-
 import os
 import threading
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The header of a recording: its board and its clocks; see docs/recording.md."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

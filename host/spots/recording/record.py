@@ -1,7 +1,5 @@
 """``spots record``: records a board, and shows the progress."""
 
-from __future__ import annotations
-
 import sys
 
 from rich.console import Console

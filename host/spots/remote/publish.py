@@ -1,7 +1,5 @@
 """``spots publish``: publishes the frames of a board on a network."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import secrets

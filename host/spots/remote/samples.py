@@ -1,7 +1,5 @@
 """A frame as an object that any language can read; the names are those of the exports."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

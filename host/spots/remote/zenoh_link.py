@@ -1,7 +1,5 @@
 """A link to a published board: receives its frames, and queries its publisher."""
 
-from __future__ import annotations
-
 import zenoh
 
 from ..errors import PortLostError, SpotsError

@@ -1,7 +1,5 @@
 """Draws a strip, its spectrum and the link in the terminal."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """``spots wearable``: gestures on a worn strip press keys of this computer."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from contextlib import nullcontext

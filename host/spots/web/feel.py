@@ -1,7 +1,5 @@
 """Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
 
-from __future__ import annotations
-
 import contextlib
 
 from spots_device.layout import action
