@@ -125,6 +125,10 @@ def not_written(path: Path, error: OSError) -> SpotsError:
         Name of the file.
     error : OSError
         The reason.
+
+    Returns
+    -------
+    SpotsError
     """
     if not path.parent.is_dir():
         return SpotsError(f"there is no folder {path.parent}: make it first")
