@@ -5,8 +5,6 @@ The random name is created exclusively, so no link is followed. A killed process
 behind; a write in the same folder at least an hour later removes it.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re
@@ -71,10 +69,7 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
             part.chmod(mode)
         (_place_new if new else os.replace)(part, path)
     except OSError as error:
-        if not path.parent.is_dir():
-            raise SpotsError(f"there is no folder {path.parent}: make it first") from None
-        reason = error.strerror or error
-        raise SpotsError(f"cannot write {path}: {reason}; name another file or folder") from None
+        raise not_written(path, error) from None
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
@@ -119,6 +114,26 @@ def folder(parent: Path) -> Iterator[Path]:
         _SUFFIX, _PREFIX, parent, ignore_cleanup_errors=True
     ) as staging:
         yield Path(staging)
+
+
+def not_written(path: Path, error: OSError) -> SpotsError:
+    """Return the error for a file that cannot be written.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the file.
+    error : OSError
+        The reason.
+
+    Returns
+    -------
+    SpotsError
+    """
+    if not path.parent.is_dir():
+        return SpotsError(f"there is no folder {path.parent}: make it first")
+    reason = error.strerror or error
+    return SpotsError(f"cannot write {path}: {reason}; name another file or folder")
 
 
 def exists(path: Path) -> SpotsError:

@@ -1,7 +1,5 @@
 """Exceptions in threads and callbacks: reported in one line, and the thread continues."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import time

@@ -7,8 +7,6 @@ After a signal, outputs press nothing until the loop that feeds them has called 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """
 
-from __future__ import annotations
-
 import _thread
 import contextlib
 import signal
@@ -19,18 +17,20 @@ from collections.abc import Iterator
 
 from .errors import SpotsError
 
-# Names of signals; each system has some of them.
-_ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
-_STOPPING = ("SIGTSTP", "SIGTTIN", "SIGTTOU")
-# SIGSTOP cannot be handled: outputs release their keys when the process continues.
-_CONTINUING = ("SIGCONT",)
 # Console events of Windows: the process ends when their handler returns, or after 5 s.
 _CONSOLE_EVENTS = (2, 5, 6)  # close, logoff, shutdown
 _CONSOLE_S = 4.5
 
 
-def _numbers(names: tuple[str, ...]) -> list[int]:
+def _numbers(*names: str) -> list[int]:
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+# Each system has some of these signals.
+_ENDING = _numbers("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
+_STOPPING = _numbers("SIGTSTP", "SIGTTIN", "SIGTTOU")
+# SIGSTOP cannot be handled: outputs release their keys when the process continues.
+_CONTINUING = _numbers("SIGCONT")
 
 
 class _Section:
@@ -93,21 +93,19 @@ class _Section:
                 raise SystemExit(128 + self.ended_by)
 
     def _take_effect(self, number: int) -> None:
-        stopping = _numbers(_STOPPING)
-        ending = _numbers(_ENDING)
         # An output that prints may raise SIGTTOU again and again.
-        ignored = self._ignore(stopping)
+        ignored = self._ignore(_STOPPING)
         for output in list(self.outputs):
             with contextlib.suppress(SpotsError, OSError):  # its device or terminal has disappeared
                 output.mute()
         for one in ignored:
             signal.signal(one, self.handle)
-        if number in ending:
+        if number in _ENDING:
             self.ended_by = number
-            self._ignore(ending)  # a second signal must not disturb the end
+            self._ignore(_ENDING)  # a second signal must not disturb the end
             return
         self._stopped = True
-        if number in stopping:
+        if number in _STOPPING:
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)  # returns when the process continues
             signal.signal(number, self.handle)
@@ -133,8 +131,8 @@ def released_by_signals() -> Iterator[None]:
     stops the process stops it at once. Ignored signals stay ignored (nohup). For the main thread
     only, because Python delivers signals there.
     """
-    numbers = _numbers(_ENDING + _STOPPING + _CONTINUING)
     # A handler set by C code (None) could not be restored.
+    numbers = _ENDING + _STOPPING + _CONTINUING
     numbers = [one for one in numbers if signal.getsignal(one) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, SECTION.handle) for number in numbers}
     ended_by = None

@@ -1,7 +1,6 @@
-"""Reads TOML files and validates their keys; size and depth of a file are limited."""
+"""Reads TOML files and validates their keys, and writes TOML; size and depth are limited."""
 
-from __future__ import annotations
-
+import json
 import math
 import re
 import sys
@@ -94,6 +93,34 @@ def loads(text: str) -> dict:
     except ValueError as error:  # a TOMLDecodeError, or a number with too many digits
         raise msgspec.ValidationError(str(error)) from None
     return content
+
+
+def dumps(content: dict, prefix: str = "") -> str:
+    """Return a dict as TOML, without the keys whose value is None.
+
+    Parameters
+    ----------
+    content : dict
+        Numbers, strings, lists of them, dicts, and lists of dicts. The keys are bare keys.
+    prefix : str
+        Name of the table that has this content, with a dot at its end; empty for a file.
+
+    Returns
+    -------
+    str
+        Lines of TOML, without an end of the last line.
+    """
+    lines, tables = [], []
+    for key, value in content.items():
+        if isinstance(value, dict):
+            tables += ["", f"[{prefix}{key}]", dumps(value, f"{prefix}{key}.")]
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            for one in value:
+                tables += ["", f"[[{prefix}{key}]]", dumps(one, f"{prefix}{key}.")]
+        elif value is not None:
+            # JSON's numbers, strings and lists are also TOML, but not its pairs of surrogates.
+            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
+    return "\n".join(lines + tables)
 
 
 def checked(text: str, kind: type[_Kind], what: str) -> _Kind:

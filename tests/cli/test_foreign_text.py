@@ -30,10 +30,9 @@ from spots.controller import controller_setup, stick
 from spots.deploy import flash
 from spots.keyboard import layout
 from spots.link import serial_link as link
-from spots.link.frames import LinkStats
+from spots.link.frames import LinkStats, note
 from spots.linkage import twin_view
 from spots.outputs.devices import REST
-from spots.recording.note import note
 from spots.terminal.view import StripView
 
 # Markup, a title (OSC), a question that a terminal answers (DSR), C1, line ends, bidi, DEL. Short:

@@ -318,7 +318,7 @@ def test_a_linkage_file_that_is_wrong_says_where(text, words, machine, tmp_path,
 def test_a_linkage_file_is_written_as_it_is_read(tmp_path):
     joints = [
         Mounting(calibration='odd "name".toml', offset_deg=-107.9, gain=-1.01),
-        Mounting(calibration="b/c.toml", offset_deg=3.0),
+        Mounting(calibration="b/\N{GRINNING FACE}.toml", offset_deg=3.0),
     ]
     arm = Mounted(bar_mm=(101.0, 99.25, 100.0, 99.0), base_mm=80.7, assembly="near", joint=joints)
     mounted.save(arm, tmp_path / "arm.toml", "two\nlines")

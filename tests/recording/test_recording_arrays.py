@@ -16,10 +16,9 @@ import spots
 from fault_streams import frames as made
 from reels import clock, record
 from spots.link.clockmap import ClockMap
-from spots.link.frames import ENCODED_MAX, checked
+from spots.link.frames import ENCODED_MAX, checked, note
 from spots.recording import arrays
 from spots.recording.columns import SIZE_MAX, payloads
-from spots.recording.note import note
 from spots_device import frame
 from test_decoder_proof import damaged
 from test_frames import encoded, stream, touch

@@ -13,9 +13,8 @@ import spots
 from reels import record, recorder, replayed
 from spots import cli
 from spots.calibrate import calibration_file as file
-from spots.link.frames import Spectrum, Touch
+from spots.link.frames import Spectrum, Touch, note
 from spots.recording.header import Clock, Header, encoded
-from spots.recording.note import note
 from spots.terminal.view import plain
 from spots_device.calibration import Conditions
 from test_frames import stream

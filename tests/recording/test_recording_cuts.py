@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 import kills
 import spots
 from reels import record, recorder, replayed
-from spots.link.frames import Decoder
-from spots.recording.note import note
+from spots.link.frames import Decoder, note
 from spots.recording.recording import Recording
 from test_frames import encoded, touch
 

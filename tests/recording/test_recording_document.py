@@ -6,10 +6,9 @@ from pathlib import Path
 import msgspec
 from bench import recording as bench
 
-from spots.link.frames import Decoder, Note
+from spots.link.frames import Decoder, Note, note
 from spots.recording.arrays import _TABLES
 from spots.recording.header import Header
-from spots.recording.note import note
 
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "recording.md").read_text(encoding="utf-8")
 

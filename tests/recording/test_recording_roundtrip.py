@@ -14,10 +14,9 @@ from spots.controller import controller as play
 from spots.controller.controller_settings import load as load_settings
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load as load_layout
-from spots.link.frames import Contact, Decoder, Key, Spectrum, Text, Touch
+from spots.link.frames import Contact, Decoder, Key, Spectrum, Text, Touch, note
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.recording import replay
-from spots.recording.note import note
 from spots.recording.recorder import ARRIVAL_STEP_S
 from spots.wearable import wearable
 from test_frames import encoded, stream, touch

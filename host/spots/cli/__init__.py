@@ -1,7 +1,5 @@
 """The command line; ``spots --help`` lists the commands."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

@@ -1,7 +1,5 @@
 """Commands for the applications of a strip."""
 
-from __future__ import annotations
-
 import argparse
 
 from ..errors import printable

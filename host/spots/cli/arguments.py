@@ -1,7 +1,5 @@
 """Options that several commands share, and the types of option values."""
 
-from __future__ import annotations
-
 import argparse
 import math
 

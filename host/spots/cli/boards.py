@@ -1,7 +1,5 @@
 """Commands that make a board ready: find, flash, check and calibrate it."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

@@ -1,7 +1,5 @@
 """ASCII characters for the glyphs of pictures, for terminals without Unicode."""
 
-from __future__ import annotations
-
 import codecs
 from io import TextIOWrapper
 from typing import TextIO

@@ -1,7 +1,5 @@
 """Commands that show a board."""
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import json

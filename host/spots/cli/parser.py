@@ -1,7 +1,5 @@
 """Parsers of the command line. Help lists commands by purpose; errors suggest similar names."""
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import shutil

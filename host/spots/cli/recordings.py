@@ -1,9 +1,8 @@
 """Commands for recordings."""
 
-from __future__ import annotations
-
 import argparse
 import json
+from pathlib import Path
 
 from ..errors import printable
 from . import arguments
@@ -69,11 +68,12 @@ COMMANDS = record, replay, info, export
 
 
 def _record(options: argparse.Namespace) -> None:
-    from ..recording.record import read_calibration, record
+    from ..calibrate.calibration_file import load
+    from ..recording.record import record
 
     rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
     # Before a board is opened, so that a bad file is reported at once.
-    calibration = None if options.calibration is None else read_calibration(options.calibration)
+    calibration = options.calibration and list(load(Path(options.calibration)).lines)
     with arguments.open_board(options) as board:
         record(board, options.file, options.seconds, rotate_bytes, calibration)
 

@@ -1,7 +1,5 @@
 """Commands for boards on other machines."""
 
-from __future__ import annotations
-
 from . import arguments
 from .parser import Parser, calls
 

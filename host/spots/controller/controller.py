@@ -1,7 +1,5 @@
 """``spots controller``: use a strip as a gamepad of this computer."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -17,7 +15,6 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, ticks
 from ..link.connect import open_named
 from ..link.frames import Touch
-from ..link.untrusted import Untrusted
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
 from ..signals import released_by_signals
@@ -113,10 +110,8 @@ def play(
                 watcher.sent(state, board.now_s())
             gamepad.update(*state)
 
-    untrusted = Untrusted()
     for touches in ticks(board, seconds, _TICK_S, controller.release):
         for touch in touches:
-            untrusted.warn(touch, board.now_s())
             send(controller.take(touch, board.now_s()))
             for watcher in watchers:
                 watcher.read(touch, controller.state)

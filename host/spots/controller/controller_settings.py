@@ -3,9 +3,6 @@
 The default file ``data/controller.toml`` explains each key.
 """
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 from typing import Annotated, Union
 
@@ -190,20 +187,4 @@ def save(settings: ControllerSettings, path: str | Path) -> None:
     SpotsError
         If the file cannot be written; an existing file is then unchanged.
     """
-    content = msgspec.to_builtins(settings)
-    buttons = content.pop("button")
-    lines = _table("", content)
-    for one in buttons:
-        lines += ["", "[[button]]", *_table("", one)]
-    atomic.write_text("\n".join(lines) + "\n", path)
-
-
-def _table(name: str, content: dict) -> list[str]:
-    lines = ["", f"[{name}]"] if name else []
-    tables = {key: value for key, value in content.items() if isinstance(value, dict)}
-    for key, value in content.items():
-        if key not in tables and value is not None:
-            lines.append(f"{key} = {json.dumps(value)}")
-    for key, value in tables.items():
-        lines += _table(f"{name}.{key}".lstrip("."), value)
-    return lines
+    atomic.write_text(toml.dumps(msgspec.to_builtins(settings)) + "\n", path)

@@ -1,7 +1,5 @@
 """``spots controller --calibrate``: measures five touches, and writes a settings file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ An axis follows the finger, and returns to rest when the finger lifts. While rea
 or missing, the last valid state is held for a set time; then everything goes to rest.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

@@ -4,8 +4,6 @@ Casiez, Roussel and Vogel, 1 Euro Filter: a simple speed-based low-pass filter f
 interactive systems, CHI 2012, algorithms 1 and 2.
 """
 
-from __future__ import annotations
-
 import math
 
 

@@ -1,7 +1,5 @@
 """Shape of an axis: from a reading's value to a deflection. Pure functions of one number."""
 
-from __future__ import annotations
-
 
 def deflection(value: float, rest: float, low: float, high: float) -> float:
     """Map a value to a deflection: -1 at `low`, 0 at `rest`, 1 at `high`, linear between.

@@ -1,15 +1,12 @@
 """Picture of a controller in the terminal: stick, force and buttons."""
 
-from __future__ import annotations
-
 from rich.console import Group
 from rich.panel import Panel
-from rich.table import Table
 from rich.text import Text
 
 from ..errors import printable
 from ..outputs.devices import AXIS_MAX, BUTTONS, REST, State
-from ..terminal.view import bar
+from ..terminal.view import bar, figures
 
 _COLUMNS = 61  # odd, so that there is a middle column
 _KNOB = 7
@@ -37,10 +34,7 @@ def picture(
     -------
     rich.panel.Panel
     """
-    numbers = Table.grid(padding=(0, 1))
-    numbers.add_column(justify="right", width=9)
-    numbers.add_column(justify="right", width=10)
-    numbers.add_column()
+    numbers = figures()
     along = "held: the reading is untrusted or missing" if held else ""
     numbers.add_row("x", f"{state.x:+d}" if state.x else "0", Text(along, style="yellow"))
     if state.y:

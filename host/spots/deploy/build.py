@@ -1,7 +1,5 @@
 """Builds the files of a board; for MicroPython, the modules are compiled."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil
@@ -26,14 +24,13 @@ class MpyHeader(NamedTuple):
 
     Attributes
     ----------
-    version, sub_version : int
-        Version of the file format. The sub-version matters for native code only.
+    version : int
+        Version of the file format.
     arch : int
         Architecture of the native code: an index of `ARCHITECTURES`; 0 for bytecode.
     """
 
     version: int
-    sub_version: int
     arch: int
 
 
@@ -49,7 +46,7 @@ def mpy_header(data: bytes) -> MpyHeader:
     """
     if len(data) < 4 or data[:1] != b"M":
         raise ValueError("these bytes are not an .mpy file")
-    return MpyHeader(data[1], data[2] & 3, data[2] >> 2 & 15)
+    return MpyHeader(data[1], data[2] >> 2 & 15)
 
 
 def build(board: str, root: Path = Path("build")) -> Path:

@@ -1,7 +1,5 @@
 """The drive of a CircuitPython board."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Removes the firmware, its settings and its calibration from a board."""
 
-from __future__ import annotations
-
 import sys
 
 from ..errors import SpotsError, printable

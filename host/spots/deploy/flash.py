@@ -1,7 +1,5 @@
 """Copies the firmware to a board. A partial copy never starts."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 import tempfile
@@ -17,7 +15,7 @@ from spots_device import __version__
 from ..errors import SpotsError, printable
 from ..link.connect import open as open_board
 from . import manifest
-from .build import ARCHITECTURES, MpyHeader, build, files_of, mpy_header
+from .build import ARCHITECTURES, build, files_of, mpy_header
 from .drive import Drive
 from .manifest import MANIFEST
 from .place import Place, place
@@ -134,9 +132,9 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
                     f"{header.version}: install the newest MicroPython on it"
                 )
         # Bytecode runs on any chip, but the pins would be those of another board.
-        wanted = {_arch(header) for header in headers if header.arch}
+        wanted = {_arch(header.arch) for header in headers if header.arch}
         wanted |= {device.march} if device.march and arch else set()
-        pairs = [(_arch(MpyHeader(version, 0, arch)), march) for march in wanted]
+        pairs = [(_arch(arch), march) for march in wanted]
     for found, needed in pairs:
         if found != needed:
             raise SpotsError(
@@ -337,6 +335,5 @@ def _on_disk(size: int, block: int) -> int:
     return -(-size // block) * block
 
 
-def _arch(header: MpyHeader) -> str:
-    known = dict(enumerate(ARCHITECTURES))
-    return known.get(header.arch) or f"architecture {header.arch}"
+def _arch(number: int) -> str:
+    return dict(enumerate(ARCHITECTURES)).get(number) or f"architecture {number}"

@@ -3,8 +3,6 @@
 Another version removes exactly these files. ``sha256sum -c`` reads the format.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 

@@ -1,7 +1,5 @@
 """Files below a folder. No symbolic link is followed in any part of a path."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib

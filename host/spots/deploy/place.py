@@ -1,7 +1,5 @@
 """Finds a board: its file system, and the port on which it answers after a restart."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

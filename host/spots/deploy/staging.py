@@ -1,7 +1,5 @@
 """Collects the files of a board in a folder with the structure of the board's file system."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 from importlib import resources
@@ -70,6 +68,15 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     device: dict
     wiring: dict = {}
 
+    def __post_init__(self):
+        if self.viper and (self.runtime != "micropython" or self.march is None):
+            raise ValueError("viper needs MicroPython and a march; add them")
+        led = self.device.get("STRIP_LED", "ldr")
+        if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
+            raise ValueError(
+                f"STRIP_LED must be one of {', '.join(LEDS)}, and gpio needs a STRIP_LED_PIN"
+            )
+
     @property
     def name(self) -> str:
         """Name of the board in commands."""
@@ -98,16 +105,6 @@ def device_of(board: str) -> Device:
     except (OSError, UnicodeDecodeError):
         raise SpotsError(f"cannot read {path}: install spots again") from None
     found = toml.checked(text, Device, str(path))
-    if found.viper and (found.runtime != "micropython" or found.march is None):
-        raise SpotsError(
-            f"boards/{board}/board.toml: viper needs MicroPython and a march; add them"
-        )
-    led = found.device.get("STRIP_LED", "ldr")
-    if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in found.device):
-        raise SpotsError(
-            f"boards/{board}/board.toml: STRIP_LED must be one of {', '.join(LEDS)}, and gpio "
-            "needs a STRIP_LED_PIN"
-        )
     return msgspec.structs.replace(found, device={"NAME": board} | found.device)
 
 

@@ -10,7 +10,6 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
-from ..link.untrusted import Untrusted
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..signals import released_by_signals
@@ -57,13 +56,12 @@ def type_on(
         refuses events.
     """
     length_um = hello_often(board, RELEASE_S)["length_um"]
-    engine, untrusted = KeyEngine(layout, length_um, keyboard), Untrusted()
+    engine = KeyEngine(layout, length_um, keyboard)
     board.patience_s = math.inf  # wait for a lost board: no key is down meanwhile
     try:
         for touches in ticks(board, seconds, _TICK_S, engine.release):
             for touch in touches:
                 engine.take(touch, board.now_s())
-                untrusted.warn(touch, board.now_s())
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, overload
+from typing import Any, Literal, TypeVar, cast, overload
 
 import msgspec
 
@@ -16,16 +16,13 @@ from spots_device.command import LINE_MAX, NAME_MAX
 
 from ..errors import ClosedError, CommandError, PortLostError, RefusedError, SpotsError
 from ..plugins import entry_points
-from .clocksync import GOLDEN, SPREAD_S, TRIPS, ClockSync
+from .clocksync import TRIPS, ClockSync, spread_s
 from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
 from .readers import FrameIterator, FrameLog, Handle, Subscription
 from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
 from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
 from .turn import Turn
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
 
 # Timeouts of replies. These commands reply when their work is done, others at once.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
@@ -616,7 +613,7 @@ class Board:
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
-            self._idle(i * GOLDEN % 1 * SPREAD_S)
+            self._idle(spread_s(i))
             self._sync()
         self._clocks.keep(self.now_s())
 

@@ -1,7 +1,5 @@
 """Functions for applications of a calibrated board: strip length, rate, baseline, readings."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable, Iterator
@@ -12,6 +10,7 @@ from .board import Board
 from .frames import Touch
 from .replies import Hello
 from .timeouts import ANSWER_S
+from .untrusted import Untrusted
 
 _FOLLOW = "set baseline=1"
 
@@ -89,7 +88,7 @@ def ticks(
     """Turn on baseline tracking, and yield an iterator over the readings of each tick.
 
     The setting is sent again after a restart of the board. After the process was stopped (Ctrl-Z),
-    older readings are dropped.
+    older readings are dropped. When all readings become untrusted, the cause is printed on stderr.
 
     Parameters
     ----------
@@ -112,7 +111,14 @@ def ticks(
         board.command(_FOLLOW)
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
-    since_s = -math.inf
+    since_s, untrusted = -math.inf, Untrusted()
+
+    def taken() -> Iterator[Touch]:
+        for touch in board.touches(tick_s):
+            if touch.sensor == 0 and (touch.time_s or 0.0) >= since_s:
+                untrusted.warn(touch, board.now_s())
+                yield touch
+
     while not board.ended and (end_s is None or board.now_s() < end_s):
         if board.stats.restarts != restarts and not board.read_only:
             before = board.stats.restarts
@@ -122,8 +128,4 @@ def ticks(
         if resumed():
             forget()
             since_s = board.now_s()
-        yield (
-            touch
-            for touch in board.touches(tick_s)
-            if touch.sensor == 0 and (touch.time_s or 0.0) >= since_s
-        )
+        yield taken()

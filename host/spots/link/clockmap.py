@@ -1,7 +1,5 @@
 """Maps a board's time to the host's time."""
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Schedules questions for a board's time, and feeds the answers to the clock map."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 
@@ -10,8 +8,8 @@ from .clockmap import ClockMap
 # Round trips should begin at different moments of the board's loop: steps of the golden ratio are
 # spread evenly over any period.
 TRIPS = 12
-SPREAD_S = 0.01
-GOLDEN = 0.618034
+_SPREAD_S = 0.01
+_GOLDEN = 0.618034
 _SOON_S = 0.03
 # Later questions measure the drift only. Each may cost the board a sample: it collects garbage.
 _FIRST_S = 5.0
@@ -91,10 +89,11 @@ class ClockSync:
 
 def _waits(soon: int) -> Iterator[float]:
     for i in range(soon):
-        yield _SOON_S + _spread_s(i)
+        yield _SOON_S + spread_s(i)
     for i in itertools.count():
-        yield min(_EVERY_S, _FIRST_S * 2 ** min(i, 10)) + _spread_s(i)
+        yield min(_EVERY_S, _FIRST_S * 2 ** min(i, 10)) + spread_s(i)
 
 
-def _spread_s(i: int) -> float:
-    return i * GOLDEN % 1 * SPREAD_S
+def spread_s(i: int) -> float:
+    """Return the delay of round trip number `i`, in seconds."""
+    return i * _GOLDEN % 1 * _SPREAD_S

@@ -1,7 +1,5 @@
 """Finds and opens a board, and uploads a calibration to it."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from collections.abc import Sequence
 from os import PathLike, fspath

@@ -1,10 +1,9 @@
-"""Decodes the bytes of a board into frames; see docs/protocol.md.
+"""Decodes the bytes of a board into frames; see docs/protocol.md. Encodes notes.
 
 The decoder has no I/O and no threads. Live links, recordings and the simulator use the same one.
 """
 
-from __future__ import annotations
-
+import json
 import math
 import struct
 import zlib
@@ -328,19 +327,10 @@ class Decoder:
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take any number of bytes, and return the frames that are complete now."""
-        self.stats.bytes += len(data)
-        *pieces, rest = (self._rest + data).split(b"\0")
         frames: list[Frame] = []
-        for piece in pieces:
-            if self._overlong:
-                self._overlong = False
-            elif piece:
+        for piece in self._completed(data).split(b"\0"):
+            if piece:
                 self._take(piece, frames)
-        if self._overlong or len(rest) > ENCODED_MAX:
-            if not self._overlong:
-                self.stats.bad_crc += 1
-            self._overlong, rest = True, b""
-        self._rest = rest
         return frames
 
     def restarted(self, restarts: int) -> None:
@@ -353,6 +343,21 @@ class Decoder:
         if restarts > self.restarts:
             self.restarts = restarts
             self.stats.lost = min(self.stats.lost, self._lost_at_reading)
+
+    def _completed(self, data: bytes) -> bytes:
+        """Return the bytes up to the last delimiter; store the others for the next call."""
+        self.stats.bytes += len(data)
+        data = self._rest + data
+        end = data.rfind(b"\0") + 1
+        begin = 0
+        if self._overlong and end:
+            begin = data.index(b"\0") + 1
+            self._overlong = False
+        self._rest = data[end:]
+        if self._overlong or len(self._rest) > ENCODED_MAX:
+            self.stats.bad_crc += not self._overlong
+            self._overlong, self._rest = True, b""
+        return data[begin:end]
 
     def _take(self, piece: bytes, frames: list[Frame]) -> None:
         # A piece that is longer than any frame is invalid.
@@ -403,6 +408,27 @@ def checked(piece: bytes) -> bytes | None:
     return body if _CRC.pack(zlib.crc32(body)) == crc else None
 
 
+def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
+    """Encode a note.
+
+    Parameters
+    ----------
+    since_us : int
+        Host time since the recording began, in us, 0 to 2**48 - 1.
+    content : dict, optional
+        Content of the note, up to `spots_device.frame.TEXT_MAX` bytes as JSON.
+
+    Returns
+    -------
+    bytes
+    """
+    low, high, sequence = (since_us >> shift & 0xFFFF for shift in (0, 16, 32))
+    payload = _HEADER.pack(NOTE, sequence, low, high)
+    if content is not None:
+        payload += json.dumps(content, separators=(",", ":")).encode()
+    return cobs.encode(payload + _CRC.pack(zlib.crc32(payload))) + b"\0"  # pyright: ignore[reportUnknownMemberType]
+
+
 def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:
     flags, contrast, brightness, position_um, force_mN = _TOUCH.unpack(body)
     if flags & _BLIND or not flags & decode.TOUCHING:
@@ -449,4 +475,11 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.CONTACT: _contact,
     frame.TEXT: _text,
     NOTE: _note,
+}
+# Kinds whose body has one size: their type, and the format of the body for `struct`.
+LAYOUTS: dict[int, tuple[type[Reading], str]] = {
+    frame.TOUCH: (Touch, frame.TOUCH_BODY),
+    frame.SPECTRUM: (Spectrum, frame.SPECTRUM_BODY),
+    frame.KEY: (Key, frame.KEY_BODY),
+    frame.CONTACT: (Contact, frame.CONTACT_BODY),
 }

@@ -23,8 +23,6 @@ and may have
     Returns a context manager with a `deploy.place.Place`, a board to flash.
 """
 
-from __future__ import annotations
-
 import difflib
 from types import ModuleType
 from typing import Any

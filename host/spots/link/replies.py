@@ -1,7 +1,5 @@
 """Types of a board's replies, and their validation."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, TypedDict, cast
 
 import msgspec

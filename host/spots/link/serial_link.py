@@ -1,7 +1,5 @@
 """A link to a board: reads and writes bytes, and has a clock; here, a serial port."""
 
-from __future__ import annotations
-
 import errno
 import sys
 import time
@@ -29,16 +27,19 @@ def takes_nothing(port: str) -> str:
 
 
 class Link(Protocol):
-    """Transports bytes to and from a board; knows nothing of the protocol."""
+    """Transports bytes to and from a board; knows nothing of the protocol.
 
-    @property
-    def name(self) -> str:
-        """Name of the port."""
-        ...
+    Attributes
+    ----------
+    name : str
+        Name of the port.
+    """
+
+    name: str
 
     def now_s(self) -> float:
-        """Return the host's time by this link's clock."""
-        ...
+        """Return the host's time by this link's clock, in seconds."""
+        return time.monotonic()
 
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` for the first one."""
@@ -48,7 +49,8 @@ class Link(Protocol):
         """Send bytes."""
 
     def sleep(self, duration_s: float) -> None:
-        """Wait by the link's clock. Only a link that raises PortLostError needs this method."""
+        """Wait by the link's clock."""
+        time.sleep(duration_s)
 
     def reopen(self) -> None:
         """Open the port again. Only a link that raises PortLostError needs this method.
@@ -68,7 +70,7 @@ class Link(Protocol):
         """Close the port for good."""
 
 
-class SerialLink:
+class SerialLink(Link):
     """A serial port, opened by pyserial for this program alone.
 
     Parameters
@@ -132,12 +134,6 @@ class SerialLink:
         except (*_FAILURES, ValueError) as error:
             self.close()
             raise SpotsError(_why_not(self.name, error)) from None
-
-    def now_s(self) -> float:
-        return time.monotonic()
-
-    def sleep(self, duration_s: float) -> None:
-        time.sleep(duration_s)
 
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.

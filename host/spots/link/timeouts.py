@@ -6,8 +6,6 @@ searches again after `SEARCH_S`. An unplugged port is searched with a growing ba
 `Board.frames` raises an error after `PATIENCE_S`.
 """
 
-from __future__ import annotations
-
 # States of a link. A program without a board is searching for one.
 SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
 LOST, REFUSED = "lost", "refused"

@@ -1,7 +1,5 @@
 """A fair lock, with which several threads share one link."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Explains to the user why all readings of a strip are untrusted, and what to do."""
 
-from __future__ import annotations
-
 import sys
 
 from spots_device import decode

@@ -1,7 +1,5 @@
 """The digital twin of a five-bar linkage: two encoders in, one terminal out (paper, Fig. 7D)."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator

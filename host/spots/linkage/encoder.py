@@ -1,7 +1,5 @@
 """A strip under a sliding indenter as the absolute encoder of a joint (paper, section IV)."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from os import PathLike

@@ -5,8 +5,6 @@ Equations 3 and 4 of the paper for bars of any length, and their inverse. The ba
 or arrays.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 import numpy as np

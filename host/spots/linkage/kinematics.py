@@ -4,8 +4,6 @@ Uses robust least squares of scipy (the extra ``kinematics``), and reports which
 positions determine.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.util import find_spec
 

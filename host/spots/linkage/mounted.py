@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -196,17 +195,9 @@ def save(mounted: Mounted, path: Path, comment: str = "") -> None:
         "# A five-bar linkage and the strips in its joints, see docs/fivebar.md.",
         *(f"# {line}" for line in comment.splitlines()),
         "",
+        "# Joint 1 is at (0, 0), joint 2 at (base, 0).",
         "# Inner bar 1, outer bar 1, outer bar 2, inner bar 2.",
-        f"bar_mm = {list(mounted.bar_mm)}",
-        f"base_mm = {mounted.base_mm}",
-        f'assembly = "{mounted.assembly}"',
+        toml.dumps(msgspec.to_builtins(mounted)),
+        "",
     ]
-    for joint, where in zip(mounted.joint, ("(0, 0)", "(base, 0)")):
-        rows += [
-            "",
-            f"[[joint]]  # at {where}",
-            f"calibration = {json.dumps(joint.calibration)}",  # a JSON string is a TOML string
-            f"offset_deg = {joint.offset_deg}",
-            f"gain = {joint.gain}",
-        ]
-    atomic.write_text("\n".join([*rows, ""]), path)
+    atomic.write_text("\n".join(rows), path)

@@ -1,7 +1,5 @@
 """``spots twin``: a linkage's twin as a picture, lines, JSON, or against a simulated truth."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,7 +1,5 @@
 """Points for a kinematic calibration: measured with a linkage, stored as a table, and fitted."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

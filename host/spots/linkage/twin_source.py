@@ -1,13 +1,11 @@
 """Sources of a twin's readings: boards, recordings of boards, or a simulated linkage."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from spots_device.settings import checksum
 
@@ -24,30 +22,26 @@ from .encoder import Encoder
 from .fivebar import Linkage
 
 
-class Source:
+class Source(NamedTuple):
     """A twin and the two boards whose readings it follows.
 
-    Parameters
+    Attributes
     ----------
     twin : Twin
         The twin that `follow` updates.
     boards : list of Board
         Board of joint 1 and board of joint 2.
-    restarted : callable, optional
+    restarted : callable
         Called with a board after it restarted, see `digital_twin.readings`.
     """
 
-    def __init__(
-        self,
-        twin: Twin,
-        boards: list[Board],
-        restarted: Callable[[Board], None] = lambda board: None,
-    ):
-        self.twin, self.boards, self._restarted = twin, boards, restarted
+    twin: Twin
+    boards: list[Board]
+    restarted: Callable[[Board], None] = lambda board: None
 
     def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
         """Yield pairs of joint (0 or 1) and reading; end after `seconds` if given."""
-        return readings(self.boards, seconds, self._restarted)
+        return readings(self.boards, seconds, self.restarted)
 
     def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
         """Yield the terminal at each reading; end after `seconds` if given."""

@@ -1,7 +1,5 @@
 """Picture of a linkage in the terminal: bars, path of its terminal, position and errors."""
 
-from __future__ import annotations
-
 import math
 from itertools import groupby, pairwise
 

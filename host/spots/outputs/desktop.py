@@ -4,8 +4,6 @@ It presses a key by its character, not by its place: for a key that types a char
 keyboard, it presses the key that types this character on the computer's own keyboard layout.
 """
 
-from __future__ import annotations
-
 from ..errors import SpotsError
 from .devices import Keyboard
 from .usages import Usage

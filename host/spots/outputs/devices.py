@@ -9,8 +9,6 @@ A process that is killed by SIGKILL runs no code. On Linux the kernel then remov
 device and releases its keys.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol

@@ -1,7 +1,5 @@
 """Opens a keyboard or a gamepad of this computer, or one that only prints."""
 
-from __future__ import annotations
-
 import sys
 
 from ..errors import SpotsError

@@ -1,7 +1,5 @@
 """Virtual keyboard and gamepad for Linux, by the kernel's uinput and python-evdev."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Callable
 

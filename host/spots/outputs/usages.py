@@ -5,8 +5,6 @@ key can also be named by the character that it types on an American keyboard: ``
 ``usage_of("ONE")``.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterator
 from pathlib import Path

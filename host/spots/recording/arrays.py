@@ -1,7 +1,6 @@
 """Reads recordings as NumPy arrays, a block at a time."""
 
-from __future__ import annotations
-
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from spots_device import frame
 from spots_device.kernel import CRC_SIZE
 
-from ..link.frames import ENCODED_MAX, NOTE, Decoder, Frame, LinkStats, Note, Text
+from ..link.frames import LAYOUTS, NOTE, Decoder, Frame, LinkStats, Note, Reading, Text
 from .columns import payloads
 from .header import Header
 from .recording import Recording
@@ -35,16 +34,20 @@ class _Table:
 
     Parameters
     ----------
-    *columns : tuple
-        Name and NumPy type of each value of the body, in the order of the wire.
+    kind : type
+        Type of the frames; the fields of the body have the order of the wire.
+    body : str
+        Format of the body, for `struct`.
     """
 
-    def __init__(self, *columns: tuple[Any, ...]):
-        header: list[Any] = [("kind", "u1"), ("sequence", "<u2"), ("t_us", "<u4")]
-        # On the wire, true is any byte but 0.
-        body = [(name, "u1" if kind == "?" else kind, *shape) for name, kind, *shape in columns]
-        self._wire = np.dtype(header + body)
+    def __init__(self, kind: type[Reading], body: str):
+        header = [("kind", "u1"), ("sequence", "<u2"), ("t_us", "<u4")]
+        names = [name for name in kind._fields if name not in dict(_HEADER)]
+        columns = list(zip(names, ["<" + code for code in re.findall(r"\d*\w", body)]))
+        self._wire = np.dtype(header + columns)
         self.size = self._wire.itemsize + CRC_SIZE + _COBS_SIZE
+        # On the wire, true is any byte but 0.
+        columns = [(name, "?" if name == "pressed" else code) for name, code in columns]
         self.dtype = np.dtype([*_HEADER, *columns], align=True)
 
     def array(self, columns: np.ndarray, time_s: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
@@ -71,24 +74,7 @@ class _Table:
         return rows
 
 
-_TABLES = {
-    frame.TOUCH: _Table(
-        ("flags", "u1"),
-        ("contrast_q20", "<i4"),
-        ("brightness_q20", "<i4"),
-        ("position_um", "<i4"),
-        ("force_mN", "<u2"),
-    ),
-    frame.SPECTRUM: _Table(("flags", "u1"), ("gain", "u1"), ("counts", "<u2", (6,))),
-    frame.KEY: _Table(("page", "u1"), ("usage", "<u2"), ("modifiers", "u1"), ("pressed", "?")),
-    frame.CONTACT: _Table(
-        ("id", "u1"),
-        ("state", "u1"),
-        ("position_um", "<i4"),
-        ("sigma_um", "<u2"),
-        ("force_mN", "<u2"),
-    ),
-}
+_TABLES = {kind: _Table(*layout) for kind, layout in LAYOUTS.items()}
 # Bytes of an encoded frame, by kind; a note without content is of the smallest size.
 _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
     NOTE: frame.HEADER_SIZE + CRC_SIZE + _COBS_SIZE
@@ -121,7 +107,7 @@ class _BlockDecoder(Decoder):
 
     def feed_block(self, data: bytes) -> Iterator[_Run | Frame]:
         """Yield the runs in a block of bytes, and between runs each frame without a table."""
-        stream = self._completed(data)
+        stream = np.frombuffer(self._completed(data), np.uint8)
         ends = np.flatnonzero(stream == 0)
         starts = np.concatenate(([0], ends[:-1] + 1))[: len(ends)]
         starts, ends = starts[ends > starts], ends[ends > starts]
@@ -148,21 +134,6 @@ class _BlockDecoder(Decoder):
             if at < len(plain):
                 self._take(stream[starts[at] : ends[at]].tobytes(), found)
             yield from found
-
-    def _completed(self, data: bytes) -> np.ndarray:
-        """Return the bytes up to the last delimiter; store the others for the next block."""
-        self.stats.bytes += len(data)
-        data = self._rest + data
-        end = data.rfind(b"\0") + 1
-        begin = 0
-        if self._overlong and end:
-            begin = data.index(b"\0") + 1
-            self._overlong = False
-        self._rest = data[end:]
-        if self._overlong or len(self._rest) > ENCODED_MAX:
-            self.stats.bad_crc += not self._overlong
-            self._overlong, self._rest = True, b""
-        return np.frombuffer(data, np.uint8)[begin:end]
 
     def _run(
         self,

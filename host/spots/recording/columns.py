@@ -4,8 +4,6 @@ There is one NumPy step for each byte position, not for each piece: about 100 ns
 `link.frames` takes microseconds.
 """
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

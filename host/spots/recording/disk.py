@@ -1,13 +1,11 @@
 """A file that only grows, and reaches the medium within a second."""
 
-from __future__ import annotations
-
 import os
 import threading
 from contextlib import suppress
 from pathlib import Path
 
-from ..atomic import exists
+from ..atomic import exists, not_written
 from ..errors import SpotsError
 from ..guarded import Guarded
 
@@ -43,10 +41,8 @@ class Disk:
             self._file = open(path, "xb", buffering=0)
         except FileExistsError:
             raise exists(path) from None
-        except FileNotFoundError:
-            raise SpotsError(f"there is no folder {path.parent}: make it first") from None
         except OSError as error:
-            raise SpotsError(f"cannot write {path}: {error.strerror}; name another file") from None
+            raise not_written(path, error) from None
         self._synced = 0
         self._closing = threading.Event()
         self._syncer = threading.Thread(target=self._sync, daemon=True)

@@ -1,7 +1,5 @@
 """``spots export``: converts a recording to files for other programs."""
 
-from __future__ import annotations
-
 import csv
 import json
 import pickle

@@ -1,7 +1,5 @@
 """JSON schemas that Foxglove and PlotJuggler can show without any configuration."""
 
-from __future__ import annotations
-
 import json
 
 from .table import Table

@@ -1,7 +1,5 @@
 """The header of a recording: its board and its clocks; see docs/recording.md."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,9 +10,8 @@ import msgspec
 from spots_device import PROTOCOL
 
 from ..errors import SpotsError
-from ..link.frames import Decoder, Note
+from ..link.frames import Decoder, Note, note
 from ..link.replies import validated
-from .note import note
 
 VERSION = 1
 _PIECE = 200  # characters of the header in a note; escapes may double its length

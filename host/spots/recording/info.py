@@ -1,7 +1,5 @@
 """``spots info``: a summary of a recording."""
 
-from __future__ import annotations
-
 from datetime import datetime, timezone
 from pathlib import Path
 

@@ -1,9 +1,6 @@
 """``spots record``: records a board, and shows the progress."""
 
-from __future__ import annotations
-
 import sys
-from pathlib import Path
 
 from rich.console import Console
 from rich.live import Live
@@ -11,16 +8,10 @@ from rich.text import Text
 
 from spots_device.settings import checksum
 
-from ..calibrate import calibration_file
 from ..errors import SpotsError, printable
 from ..link.board import Board
 
 _LINES_PER_S = 4
-
-
-def read_calibration(path: str) -> list[str]:
-    """Return the lines of a calibration file; SpotsError if the file is invalid."""
-    return list(calibration_file.load(Path(path)).lines)
 
 
 def record(

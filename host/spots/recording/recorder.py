@@ -13,11 +13,10 @@ import msgspec
 from spots_device import __version__
 
 from ..atomic import exists
-from ..link.frames import whole
+from ..link.frames import note, whole
 from ..link.readers import Handle
 from .disk import Disk
 from .header import VERSION, Header, encoded
-from .note import note
 
 # Data that arrives within this time shares a note of its time. A shorter step is more precise and
 # takes more bytes.

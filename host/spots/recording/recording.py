@@ -1,7 +1,5 @@
 """Reads the frames of a recording, or of a set of files, and their times of arrival."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plays a recording as a board."""
 
-from __future__ import annotations
-
 import math
 import time
 from pathlib import Path

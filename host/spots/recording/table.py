@@ -1,7 +1,5 @@
 """Frames as rows of tables: the columns of all exports."""
 
-from __future__ import annotations
-
 import heapq
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The publisher's replies to remote queries, limited in rate so that readings are not delayed."""
 
-from __future__ import annotations
-
 from collections import deque
 from functools import partial
 

@@ -1,7 +1,5 @@
 """A queue of messages between two threads, with limited memory."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections import deque

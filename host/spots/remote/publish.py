@@ -1,7 +1,5 @@
 """``spots publish``: publishes the frames of a board on a network."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import secrets
@@ -17,6 +15,7 @@ from ..link.board import Board
 from ..link.connect import open_named
 from ..link.frames import Frame, whole
 from ..signals import released_by_signals
+from ..terminal.view import Pace
 from .answers import Answers
 from .samples import encode, sample
 from .zenoh_session import key, open_session
@@ -24,7 +23,7 @@ from .zenoh_session import key, open_session
 FRAMES_ENCODING = "application/octet-stream;spots-frames"
 _JSON = zenoh.Encoding.APPLICATION_JSON
 _TURN_S = 0.05  # queries do not wait longer while the board is silent
-_HEALTH_EVERY_S = 1.0
+_HEALTH_PER_S = 1
 
 
 class Publisher:
@@ -66,7 +65,7 @@ class Publisher:
         self._outlets: dict[str, Callable] = {}
         self._frames = self._outlet("frames", encoding=FRAMES_ENCODING)
         self._health = self._outlet("link", encoding=_JSON)
-        self._health_due_s = 0.0
+        self._health_pace = Pace(_HEALTH_PER_S)
         self._answers = Answers(board, self.board_id, session)
         try:
             board.command("stream contact touch spectrum")
@@ -123,9 +122,7 @@ class Publisher:
         return outlet
 
     def _publish_health(self) -> None:
-        now_s = self._board.now_s()
-        if now_s >= self._health_due_s:
-            self._health_due_s = now_s + _HEALTH_EVERY_S
+        if self._health_pace.due(self._board.now_s()):
             self._health.put(encode({"utc_s": time.time(), **asdict(self._board.stats)}))
 
 

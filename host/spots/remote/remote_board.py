@@ -1,7 +1,5 @@
 """A board on another machine."""
 
-from __future__ import annotations
-
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.frames import Text

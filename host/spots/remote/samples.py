@@ -1,14 +1,17 @@
 """A frame as an object that any language can read; the names are those of the exports."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec
 
-from ..link.frames import Contact, Key, Reading, Spectrum
+from ..link.frames import Reading
+from ..recording.table import TABLES
 
 encode = msgspec.json.Encoder().encode  # NaN becomes null
+# Columns of the exports without the two times, by kind.
+_NAMES = {table.name: list(table.columns)[2:] for table in TABLES}
+# Fields of frames with another name than their column.
+_FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
@@ -25,14 +28,5 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
     -------
     dict
     """
-    first = {"utc_s": utc_s, "sensor": frame.sensor, "sequence": frame.sequence, "t_us": frame.t_us}
-    if isinstance(frame, Spectrum):
-        return {**first, "flags": frame.flags, "gain_code": frame.gain, "counts": frame.counts}
-    if isinstance(frame, Key):
-        names = "page", "usage", "modifiers", "pressed"
-    elif isinstance(frame, Contact):
-        names = "id", "state", "position_um", "sigma_um", "force_mN"
-    else:
-        names = "touching", "trusted", "position_um", "force_mN"
-        names += "contrast_log2", "brightness_log2", "flags"
-    return first | {name: getattr(frame, name.removesuffix("_log2")) for name in names}
+    names = _NAMES[type(frame).__name__.lower()]
+    return {"utc_s": utc_s} | {name: getattr(frame, _FIELDS.get(name, name)) for name in names}

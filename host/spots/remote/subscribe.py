@@ -1,7 +1,5 @@
 """``spots subscribe``: prints the JSON messages of published boards."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

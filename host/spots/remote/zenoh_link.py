@@ -1,13 +1,10 @@
 """A link to a published board: receives its frames, and queries its publisher."""
 
-from __future__ import annotations
-
-import time
-
 import zenoh
 
 from ..errors import PortLostError, SpotsError
 from ..link.replies import decoded
+from ..link.serial_link import Link
 from .mailbox import Mailbox
 from .zenoh_session import READ_ONLY, direct, key
 
@@ -15,7 +12,7 @@ _RUN_BYTES_MAX = 64
 _ERROR_BYTES_MAX = 600  # the longest text of a board
 
 
-class ZenohLink:
+class ZenohLink(Link):
     """Receives the frames of a published board. It never writes to the board.
 
     Frames come after a call of `listen`, which is needed again after `reopen`. If the publisher
@@ -40,12 +37,6 @@ class ZenohLink:
         self._watch = session.liveliness().declare_subscriber(
             token, direct(self._note), history=True
         )
-
-    def now_s(self) -> float:
-        return time.monotonic()
-
-    def sleep(self, duration_s: float) -> None:
-        time.sleep(duration_s)
 
     def listen(self, on: bool) -> None:
         """Start or stop receiving frames."""

@@ -1,7 +1,5 @@
 """Opens a Zenoh session, makes the keys of a board, and finds published boards."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """``spots monitor`` and ``spots replay``: show the readings of a board."""
 
-from __future__ import annotations
-
 import math
 from contextlib import nullcontext
 

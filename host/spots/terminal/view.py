@@ -1,7 +1,5 @@
 """Draws a strip, its spectrum and the link in the terminal."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -108,7 +106,8 @@ class StripView:
         judged = judge.facts() if judge else {"link": {}, "rows": []}
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
-        parts += [self._bars(), Text(), *_facts(stats, judged)]
+        link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}
+        parts += [self._bars(), Text(), *map(_row, (link, *judged["rows"]))]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
         title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
@@ -146,7 +145,7 @@ class StripView:
         force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
         words = " ".join(flag_words(touch)) if touch is not None else ""
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
-        grid = _grid()
+        grid = figures()
         grid.add_row("position", place, Text(words, style="yellow"))
         grid.add_row("force", force, Text(bar(share), style="cyan"))
         return grid
@@ -187,7 +186,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
     -------
     rich.table.Table
     """
-    grid = _grid()
+    grid = figures()
     top = max([*counts, least])
     for name, count in zip(plan, counts):
         colour = _CHANNEL_COLOURS.get(name, "white")
@@ -206,17 +205,13 @@ def bar(share: float) -> str:
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
 
-def _grid() -> Table:
+def figures() -> Table:
+    """Return an empty table with the columns name, figure and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
     grid.add_column(justify="right", width=10)
     grid.add_column()
     return grid
-
-
-def _facts(stats: LinkStats, judged: dict) -> list[Text]:
-    link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}
-    return [_row(row) for row in (link, *judged["rows"])]
 
 
 def _row(row: dict) -> Text:

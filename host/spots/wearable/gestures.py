@@ -4,8 +4,6 @@ On an arm that bends and stretches, positions and forces are less accurate than 
 limits are relative to the touch itself: its distance, duration and change of force.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

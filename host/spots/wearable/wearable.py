@@ -1,7 +1,5 @@
 """``spots wearable``: gestures on a worn strip press keys of this computer."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -17,7 +15,6 @@ from ..link.board import Board
 from ..link.calibrated import hello_often, tell_rest, ticks
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
-from ..link.untrusted import Untrusted
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
@@ -138,13 +135,12 @@ def play(
     SpotsError
         If the board is lost, has no calibration, or takes readings too seldom.
     """
-    gestures, untrusted, found = Gestures(), Untrusted(), []
+    gestures, found = Gestures(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]
     pace, touch = Pace(), None
     with live(Console()) if drawing else nullcontext() as display:
         for touches in ticks(board, seconds, _TICK_S, gestures.release):
             for touch in touches:
-                untrusted.warn(touch, board.now_s())
                 for gesture in gestures.take(touch, board.now_s()):
                     found.append(gesture)
                     on_gesture(gesture)

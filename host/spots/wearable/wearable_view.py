@@ -1,7 +1,5 @@
 """Picture of a worn strip in the terminal: the finger, and the last gestures with their keys."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -4,8 +4,6 @@ No message from a browser changes a board. A browser acknowledges each message t
 and then gets the newest state. No messages are queued for it, here or in sockets.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import mimetypes

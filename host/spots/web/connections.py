@@ -1,7 +1,5 @@
 """Limits the number and the duration of connections to the server."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 

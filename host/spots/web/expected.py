@@ -1,7 +1,5 @@
 """Spectra that a board's calibration expects, for the web UI to draw over the counts."""
 
-from __future__ import annotations
-
 from spots_device.calibration import CalibrationError
 from spots_device.decode import DARK_SAMPLES
 from spots_device.settings import checksum

@@ -1,7 +1,5 @@
 """Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
 
-from __future__ import annotations
-
 import contextlib
 
 from spots_device.layout import action
@@ -164,14 +162,6 @@ def layout_shown(layout: KeyLayout) -> dict:
 
 
 def _message(touch: Touch, now_s: float) -> dict:
-    return {
-        "time_s": touch.time_s,
-        "arrived_s": now_s,
-        "contrast": touch.contrast,
-        "brightness": touch.brightness,
-        "position_um": touch.position_um,
-        "force_mN": touch.force_mN,
-        "touching": touch.touching,
-        "trusted": touch.trusted,
-        "flags": flag_words(touch),
-    }
+    names = "time_s", "contrast", "brightness", "position_um", "force_mN", "touching", "trusted"
+    shown = {name: getattr(touch, name) for name in names}
+    return {**shown, "arrived_s": now_s, "flags": flag_words(touch)}

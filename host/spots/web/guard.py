@@ -1,7 +1,5 @@
 """Access control of the web UI: checks each request before anything else handles it."""
 
-from __future__ import annotations
-
 import hmac
 import ipaddress
 import re

@@ -1,7 +1,5 @@
 """Rate of messages to a browser: as high as the browser draws without delay."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Recordings that a browser starts and stops: the web server asks, the reader's thread records."""
 
-from __future__ import annotations
-
 import re
 import sys
 import time

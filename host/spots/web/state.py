@@ -4,8 +4,6 @@ One thread writes, any number of clients read. A client is only a pair of number
 costs nothing. It misses values that were overwritten before it read them.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A linkage in the web UI: readings of both joints in, the part ``twin`` of a state out."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections import deque
