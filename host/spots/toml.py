@@ -1,4 +1,4 @@
-"""Reads TOML files and validates their keys; size and depth of a file are limited."""
+"""Reads TOML files and validates their keys; file size and nesting depth are limited."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _STEP = re.compile(r"\.([^.\[]+)|\[[^]]*\]")
 
 
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
-    """Return path and text of a TOML file: the user's own, or one that comes with the package.
+    """Return path and text of a TOML file of the user, or of one that is part of the package.
 
     Parameters
     ----------
