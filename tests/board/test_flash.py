@@ -205,7 +205,7 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
     usb = SimpleNamespace(device="/dev/null", vid=0x2E8A, serial_number="1")
     monkeypatch.setattr(link, "usb_ports", lambda: [usb])
     line = refused(capsys, "flash", "pico", "--port", "/dev/null")
-    assert "may not be opened" in line
+    assert "no permission to open" in line
     assert 'idVendor}=="2e8a"' in line
     assert 'idVendor}=="2e8a"' in refused(capsys, "monitor", "--port", "/dev/null")
     assert main(["doctor", "--port", "/dev/null"]) == 2
