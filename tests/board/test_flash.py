@@ -280,7 +280,7 @@ def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
 
     (rate,) = [found for found in examine_board(Blinks(average=64)) if found.check == "rate"]
     assert rate.ok
-    assert rate.text == "1.6 frames a second, exposure and average allow 1.6"
+    assert rate.text == "1.6 frames a second of 1.6 that exposure and average allow"
 
 
 class Patient:
@@ -326,7 +326,7 @@ class Patient:
         (
             {"step": 80, "average": 4},
             "rate",
-            "12.5 frames a second, exposure and average allow 25.0",
+            "12.5 frames a second of 25.0 that exposure and average allow",
         ),
     ],
 )

@@ -37,7 +37,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Press the keys that are touched on a strip. All keys are released on every exit path.
+    """Press this computer's keys as a strip is touched. Release all keys on every exit path.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def type_on(
     Raises
     ------
     SpotsError
-        If the board has no calibration, takes readings too seldom or is lost, or the keyboard
-        refuses events.
+        If the board has no calibration, is too slow or is lost, or if the keyboard refuses
+        events.
     """
     length_um = hello_often(board, RELEASE_S)["length_um"]
     engine, untrusted = KeyEngine(layout, length_um, keyboard), Untrusted()
