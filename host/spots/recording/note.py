@@ -1,4 +1,4 @@
-"""Notes: a recorder's own entries, framed like the frames of a board."""
+"""Notes: entries that a recorder adds, encoded like the frames of a board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A frame as an object that any language can read; the names are those of the exports."""
+"""Converts frames to JSON objects, whose keys are the column names of the exports."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ encode = msgspec.json.Encoder().encode  # NaN becomes null
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
-    """Return the object that is published for a frame.
+    """Return the object to publish for a frame.
 
     Parameters
     ----------
