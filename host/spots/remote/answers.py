@@ -75,7 +75,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Reply to the queries `asked` with the board's reply to `command`; return if it came."""
+        """Answer the queries `asked` with a reply to `command`; return whether the board replied."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None
