@@ -1,8 +1,8 @@
 """Atomic writes of files and folders: a reader sees the old content or the new, never a part.
 
 A file or folder is written under a random name in the same folder, and renamed when it is complete.
-The random name is created exclusively, so no link is followed. A killed process leaves its part
-behind; a write in the same folder at least an hour later removes it.
+The random name is created exclusively, so no link is followed. A killed process leaves this
+temporary file behind; a write in the same folder at least an hour later removes it.
 """
 
 import errno
@@ -28,7 +28,7 @@ _STALE_S = 3600.0
 
 @contextmanager
 def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
-    """Create or replace a file atomically: it gets its name when the block ends without exception.
+    """Create or replace a file atomically: `path` changes when the block ends without exception.
 
     A symbolic link with this name is replaced and not followed. A replaced file keeps its mode.
 
@@ -95,14 +95,14 @@ def write_text(text: str, path: str | Path) -> None:
 
 
 def sync(file: IO) -> None:
-    """Wait until everything written to a file is on the medium; OSError if that fails."""
+    """Wait until everything written to a file is on the storage medium, or raise OSError."""
     file.flush()
     os.fsync(file.fileno())
 
 
 @contextmanager
 def folder(parent: Path) -> Iterator[Path]:
-    """Make a staging directory in the folder `parent`; it is removed on exit.
+    """Make a staging directory in the folder `parent`, and remove the directory on exit.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the permissions of the file at `path`, None without one; `new` refuses a file."""
+    """Return the mode of the file at `path`, or None without a file; `new` forbids a file."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:
@@ -174,7 +174,7 @@ def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], N
     parent : Path
         Folder to search.
     is_kind : callable
-        ``is_kind(entry, follow_symlinks=False)`` returns whether to remove an `os.DirEntry`.
+        ``is_kind(entry, follow_symlinks=False)``: whether an `os.DirEntry` is a file or a folder.
     remove : callable
         ``remove(path)`` removes a file or a folder.
     """

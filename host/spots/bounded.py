@@ -35,7 +35,7 @@ def open_regular(path: str | Path) -> BinaryIO:
 
 
 def read_bytes(path: str | Path, max_bytes: int) -> bytes:
-    """Return the content of a file that must not be larger than a limit.
+    """Return the content of a file whose size has a limit.
 
     Parameters
     ----------

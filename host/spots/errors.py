@@ -16,12 +16,12 @@ def printable(text: str) -> str:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return the advice in the error message of an unknown name.
+    """Return the advice for an error message about an unknown name.
 
     Parameters
     ----------
     word : str
-        The unknown name. Upper and lower case are the same.
+        The unknown name. Its case is ignored.
     known : iterable of str
         The names that exist.
 
@@ -34,7 +34,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     found = difflib.get_close_matches(word.lower(), by_case, n=3, cutoff=0.7)
     if found:
         return f"did you mean {' or '.join(by_case[name] for name in found)}?"
-    return f"there are {', '.join(by_case.values())}"
+    return f"valid names are {', '.join(by_case.values())}"
 
 
 class SpotsError(Exception):
@@ -55,7 +55,7 @@ class SpotsError(Exception):
 
 
 def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsError:
-    """Return the error of an optional package that is not installed.
+    """Return the error for an optional package that is not installed.
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
 
 
 class PortLostError(SpotsError):
-    """The port disappeared: the board was unplugged, or its USB port ended with a restart."""
+    """The port disappeared: the board was unplugged, or it restarted and closed its USB port."""
 
 
 class ClosedError(SpotsError):
-    """The board is closed: the program itself has closed it."""
+    """The program itself has closed the board."""
 
 
 class CommandError(SpotsError):
@@ -89,4 +89,4 @@ class CommandError(SpotsError):
 
 
 class RefusedError(SpotsError):
-    """Another board is on the port of the board that was lost."""
+    """The port of the lost board now belongs to another board."""

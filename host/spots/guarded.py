@@ -1,4 +1,4 @@
-"""Exceptions in threads and callbacks: reported in one line, and the thread continues."""
+"""Reports exceptions of threads and callbacks in one line each, and lets the thread continue."""
 
 import contextlib
 import sys
@@ -36,7 +36,7 @@ class Guarded:
         self._due_s = float("-inf")
 
     def __call__(self, *arguments):
-        """Call the function and return its result; None after an exception."""
+        """Call the function and return its result, or None after an exception."""
         try:
             return self._function(*arguments)
         except Exception as error:

@@ -59,7 +59,7 @@ class _Section:
         self._act()
 
     def handle(self, number: int, frame=None) -> None:
-        """Handle the signal `number` now or at the end of the section; for `signal.signal`."""
+        """Act on the signal `number` now or at the end of the section; a handler of `signal`."""
         if self.ended_by is not None:
             return  # the process is ending: a SIGCONT now must not raise a second exception
         if number not in self._pending:
@@ -180,7 +180,9 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 
 
 def on_console_event(event: int, released: threading.Event) -> bool:
-    """End the main thread as Ctrl-C does, and wait for it; Windows calls this in another thread.
+    """Interrupt the main thread as Ctrl-C does, and wait until it has released all outputs.
+
+    Windows calls this in another thread.
 
     Parameters
     ----------

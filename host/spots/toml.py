@@ -40,7 +40,7 @@ _STEP = re.compile(r"\.([^.\[]+)|\[[^]]*\]")
 
 
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
-    """Return path and text of a TOML file: the user's own, or one that comes with the package.
+    """Return path and text of a TOML file of the user, or of one that is part of the package.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ def test_a_strip_that_has_drifted_is_to_be_re_zeroed(change, fits):
         stage.press(NEAR_UM, 8_000)
         found = [finding for finding in examine_board(stage.board) if finding.check == "fit"]
     assert [finding.ok for finding in found] == [False] * (not fits)
-    assert all("re-zero advised: run 'spots rezero'" in finding.text for finding in found)
+    assert all("of the strip, run 'spots rezero'" in finding.text for finding in found)
 
 
 def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):

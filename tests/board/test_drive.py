@@ -119,7 +119,7 @@ def test_a_drive_without_a_console_is_written_and_the_user_told_to_press_reset(
 ):
     monkeypatch.setattr("spots.deploy.flash._RETURN_S", 0)
     folder = mount(*RIGHT)
-    assert "does not answer after its restart" in refused_after_copying(capsys)
+    assert "does not answer after the restart" in refused_after_copying(capsys)
     files = files_of(folder)
     assert files.pop("boot_out.txt")
     assert files == files_of(build("qtpy_rp2040", tmp_path / "build"))

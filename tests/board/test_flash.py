@@ -205,7 +205,7 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
     usb = SimpleNamespace(device="/dev/null", vid=0x2E8A, serial_number="1")
     monkeypatch.setattr(link, "usb_ports", lambda: [usb])
     line = refused(capsys, "flash", "pico", "--port", "/dev/null")
-    assert "may not be opened" in line
+    assert "no permission to open" in line
     assert 'idVendor}=="2e8a"' in line
     assert 'idVendor}=="2e8a"' in refused(capsys, "monitor", "--port", "/dev/null")
     assert main(["doctor", "--port", "/dev/null"]) == 2
@@ -280,7 +280,7 @@ def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
 
     (rate,) = [found for found in examine_board(Blinks(average=64)) if found.check == "rate"]
     assert rate.ok
-    assert rate.text == "1.6 frames a second, exposure and average allow 1.6"
+    assert rate.text == "1.6 frames a second of 1.6 that exposure and average allow"
 
 
 class Patient:
@@ -326,7 +326,7 @@ class Patient:
         (
             {"step": 80, "average": 4},
             "rate",
-            "12.5 frames a second, exposure and average allow 25.0",
+            "12.5 frames a second of 25.0 that exposure and average allow",
         ),
     ],
 )

@@ -68,7 +68,7 @@ def test_who_forgets_to_unplug_it_is_asked_again(person):
 def test_a_board_that_switches_its_led_needs_no_guide(person, led):
     other = person()
     other.board.command(f"set led={led}")
-    with pytest.raises(SpotsError, match="takes dark frames by itself"):
+    with pytest.raises(SpotsError, match="takes dark frames itself"):
         take_dark(other.board, other.ask)
     assert not other.asked
 

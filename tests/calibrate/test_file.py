@@ -76,9 +76,9 @@ def test_a_file_with_any_byte_changed_is_refused(path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("version = 1", "version = 7", "of version 7, this program reads 1: update"),
+        ("version = 1", "version = 7", "version 7, but this program reads version 1: update"),
         ("gain = 9", "gain = 8", "was changed after it was written"),
-        ("# What", "# Which", "was changed"),
+        ("# Calib", "# calib", "was changed"),
     ],
 )
 def test_what_is_wrong_is_said(path, old, new, says):

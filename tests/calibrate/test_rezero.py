@@ -193,7 +193,7 @@ def test_tables_are_shifted_by_the_sums_of_the_channels_shifts(made):
 def test_a_drift_beyond_the_tables_is_one_sentence(made):
     wild = np.zeros((3, 6))
     wild[1, 0] = 4.0
-    with pytest.raises(SpotsError, match=r"changed more than its calibration allows.*calibrate it"):
+    with pytest.raises(SpotsError, match=r"changed more than a re-zero can correct.*calibrate it"):
         shifted(made.lines, made.marks.place_um, wild)
 
 
@@ -292,12 +292,12 @@ def test_a_press_that_disagrees_is_asked_for_again(made, rezeroed, sensor, tmp_p
 def test_one_press_of_another_mark_is_asked_for_again(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(1, 1, 34_000.0)) as strip:
         rezero(strip.bench, made)
-        assert "a press of 42.5 mm with 6 N lies elsewhere" in strip.said.getvalue()
+        assert "42.5 mm with 6 N: a press is too far from its mark" in strip.said.getvalue()
 
 
 def test_presses_that_never_agree_are_given_up_and_nothing_has_changed(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(0, 99, 40_000.0)) as strip:
-        with pytest.raises(SpotsError, match=r"mark at 8.5 mm disagree.*nothing has changed"):
+        with pytest.raises(SpotsError, match=r"mark at 8.5 mm are more than.*nothing was saved"):
             rezero(strip.bench, made)
         assert strip.uses == checksum(list(made.lines))
         assert not (tmp_path / "a.toml").exists()
@@ -310,7 +310,7 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
 
     with (
         Drifted(sensor, made, tmp_path / "a.toml", Away) as strip,
-        pytest.raises(SpotsError, match=r"no press is seen; nothing has changed$"),
+        pytest.raises(SpotsError, match=r"no press is seen; nothing was saved$"),
     ):
         rezero(strip.bench, made)
 

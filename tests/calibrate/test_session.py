@@ -144,7 +144,7 @@ def test_a_joint_that_slips_or_lacks_a_direction_is_refused(full):
     with pytest.raises(SpotsError, match="4 angles or more in each direction"):
         fit_joint(points[:13])
     slipped = msgspec.structs.replace(points[5], position_um=points[3].position_um)
-    with pytest.raises(SpotsError, match="position does not go with the angle"):
+    with pytest.raises(SpotsError, match="position does not rise or fall steadily with the angle"):
         fit_joint([*points[:5], slipped, *points[6:]])
     twice = msgspec.structs.replace(points[5], angle_deg=points[4].angle_deg)
     with pytest.raises(SpotsError, match="the same angle"):
@@ -234,7 +234,7 @@ def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
     assert run("joint", "--places", 4, "--session", path) == 0
     # Of the last three angles of seven, four have two already.
     assert run("joint", "--places", 7, "--session", path) == 0
-    assert capsys.readouterr().out.count("degrees was taken already: turn further") == 4
+    assert capsys.readouterr().out.count("degrees was taken already: turn the joint further") == 4
     for direction in (1, -1):
         angles = [p.angle_deg for p in Session(path).of("joint") if p.direction == direction]
         assert len(angles) == len(set(angles)) == 5
@@ -296,7 +296,7 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
         (["position", "--places", 5], "position needs 12 or more"),
         (["force", "--places", 5], "force needs 14 or more"),
         (["position", "--places", 0], "position needs 12 or more"),
-        (["strain", "--strain-percent", 10], "strain comes after position and force"),
+        (["strain", "--strain-percent", 10], "calibrate position and force before strain"),
         (["joint"], "there is no file"),
         (["position", "--plan", "F1,F2"], "six different diodes"),
         (["position", "--sensor", "nosuch"], "cannot read the sensor file"),
@@ -326,7 +326,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
     session = Session(full.session)
     made = session.conditions
     for name, value, says in (
-        ("board", "0123", f"belongs to board {made.board}, this is 0123"),
+        ("board", "0123", f"belongs to board {made.board}, but this is board 0123"),
         ("plan", ("F1", *made.plan[1:]), "made at other settings: restore them with 'spots com"),
         ("gain", 4, "set plan=F3,F4,F5,F6,F7,F8 gain=9"),
         ("exposure_us", 20_000, "exposure_us=10000"),
@@ -401,8 +401,8 @@ def trembling(held, press):
 
 
 MISTAKES = [
-    (elsewhere, "the colour does not lie between those of its neighbours"),
-    (lightly, "the light is not what its neighbours suggest"),
+    (elsewhere, "the colour does not lie between those of the neighbouring presses"),
+    (lightly, "the brightness does not fit the neighbours"),
     (barely, "too dark: press harder"),
     (not_at_all, "no press is seen"),
     (in_a_flood_of_light, "a channel is saturated"),
@@ -438,7 +438,7 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
             assert len(Session(path).points) == 17
         else:
             with pytest.raises(
-                SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*the same command continues"
+                SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*run the same command again"
             ):
                 session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert len(Session(path).points) == 9
@@ -453,7 +453,7 @@ def test_light_that_does_not_grow_with_the_force_is_no_force(sensor, tmp_path):
     shown, out = guide()
     with Stage(sensor, seed=2) as stage:
         session_of(stage, Wrong(stage, softer, 1), tmp_path / "a.jsonl", shown, "force")
-    assert "the light does not grow with the force" in out.getvalue()
+    assert "the brightness does not increase with the force" in out.getvalue()
 
 
 def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
@@ -461,7 +461,7 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     shown, _ = guide()
     with Stage(clear, seed=2) as stage:
         session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
-        with pytest.raises(SpotsError, match=r"does not change in one direction|too noisy"):
+        with pytest.raises(SpotsError, match=r"is not monotone along the strip|too noisy"):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
         assert stage.board.command("hello")["calibration"] is None
     assert not (tmp_path / "a.toml").exists()

@@ -70,9 +70,9 @@ def test_help_fits_the_terminal(capsys, monkeypatch, columns):
         (["monitor", "--secnds=3"], "there is no option --secnds=3: did you mean --seconds"),
         (["keys", "chek", "mini"], "there is no 'chek': did you mean check?"),
         (["calibrate", "positon"], "did you mean position?"),
-        (["export", "a.spots", "--to", "cvs"], "there is no 'cvs': there are mcap, csv, npz"),
+        (["export", "a.spots", "--to", "cvs"], "there is no 'cvs': valid names are mcap, csv, npz"),
         (["flash", "pico", "now"], "unexpected argument 'now'"),
-        (["xyzzy"], "there are ports, boards, "),
+        (["xyzzy"], "valid names are ports, boards, "),
     ],
 )
 def test_a_misspelt_word_is_answered_with_the_one_that_was_meant(capsys, arguments, suggested):

@@ -20,15 +20,19 @@ SLIPS = [
     ("board", "title = 'x'\nruntime = 'micropithon'\n[device]", "did you mean micropython?"),
     ("calibration", "bord = 'x'", "did you mean board?"),
     ("controller", "[x]\nfrom = 'force'\nsmooth = { bta = 1 }", "did you mean beta?"),
-    ("controller", "[x]\nfrom = 'force'\nbogus = 1", "there are from, deadband, expo, .*max_mN"),
+    (
+        "controller",
+        "[x]\nfrom = 'force'\nbogus = 1",
+        "valid names are from, deadband, expo, .*max_mN",
+    ),
     ("controller", "[[button]]\nwhen = 'tapped'\nnumber = 1\nlongst_ms = 3", "mean longest_ms?"),
     ("wearable", "least_confidense = 1", "did you mean least_confidence?"),
     ("linkage", "bars_mm = 3", "did you mean bar_mm or base_mm?"),
     ("simulated linkage", "base_eror_percent = 3", "did you mean base_error_percent?"),
     ("sensor", "lenght_mm = 3", "did you mean length_mm?"),
-    ("sensor", "[led]\ncolour = 3", "there are blue_nm, "),
+    ("sensor", "[led]\ncolour = 3", "valid names are blue_nm, "),
     ("path", "speed_mms = 3", "did you mean speed_mm_s?"),
-    ("scenario", "[faults.i2c]\nnacks = 1", "there are nack_percent, nack_bursts, "),
+    ("scenario", "[faults.i2c]\nnacks = 1", "valid names are nack_percent, nack_bursts, "),
     ("scenario", "[faults.power]\nbrown_out = { per_min = 1 }", "did you mean brown_outs?"),
 ]
 KINDS = {

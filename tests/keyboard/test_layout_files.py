@@ -72,16 +72,16 @@ MISTAKES = {
     'keys = ["LEFT_SHFT+A"]': "line 4: in layer 'a', key 1: there is no key 'LEFT_SHFT'",
     'keys = ["A+B"]': "line 4.*'A' is not a modifier: use one of LEFT_CONTROL",
     'keys = ["LEFT_SHIFT+MUTE"]': "line 4.*'MUTE' cannot have modifiers",
-    'keys = ["toggle b"]': "line 4.*no layer is called 'b'; there are a",
+    'keys = ["toggle b"]': "line 4.*no layer is called 'b'; valid names are a",
     'keys = [{tap = "A", hodl = "B"}]': "line 4.*hodl",
     "keys = []": "line 4.*keys",
     'keys = ["A"]\ngap_percent = 90': "line 5.*gap_percent",
     'keys = ["A"\nswipe_plus = 1': "line 5",
     'keys = ["A"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
-        "line 6: no key leads to layer 'b': give a key 'toggle b'"
+        "line 6: no key leads to layer 'b': add 'toggle b' to a key"
     ),
     'keys = ["toggle b"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
-        "line 6: layer 'b' cannot be left: give one of its keys 'toggle b'"
+        "line 6: layer 'b' has no way out: add 'toggle b' to one of its keys"
     ),
     'keys = ["A"]\n[[layer]]\nname = "a"\nkeys = ["B"]': "line 3: two layers are called 'a'",
     'keys = ["A"]\n[tuning]\ntapping_ms = 5': "line 6.*tapping_ms",

@@ -77,7 +77,7 @@ def test_places_that_are_wrong_are_named_and_do_not_pull():
     for name in found.names:
         moved = abs(found.values[name] - clean.values[name])
         assert moved < 2.5 * clean.standard_errors[name], name
-    assert "places that do not fit: 3, 17, 20, 39" in found.report()
+    assert "points that do not fit: 3, 17, 20, 39" in found.report()
 
 
 def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
@@ -127,7 +127,7 @@ def test_without_a_grid_of_its_own_fewer_are_free():
 
 def test_angles_that_belong_to_other_places_are_refused():
     angles, seen = places(40)
-    with pytest.raises(SpotsError, match="do not belong to the places"):
+    with pytest.raises(SpotsError, match="do not belong to the positions"):
         kinematics.calibrate(angles, *seen[:, ::-1], DRAWN, **SIGMAS, **MEANT)
 
 
@@ -152,13 +152,13 @@ def test_arguments_that_do_not_go_together(change, words):
 def test_too_few_places_that_fit_are_refused():
     angles, seen = places(7, noise=1.0)
     seen[:, 2:4] += 8.0
-    with pytest.raises(SpotsError, match=r"without . outliers, . places are \w+ numb"):
+    with pytest.raises(SpotsError, match=r"without . outliers, . points are \w+ numb"):
         kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS, **MEANT)
 
 
 def test_too_few_places_are_refused():
     angles, seen = places(5)
-    with pytest.raises(SpotsError, match="5 places are 10 numbers, too few for 12"):
+    with pytest.raises(SpotsError, match="5 points are 10 numbers, too few for 12"):
         kinematics.calibrate(angles, *seen, DRAWN, **SIGMAS)
 
 

@@ -292,7 +292,7 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         (HEAD + JOINTS + "[grip]\n", "unknown field `grip`"),
         ("base_mm = 80\n" + JOINTS, "missing required field `bar_mm`"),
         (HEAD + "[[joint]]\ncalibration = 'a'\noffset_deg = 0\n", "there are 1 .*linkage has two"),
-        (HEAD.replace("80", "800") + JOINTS, "is more than the others of the linkage together"),
+        (HEAD.replace("80", "800") + JOINTS, "is more than the sum of the other lengths"),
         ("bar_mm = [0.1, 0.1, 0.1, 0.1]\nbase_mm = 0.08\n" + JOINTS, r">= 1(.0)?.*bar_mm"),  # in m
         (HEAD + "assembly = 'up'\n" + JOINTS, "'far' or 'near', not 'up'"),
         (HEAD + JOINTS + "gain = 0\n", r"gain must be about 1, .* - at `\$.joint\[1\]`"),
@@ -354,7 +354,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         (["--port", "0"], "but --port was given 1 times"),
         (["--port", "0", "--port", "1", "--port", "0"], "but --port was given 3 times"),
         (["--port", "0", "--port", "1", "--record", "a"], "name two, one for each board"),
-        (["--port", "recording:a", "--port", "1"], "is a recording, and the other is not"),
+        (["--port", "recording:a", "--port", "1"], "only one --port is a recording"),
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
         (["--port", "recording:a", "--measure", "p.csv"], "--measure needs real boards"),
         (["--port", "virtual"], "arm.toml describes a linkage with real boards: leave out"),

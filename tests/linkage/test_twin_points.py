@@ -55,7 +55,7 @@ def test_points_become_a_linkage_file(files, capsys):
     assert calibrate(files, "--out", str(out)) == 0
     report = capsys.readouterr().out
     assert "from 40 points" in report
-    assert "places that do not fit: 9\n" in report
+    assert "points that do not fit: 9\n" in report
     assert "rank 12 of 12" in report
     arm = mounted.load(out)
     assert arm.bar_mm == pytest.approx([FOUND[f"bar{i}_mm"] for i in (1, 2, 3, 4)], abs=0.2)
@@ -115,7 +115,7 @@ def test_what_points_cannot_tell_is_named(files, capsys):
     assert len(kept) > 7
     (files / "points.csv").write_text("\n".join(kept))
     assert calibrate(files) == 0
-    assert "these places do not determine" in capsys.readouterr().out
+    assert "these points do not determine" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -131,8 +131,8 @@ def test_what_points_cannot_tell_is_named(files, capsys):
             ",".join(twin_points.COLUMNS) + "\n1,2,3,4,5\n",
             "line 2: sigma2_deg must be a number, not ''",
         ),
-        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,0\n", "line 2: sigma2_deg .* more than 0"),
-        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 places are 2 numbers"),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,0\n", "line 2: sigma2_deg, .* more than 0"),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 points are 2 numbers"),
         (None, "there is no file .*points.csv: .* --measure"),
     ],
 )

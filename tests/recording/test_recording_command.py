@@ -187,7 +187,7 @@ def test_a_header_cut_short_and_one_of_a_later_version(tmp_path, capsys):
     assert "both copies of its header are damaged" in refused(capsys, "info", cut)
     header = headed(recording=2)
     later = bad(tmp_path, encoded(header))
-    assert "has version 2 of the format, and this program reads 1: update" in refused(
+    assert "has format version 2, but this program reads 1: update" in refused(
         capsys, "info", later
     )
 
@@ -197,7 +197,7 @@ def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
     header = headed(program="spots 9", info=info)
     path = bad(tmp_path, encoded(header) + stream(1)[0])
     assert (
-        "with protocol 7, and this program reads 2: use the program that wrote it, spots 9"
+        "with protocol 7, but this program reads 2: use the program that wrote it, spots 9"
         in refused(capsys, "replay", path)
     )
 
@@ -244,4 +244,4 @@ def test_info_of_a_recording_that_broke_off(tmp_path, capsys):
     assert not found["complete"]
     assert 0 < found["frames"]["touch"] < 20
     assert cli.main(["info", str(path)]) == 0
-    assert "cut off, or still being written" in capsys.readouterr().out
+    assert "cut off, or still being recorded" in capsys.readouterr().out

@@ -65,7 +65,7 @@ def test_a_recording_is_not_recorded(seen, tmp_path):
     path = tmp_path / "again.spots"
     with spots.open_recording(seen.path) as board:
         assert not board.ended
-        with pytest.raises(spots.SpotsError, match=r"run.spots is a recording already: copy"):
+        with pytest.raises(spots.SpotsError, match=r"run.spots is already a recording: copy"):
             board.record(path)
     assert not path.exists()
 
@@ -200,7 +200,7 @@ def test_a_clock_that_is_none_is_told(tmp_path):
     path = tmp_path / "a.spots"
     record(path, stream(1))
     path.write_bytes(path.read_bytes() + note(1, {"clock": {"low_s": "x"}}))
-    with pytest.raises(spots.SpotsError, match="a note is invalid"):
+    with pytest.raises(spots.SpotsError, match="has an invalid note"):
         replayed(path)
 
 

@@ -59,7 +59,7 @@ def test_a_publisher_killed_outright_and_back(net, monkeypatch):
             wait_until(lambda: next(touches) and board.stats.restarts == 1)
             list(islice(touches, 20))
             assert board.stats.lost == board.stats.bad_crc == 0
-            with pytest.raises(spots.SpotsError, match="read-only here"):
+            with pytest.raises(spots.SpotsError, match="a remote board is read-only"):
                 board.command("set exposure_us=20000")
             now = board.command("get", DEADLINE_S)
             assert (now["exposure_us"], now["keys"]) == (settings["exposure_us"], 0)

@@ -1,1 +1,1 @@
-"""Calibration: presses at known places and forces in, the board's integers out."""
+"""Calibration: converts presses at known positions and forces to the integers of the board."""

@@ -1,4 +1,4 @@
-"""A strip under test: takes a press when it is held steadily, and judges it."""
+"""Takes presses of a strip: waits until a press is steady, reads it, and validates it."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
 _SIGMAS = 5.0
 _OUTLIER = 0.3  # log2: largest difference from the light that the neighbours suggest
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
-_CONTINUES = "presses taken so far are stored; the same command continues"
+_CONTINUES = "the presses taken so far are stored; run the same command again to continue"
 
 
 class BadPressError(Exception):
-    """A press is refused; the text gives the reason."""
+    """The press is not valid; the text gives the reason."""
 
 
 @dataclass
@@ -62,7 +62,7 @@ class Bench:
 
     @property
     def mark_samples(self) -> int:
-        """Number of samples in the reading of a mark, whose noise shifts whole tables."""
+        """Number of samples in the reading of a mark, whose noise would shift whole tables."""
         return self._samples(_MARK_S)
 
     def take(
@@ -72,7 +72,7 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = _CONTINUES,
     ) -> Reading:
-        """Ask for a press until it is good; the strip is still pressed on return.
+        """Ask for a press until it is valid; the strip is still pressed on return.
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class Bench:
         Raises
         ------
         SpotsError
-            If every attempt was bad.
+            If no attempt gave a valid press.
         """
         self.guide.want(wanted)
         for _ in range(_TRIES):
@@ -113,7 +113,7 @@ class Bench:
         raise SpotsError(f"{trouble}; {given_up}")
 
     def release(self) -> None:
-        """Ask for the release of the strip, and wait for it.
+        """Ask for the release of the strip, and wait until it is released.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Bench:
             if self.reader.read(2).counts.max() < max(1.0, peak / 2):
                 return
         raise SpotsError(
-            "the strip stays bright after the release: shade the strip, and press nothing"
+            "the strip stays bright after the release: shade the strip, and do not press it"
         )
 
     def _samples(self, seconds: float) -> int:
@@ -168,11 +168,11 @@ def _check_steady(reading: Reading, noise: Noise | None, window: int) -> None:
     if abs(reading.drift) > _DRIFT_MAX + _SIGMAS * sigma:
         raise BadPressError("the light changes: hold still")
     if not reading.saturated and np.mean(reading.variance / expected) > _TREMBLE_MAX:
-        raise BadPressError("the colour trembles: hold still")
+        raise BadPressError("the colour fluctuates: hold still")
 
 
 def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
-    """Judge a press at a new place by presses with the same force at other places.
+    """Check a press at a new position against presses with the same force at other positions.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     Raises
     ------
     BadPressError
-        If colour or brightness do not lie between those of the neighbours.
+        If its colour or brightness does not fit the neighbouring presses.
     """
     order = np.argsort(known.position_um)
     places, logs, log = known.position_um[order], known.logs[order], np.log2(counts)
@@ -202,19 +202,19 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     sigma = np.sqrt(2 * noise.log_variance(counts) @ way**2 / window)
     if (np.diff(contrasts) < -_SIGMAS * sigma).any():
         raise BadPressError(
-            "the colour does not lie between those of its neighbours: check the place of this "
-            "press and of the last one"
+            "the colour does not lie between those of the neighbouring presses: check the position "
+            "of this press and of the last one"
         )
     near = np.sort(np.argsort(np.abs(places - wanted.place_um))[:2])
     if np.abs(places[near] - wanted.place_um).min() > 1.5 * np.ptp(places[near]):
         return
     line = np.polyfit(places[near] - wanted.place_um, logs[near].mean(axis=1), 1)
     if abs(log.mean() - line[1]) > _OUTLIER:
-        raise BadPressError("the light is not what its neighbours suggest: press as hard as there")
+        raise BadPressError("the brightness does not fit the neighbours: press with the same force")
 
 
 def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
-    """Judge a press with a new force by presses with other forces at the same place.
+    """Check a press with a new force against presses with other forces at the same position.
 
     Parameters
     ----------
@@ -232,12 +232,12 @@ def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     Raises
     ------
     BadPressError
-        If the light does not grow with the force.
+        If the brightness does not increase with the force.
     """
     forces = np.append(known.force_mN, wanted.force_mN)
     light = np.append(known.logs.mean(axis=1), np.log2(counts).mean())
     sigma = np.sqrt(2 * noise.log_variance(counts).sum() / window) / len(counts)
     if (np.diff(light[np.argsort(forces)]) < -_SIGMAS * sigma).any():
         raise BadPressError(
-            "the light does not grow with the force: check this force, and the last one"
+            "the brightness does not increase with the force: check this force and the last one"
         )

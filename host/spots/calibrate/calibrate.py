@@ -28,7 +28,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
     if count < least:
         raise SpotsError(f"--places: {options.kind} needs {least} or more")
     if (options.kind == "strain") != (options.strain_percent is not None):
-        raise SpotsError("give --strain-percent with 'strain', and only there")
+        raise SpotsError("--strain-percent: required for 'strain', and only valid there")
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
     if out.resolve() == session.path.resolve():
@@ -51,7 +51,7 @@ def opened(
     options : argparse.Namespace
         ``port``; ``length_mm``: length of the strip, or None; options of a simulator.
     made : Session or CalibrationFile
-        Presses or calibration of the strip.
+        Session or calibration of the strip.
     path : Path
         Calibration file of the strip.
 

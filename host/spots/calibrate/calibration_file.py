@@ -1,4 +1,4 @@
-"""The calibration file: the calibration lines of a board, their residuals, marks and re-zeros.
+"""The calibration file: a board's calibration lines, with their residuals, marks and re-zeros.
 
 The file is TOML. The section ``[end]`` has a CRC-32 of all text before it, so that `load` detects a
 file that was cut short or changed.
@@ -32,11 +32,11 @@ _HEAD = f"""\
 version = {VERSION}
 """
 _COMMENTS = {
-    "lines": "# What the board is given, see docs/protocol.md.",
-    "original": "# As calibrated, before any re-zero.",
+    "lines": "# Calibration lines for the board, see docs/protocol.md.",
+    "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
     "marks": "# log2 of the counts of presses that 'spots rezero' repeats.",
-    "joint_marks": "# The same, of stops of the joint: 'spots rezero --joint'.",
+    "joint_marks": "# The same for stops of the joint, for 'spots rezero --joint'.",
 }
 
 
@@ -84,7 +84,7 @@ class Joint(_Struct, kw_only=True):
         Mean difference between the two directions, in degrees.
     low, high : tuple of (float, float) or None
         Lowest and highest calibrated position in um, each with the standard deviation of a reading
-        there in degrees. Between them its logarithm is linear in the position.
+        there in degrees. The logarithm of the standard deviation is linear between them.
     """
 
     zero_deg: float
@@ -161,7 +161,7 @@ class CalibrationFile(_Struct, kw_only=True):
     joint_marks : Marks or None
         End stops and a middle stop of the joint; None without a joint.
     rezeros : list of Rezero
-        All re-zeros, oldest first. The last one has changed `lines`.
+        All re-zeros, oldest first. `lines` contains the correction of the last one.
     """
 
     date: datetime
@@ -190,7 +190,7 @@ class CalibrationFile(_Struct, kw_only=True):
 
 
 def now() -> datetime:
-    """Return the time in UTC, in whole seconds."""
+    """Return the current time in UTC, in whole seconds."""
     return datetime.now(timezone.utc).replace(microsecond=0)
 
 
@@ -236,15 +236,15 @@ def load(path: Path) -> CalibrationFile:
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
     if version and version[1] != str(VERSION):
         raise SpotsError(
-            f"{path} is of version {version[1]}, this program reads {VERSION}: update whichever "
-            "is older"
+            f"{path} has format version {version[1]}, but this program reads version {VERSION}: "
+            "update whichever is older"
         )
     body, _, tail = text.partition(_END)
     found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
     if found is None and len(tail) < len('crc32 = "00000000"'):
         raise SpotsError(f"{path} is cut short: {_AGAIN}")
     if found is None or found[1] != _crc32(body):
-        raise SpotsError(f"{path} was changed after it was written, the checksum differs: {_AGAIN}")
+        raise SpotsError(f"{path} was changed after it was written (wrong checksum): {_AGAIN}")
     return _checked(path, body)
 
 

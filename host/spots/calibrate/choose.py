@@ -1,7 +1,7 @@
 """Chooses the six of nine diodes that resolve positions best, from two passes along the strip.
 
 The board reads six diodes at a time, so two passes that share three diodes read all nine. The
-difference of the shared diodes is the difference of the force between the passes.
+shared diodes show how much the force differs between the passes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Choice:
     plan : tuple of str
         Names of the six channels.
     sigma_um : float
-        Least standard deviation of the position of one sample in um, the mean over the strip.
+        Least possible standard deviation of one sample's position in um, averaged over the strip.
     present_sigma_um : float
         The same for the plan of the first pass; infinite if one of its channels is not usable.
     """
@@ -61,7 +61,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     plans : pair of tuple of str
         Plans of the two passes, see `passes`.
     measured : pair of Presses
-        Readings of the two passes: the same places with one firm force, and one full press.
+        Readings of the two passes. Each has the same positions with one firm force, and one full
+        press.
     full_scale : float
         Largest count of a channel.
 
@@ -78,8 +79,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     usable, places_um, logs = _merge(plans, measured, full_scale)
     if len(usable) < len(plans[0]):
         raise SpotsError(
-            f"only {len(usable)} channels are neither dark nor clipped: run without "
-            "--keep-settings, or set gain and LED current, and begin another session"
+            f"only {len(usable)} channels are neither dark nor too bright: run without "
+            "--keep-settings, or set gain and LED current; then begin another session"
         )
     used = [np.isin(plan, usable) for plan in plans]
     noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
@@ -99,7 +100,7 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Return the usable diodes, the places, and log2 of the counts as if read in one pass."""
+    """Return usable diodes, positions, and log2 of the counts scaled to the first pass's force."""
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {
         diode
@@ -121,7 +122,7 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the least standard deviation of the position at each place; brightness is unknown."""
+    """Return the smallest possible standard deviation at each position, at unknown brightness."""
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)
     return np.sqrt(a / (a * c - b**2))

@@ -1,4 +1,4 @@
-"""``spots dark``: takes the dark frame of an LED that is always on, while a person unplugs it."""
+"""``spots dark``: asks a person to unplug an LED that is always on, and takes the dark frame."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     Parameters
     ----------
     board : Board
-        Board whose LED is always on. The dark frame belongs to its present settings.
+        Board whose LED is always on. The dark frame is valid for the board's present settings.
     ask : callable
-        ``ask(text)`` shows a request and returns when it is done.
+        ``ask(text)`` shows a request to the person, and returns when the person has done it.
 
     Returns
     -------
@@ -48,8 +48,8 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     state = board.command("get")
     if state["led"] != "always":
         raise SpotsError(
-            f"led={state['led']}: the board switches its LED and takes dark frames by itself; for "
-            "an LED that is on with the power: spots command set led=always"
+            f"led={state['led']}: the board switches its LED and takes dark frames itself; if the "
+            "LED is always on, run 'spots command set led=always' first"
         )
     limit = _MOST * DARK_SAMPLES * state["full_scale"]
     ask("unplug the LED or cover its end, touch nothing, then press Enter: ")

@@ -1,7 +1,7 @@
 """Names the probable causes of a drift: a redder LED, a paler dye, more blue light.
 
-Several causes shift the channels alike. Filters that shift look like an LED that shifts in the
-opposite direction; a tilted coupling looks like a small shift of the LED.
+Different causes can shift the channels alike. A shift of the filters looks like a shift of the LED
+in the opposite direction; a tilted coupling looks like a small shift of the LED.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def described(place_um, logs, shifts, plan) -> str:
     Parameters
     ----------
     place_um : sequence of float, length n
-        Distances of the n marks from the sensor's end in um, ascending. With one mark, a drift of
-        the dye cannot be named.
+        Distances of the n marks from the sensor's end in um, ascending. One mark alone cannot show
+        a drift of the dye.
     logs : array_like, shape (n, 6)
         log2 of the dark-subtracted counts at the calibration.
     shifts : array_like, shape (n, 6)

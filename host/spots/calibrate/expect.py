@@ -1,9 +1,9 @@
-"""Computes the spectra that a calibration expects of a press.
+"""Computes the spectrum of a press at each position from a calibration.
 
-The calibration lines have three weighted sums of logarithms at knots along the strip: for the
-position, the force and the misfit. Three sums do not determine six channels at one place. But each
-segment has other weights, and one smooth curve for each channel must give the sums of all segments.
-A weak preference for straight curves determines the rest.
+At knots along the strip, the calibration lines have three weighted sums of the channels' logs: for
+the position, the force and the misfit. Three sums do not determine six channels at one position.
+But each segment has other weights, and one smooth curve per channel must match the sums of all
+segments. Weak regularisation towards straight curves determines the rest.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Fits a calibration to presses at known places and with known forces.
+"""Fits a calibration to presses at known positions and with known forces.
 
-L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper, near any place L_i is
-linear in the position and in the logarithm of the light. Generalised least squares with the noise
+L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper, L_i is locally linear
+in the position and in the logarithm of the brightness. Generalised least squares with the noise
 of each channel gives the best linear estimate of both. The two rows of this estimate are the
 weights of a segment of the strip.
 """
@@ -46,10 +46,10 @@ def fit(
     ----------
     along : dict of int to Presses
         Presses with one firm force along the whole strip, by strain in ppm. Strain 0 is required.
-        Places are measured on the stretched strip. All channels are lit, and none is saturated.
+        Positions are measured on the stretched strip. No channel is dark or saturated.
     pressed : Presses
-        Presses with different forces at a few places of the strip at rest. All places have the same
-        forces.
+        Presses with different forces at a few positions of the strip at rest; the same forces at
+        all positions.
     noise : Noise
         Noise of the sensor at these conditions.
     conditions : Conditions
@@ -109,7 +109,7 @@ class Curves:
     Parameters
     ----------
     position_um : numpy.ndarray, shape (n,)
-        Places of the presses in um from the sensor's end.
+        Positions of the presses in um from the sensor's end.
     logs : numpy.ndarray, shape (n, c)
         log2 of the dark-subtracted counts of c channels.
     degree : int
@@ -118,7 +118,7 @@ class Curves:
     Attributes
     ----------
     ends_um : numpy.ndarray, shape (2,)
-        The first and the last place.
+        The first and the last position, in um.
     """
 
     def __init__(self, position_um: np.ndarray, logs: np.ndarray, degree: int = 7):
@@ -127,11 +127,11 @@ class Curves:
         self._curves = [Chebyshev.fit(position_um, log, degree) for log in logs.T]
 
     def logs(self, x_um) -> np.ndarray:
-        """Return log2 of the counts at places, shape (..., c)."""
+        """Return log2 of the counts at each of `x_um`; shape (..., c) for c channels."""
         return np.stack([curve(np.asarray(x_um, float)) for curve in self._curves], axis=-1)
 
     def slopes(self, x_um) -> np.ndarray:
-        """Return the derivative of log2 of the counts per um at places, shape (..., c)."""
+        """Return the derivative of log2(counts) by position, in 1/um, at each of `x_um`."""
         return np.stack([curve.deriv()(x_um) for curve in self._curves], axis=-1)
 
 
@@ -188,13 +188,13 @@ def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
 
 
 def _estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return generalised least squares: one row of weights for each column of the design."""
+    """Return the generalised least-squares weights: one row for each column of `design`."""
     weighted = design * information[:, None]
     return np.linalg.solve(design.T @ weighted, weighted.T)
 
 
 def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest noise of position and misfit along the strip, for each brightness."""
+    """Return the largest sigmas of position and misfit along the strip, for each brightness."""
     places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
     weights = np.array([_part_at(rest, parts, x)[0] for x in places])
@@ -213,15 +213,15 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
     order = np.argsort(contrast)
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
         raise SpotsError(
-            f"the colour near {np.mean(part) / 1000:.0f} mm does not change in one direction: "
-            "check the places of the presses there, and that the dye suits the length"
+            f"the colour near {np.mean(part) / 1000:.0f} mm is not monotone along the strip: check "
+            "the positions of the presses there, and that the dye suits the strip's length"
         )
     rows = np.stack([contrast, x, fits, offset], axis=1)[order]
     return [_statement("x", row) for row in rows]
 
 
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the forces and brightnesses of the knots, from the least force with light."""
+    """Return forces and brightnesses of the knots, from the least force with light upwards."""
     lit = pressed.lit_everywhere()
     brightness = np.array(
         [
@@ -232,7 +232,7 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     forces = np.unique(lit.force_mN)
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
-        raise SpotsError("the light does not grow with the force: check strip, LED and saturation")
+        raise SpotsError("the brightness does not rise with the force: check strip, LED, gain")
     # Half of the knots are even in the logarithm of the force, for the bend at large forces. The
     # others are even in brightness, for the steep curve at small forces.
     fine = np.geomspace(forces[0], forces[-1], 4000)

@@ -23,7 +23,7 @@ _LOW = 24  # lines of a terminal that has room for one message
 
 
 class Guide:
-    """A picture on a terminal, plain lines elsewhere. Use it in a ``with`` statement.
+    """Shows a session: a picture on a terminal, plain lines elsewhere. Use it in a ``with`` block.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Add presses of an earlier run to the number of presses taken."""
+        """Count `count` more presses as taken; a negative number makes the count smaller."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
@@ -99,7 +99,7 @@ class Guide:
         trouble : str or None
             Reason why the press is not steady; None for a steady press.
         steady : float
-            Share of the steady readings that are needed, 0 to 1.
+            Steady readings so far as a share of the number needed, 0 to 1.
         """
         self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
         self._bars.add_row("held", "", Text(bar(steady), style="green"))

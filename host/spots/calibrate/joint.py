@@ -1,4 +1,4 @@
-"""The calibration of a joint: the straight line from the position on the strip to the angle."""
+"""The calibration of a joint: the straight line that converts position on the strip to angle."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _LEAST_UM = 0.1  # least standard deviation of a reading, which is in whole um
 
 
 def fit_joint(points: list[Point]) -> Joint:
-    """Return the straight line through the points of both directions, and its errors.
+    """Fit a straight line to the points of both directions, and compute its errors.
 
     Parameters
     ----------
     points : list of Point
-        Points of the joint, in the order of the session. For `Joint.accuracy_deg`, every second
-        point of a direction fits a line, and the others give the error.
+        Points of the joint, in the order of the session. For `Joint.accuracy_deg`, a line is
+        fitted to every second point of each direction; the other points give the error.
 
     Returns
     -------
@@ -47,8 +47,8 @@ def fit_joint(points: list[Point]) -> Joint:
     steps = np.diff(position[order])[same_way]
     if not ((steps > 0).all() or (steps < 0).all()):
         raise SpotsError(
-            "the position does not go with the angle: check the angles, and that the indenter "
-            "does not slip; then begin another session"
+            "the position does not rise or fall steadily with the angle: check the angles, and "
+            "that the indenter does not slip; then begin another session"
         )
     error = np.polyval(np.polyfit(position[learn], angle[learn], 1), position) - angle
     slope, zero = np.polyfit(position, angle, 1)
@@ -74,7 +74,7 @@ def fit_joint(points: list[Point]) -> Joint:
 
 
 def joint_marks(points: list[Point]) -> Marks:
-    """Return the marks of a joint: the lowest, the middle and the highest angle upwards.
+    """Return three points of the upward turn as marks: lowest, middle and highest angle.
 
     Parameters
     ----------

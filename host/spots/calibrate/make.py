@@ -26,14 +26,14 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     Parameters
     ----------
     session : Session
-        Presses of the session. An unfinished joint or strain is left out.
+        Presses of the session. An unfinished joint or strain is ignored.
     say : callable
-        ``say(line)`` shows why the joint is left out.
+        ``say(line)`` shows why the calibration has no joint.
 
     Returns
     -------
     CalibrationFile
-        The calibration, dated now.
+        The calibration, with the current date and time.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         Calibration(lines)
     except CalibrationError as error:
         raise SpotsError(
-            f"these presses give no calibration ({error}): take more of them"
+            f"these presses give no calibration ({error}): take more presses"
         ) from None
     return file.CalibrationFile(
         date=file.now(),

@@ -13,7 +13,7 @@ _ANGLE_MAX_DEG = 3600.0
 
 
 class Presser:
-    """A person with a ruler and a scale; a machine overrides all methods.
+    """A person who presses with a ruler and a scale; a machine's subclass overrides all methods.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Presser:
         self._guide = guide
 
     def stretch(self, strain_ppm: int, length_um: float) -> None:
-        """Stretch the strip to a length, and do not press it.
+        """Stretch the strip to a length, without a press.
 
         Parameters
         ----------
@@ -51,7 +51,7 @@ class Presser:
     def press(self, wanted: Wanted) -> None:
         """Begin a press with the place and force of `wanted`."""
         if wanted.kind == "mark" and wanted.angle_deg is not None:
-            self._guide.say(f"turn the joint up to {wanted.angle_deg:g} degrees and hold")
+            self._guide.say(f"turn the joint upwards to {wanted.angle_deg:g} degrees and hold")
         elif wanted.kind != "joint":
             self._guide.say(f"press at {wanted} and hold")
 
@@ -64,12 +64,12 @@ class Presser:
         take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
-        """Find the least force that lights every channel at a place.
+        """Find the least force that lights every channel at a position.
 
         Parameters
         ----------
         wanted : Wanted
-            Press at the place, with the largest allowed force.
+            Press at the position, with the largest allowed force.
         reader : SpectrumReader
             Reads the counts of the channels.
 
@@ -94,7 +94,7 @@ class Presser:
         direction : int
             Direction of the turn: 1 up, -1 down.
         share : float
-            Angle as a share of the joint's travel, 0 to 1; a person chooses another one.
+            Wanted angle as a share of the joint's travel, 0 to 1; ignored if a person turns it.
 
         Returns
         -------
@@ -103,7 +103,7 @@ class Presser:
         """
         way = "up" if direction > 0 else "down"
         angle = self._guide.ask_number(
-            f"turn the joint {way} to its next angle and hold; which is it, in degrees? ",
+            f"turn the joint {way} to its next angle and hold; what is the angle, in degrees? ",
             -_ANGLE_MAX_DEG,
             _ANGLE_MAX_DEG,
         )

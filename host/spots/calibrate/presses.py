@@ -23,7 +23,7 @@ class Presses:
     Attributes
     ----------
     position_um : numpy.ndarray, shape (n,)
-        Places of the presses in um from the sensor's end.
+        Positions of the presses in um from the sensor's end.
     force_mN : numpy.ndarray, shape (n,)
         Forces of the presses in mN.
     counts : numpy.ndarray, shape (n, c)
@@ -46,16 +46,16 @@ class Presses:
         return np.log2(self.counts)
 
     def keep(self, rows) -> Presses:
-        """Return only these presses; `rows` is a boolean mask or a list of indices."""
+        """Return the presses that `rows` selects: a boolean mask or a list of indices."""
         return Presses(*(array[rows] for array in vars(self).values()))
 
     def channels(self, columns) -> Presses:
-        """Return only these channels; `columns` is a boolean mask or a list of indices."""
+        """Return the channels that `columns` selects: a boolean mask or a list of indices."""
         counts, variance = self.counts[:, columns], self.variance[:, columns]
         return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
-        """Return only the presses with those forces that light all channels at every place."""
+        """Return the presses whose force lights all channels at every position."""
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))
 

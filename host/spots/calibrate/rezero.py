@@ -1,6 +1,6 @@
-"""``spots rezero``: corrects the drift of a calibration with new presses of its marks.
+"""``spots rezero``: corrects the drift of a calibration with new presses at its marks.
 
-File and board change together at the end; on error both are unchanged.
+The file and the board change together at the end; on error both are unchanged.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def rezero(
     force_mN: float | None = None,
     joint: bool = False,
 ) -> file.CalibrationFile:
-    """Ask for presses of the marks and return the corrected calibration; no file changes.
+    """Ask for presses at the marks, and return the corrected calibration; change no file.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def rezero(
     made : CalibrationFile
         Calibration to correct.
     presses : int
-        Number of presses of each mark.
+        Number of presses at each mark.
     quick : bool
         Whether to press the middle mark only. This corrects LED and filters, but not the dye.
     force_mN : float, optional
@@ -75,15 +75,15 @@ def rezero(
     Raises
     ------
     SpotsError
-        If the calibration has no marks, or has another board or other settings, or if the presses
-        of a mark disagree.
+        If the calibration has no marks, is of another board or other settings, or if the presses at
+        a mark disagree.
     """
     marks = made.joint_marks if joint else made.marks
     if marks is None:
         again = "run 'spots calibrate joint' again" if joint else "calibrate again"
         raise SpotsError(
-            f"{bench.path} has no [{'joint_' * joint}marks] for a re-zero: {again}; this ends with "
-            "three marks"
+            f"{bench.path} has no [{'joint_' * joint}marks] for a re-zero: {again} to make these "
+            "marks"
         )
     table, reader = Calibration(made.lines), bench.reader
     reason = table.mismatch(reader.conditions, reader.info.get("mains_hz", 0))
@@ -139,7 +139,7 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
     Raises
     ------
     SpotsError
-        If the file or the board cannot be written. Both have the calibration `made` then.
+        If the file or the board cannot be written. Both then have the calibration `made` again.
     """
     file.save(new, bench.path)
     try:
@@ -158,7 +158,7 @@ def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, pre
     colour_per_um -= colour_per_um.mean()
     found = np.empty((0, len(log)))
     for _ in range(presses + _STRAYS):
-        reading = bench.take(wanted, given_up="nothing has changed")
+        reading = bench.take(wanted, given_up="nothing was saved")
         if wanted.angle_deg is None:
             bench.release()
         bench.guide.taken(wanted, reading)
@@ -168,13 +168,13 @@ def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, pre
         if len(found) == presses:
             good &= np.abs(off_um - np.median(off_um)) <= _STRAY_UM
         if not good.all():
-            bench.guide.say(f"a press of {wanted} lies elsewhere: press this mark again")
+            bench.guide.say(f"{wanted}: a press is too far from its mark; press this mark again")
             bench.guide.skip(-int((~good).sum()))
             found = found[good]
         if len(found) == presses:
             return found.mean(axis=0)
     raise SpotsError(
-        f"the presses of the mark at {wanted.place_um / 1000:.1f} mm disagree by more than "
-        f"{_STRAY_UM / 1000:g} mm, or lie elsewhere: mark the place on the strip and run this "
-        "again; nothing has changed"
+        f"the presses at the mark at {wanted.place_um / 1000:.1f} mm are more than "
+        f"{_STRAY_UM / 1000:g} mm apart, or too far from the mark: draw the mark on the strip and "
+        "run this again; nothing was saved"
     )

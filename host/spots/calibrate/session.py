@@ -38,7 +38,7 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     angle_deg : float or None
         Angle of the joint in degrees; None without a joint.
     direction : int
-        Last direction of the joint's turn: 1 upwards, -1 downwards; 0 without a joint.
+        Direction in which the joint was turned: 1 upwards, -1 downwards; 0 without a joint.
     """
 
     kind: Literal["choose", "position", "force", "strain", "joint", "mark"]
@@ -189,7 +189,7 @@ class Session:
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
     def has(self, wanted: Wanted, plan: tuple[str, ...]) -> bool:
-        """Return whether the session has a press already.
+        """Return whether the session already has a press.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class Session:
 
     @property
     def conditions(self) -> Conditions | None:
-        """Board and settings of the session; None without a point.
+        """Board and settings of the session; None if it has no point.
 
         The channels can still change while all points are of the kind ``choose``.
         """
@@ -230,7 +230,7 @@ class Session:
 
     @property
     def plan_is_open(self) -> bool:
-        """Whether the session has no channels yet: all points are of the kind ``choose``."""
+        """Whether the channels can still change: all points are of the kind ``choose``."""
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:
@@ -246,8 +246,8 @@ class Session:
             return
         if made.board != present.board:
             raise SpotsError(
-                f"the session {self.path} belongs to board {made.board}, this is {present.board}: "
-                "name another file with --session"
+                f"the session {self.path} belongs to board {made.board}, but this is board "
+                f"{present.board}: name another file with --session"
             )
         if self.plan_is_open:
             present = present._replace(plan=made.plan)

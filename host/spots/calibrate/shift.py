@@ -1,8 +1,8 @@
-"""Shifts the tables of a calibration by the drift of the channels at known places.
+"""Shifts the tables of a calibration by the drift of the channels at known positions.
 
 Drift changes log2 of channel i by c_i(x), a polynomial through the shifts at the marks. Each
-weighted sum of logs on the board then changes by the same weighted sum of c_i. These sums are the
-contrasts, the misfits, the offsets of the brightness, and the coarse contrast at the borders of
+weighted sum of these logs in the tables then changes by the same weighted sum of the c_i. Such sums
+are the contrasts, the misfits, the brightness offsets, and the coarse contrast at the borders of
 segments. The weights do not change.
 """
 
@@ -71,7 +71,7 @@ def shifted(lines, place_um, shifts) -> list[str]:
         Calibration(found)
     except CalibrationError as error:
         raise SpotsError(
-            f"the strip has changed more than its calibration allows ({error}): calibrate it again"
+            f"the strip has changed more than a re-zero can correct ({error}): calibrate it again"
         ) from None
     return found
 
@@ -82,7 +82,7 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the position of each segment's start in um, strain by strain; the tables overlap."""
+    """Yield the start of each segment in um, strain by strain, from tables that overlap."""
     places: list[list[int]] = []
     for name, values in rows:
         if name == "strain":

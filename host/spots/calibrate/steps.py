@@ -50,7 +50,7 @@ def calibrate(
     strain_percent: float | None,
     options: argparse.Namespace,
 ) -> None:
-    """Take the missing presses of one kind; then make, write, upload and store the calibration.
+    """Take the missing presses of one kind; if none is missing then, make and store a calibration.
 
     Parameters
     ----------
@@ -61,16 +61,16 @@ def calibrate(
     kind : str
         ``position``, ``strain``, ``force`` or ``joint``.
     count : int
-        Number of places or forces, or of angles in each direction.
+        Number of positions or forces, or of angles in each direction.
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
-        ``plan``: names of channels, or None. ``keep_settings``: whether gain and LED current stay.
+        ``plan``: names of channels, or None. ``keep_settings``: keep gain and LED current if true.
 
     Raises
     ------
     SpotsError
-        If the session is of another board or setting, or its presses give no calibration.
+        If the session has another board or other settings, or its presses give no calibration.
     """
     session.check(bench.reader.conditions)
     steps = _Steps(bench, session)
@@ -80,7 +80,7 @@ def calibrate(
     if kind != "strain":
         steps.settle(options)
     elif missing := missing_step(session):
-        raise SpotsError(f"strain comes after position and force: first {missing}")
+        raise SpotsError(f"calibrate position and force before strain: first run {missing}")
     if kind == "position":
         steps.places("position", count, 0)
     elif kind == "force":
@@ -107,13 +107,13 @@ def missing_step(session: Session) -> str | None:
 
 @dataclass(frozen=True)
 class _Steps:
-    """The steps of a session, in the order in which it takes them."""
+    """The steps of a session, in their order."""
 
     bench: Bench
     session: Session
 
     def settle(self, options: argparse.Namespace) -> None:
-        """Set gain, LED current and channels of a session that has only presses to choose them."""
+        """Choose gain, LED current and channels, unless presses for a calibration fix them."""
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
         if not session.plan_is_open:
@@ -161,12 +161,12 @@ class _Steps:
         choice = choose(plans, measured, full_scale(*registers(reader.conditions.exposure_us)))
         reader.set_up("plan=" + ",".join(choice.plan))
         self.bench.guide.say(
-            f"channels {' '.join(choice.plan)}: {choice.sigma_um:.0f} um a sample, "
+            f"channels {' '.join(choice.plan)}: {choice.sigma_um:.0f} um per sample; "
             f"{' '.join(plans[0])}: {choice.present_sigma_um:.0f} um"
         )
 
     def places(self, kind: str, count: int, strain_ppm: int) -> None:
-        """Take presses at places along the strip, at rest or stretched."""
+        """Take presses at positions along the strip, which is at rest or stretched."""
         length_um = self.bench.length_um * (1 + strain_ppm * 1e-6)
         self.bench.presser.stretch(strain_ppm, length_um)
         self.bench.reader.set_up()
@@ -178,7 +178,7 @@ class _Steps:
         self._series(title, row, length_um)
 
     def forces(self, count: int) -> None:
-        """Take presses with different forces at a few places."""
+        """Take presses with different forces at a few positions."""
         guide, length_um = self.bench.guide, self.bench.length_um
         places_um = [round(share * length_um, -2) for share in sorted(FORCE_PLACES, reverse=True)]
         # The first press of a session has the least force, at the dimmest place.
@@ -208,7 +208,7 @@ class _Steps:
         self._series("marks for a re-zero", row)
 
     def finish(self) -> None:
-        """Fit all presses of the session, write the file, and give it to the board."""
+        """Fit all presses of the session, write the calibration file, and upload its lines."""
         bench = self.bench
         calibration = make(self.session, bench.guide.say)
         file.save(calibration, bench.path)
@@ -224,7 +224,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take angles up and down, and write the line of the joint into the file."""
+        """Take presses at angles up and down, and add the joint to the calibration file."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board
@@ -259,7 +259,7 @@ class _Steps:
         taken = [(p.angle_deg, p.direction) for p in self.session.of("joint")]
         if (wanted.angle_deg, wanted.direction) in taken:
             self.bench.guide.skip()
-            self.bench.guide.say(f"{wanted} was taken already: turn further")
+            self.bench.guide.say(f"{wanted} was taken already: turn the joint further")
             return
         reading = self.bench.take(wanted, self._noise())
         position = self.bench.reader.positions_um(self.bench.window, self.bench.presser.patience_s)
@@ -275,7 +275,7 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take those presses of a row that the session does not have."""
+        """Take the presses of `row` that the session does not have yet."""
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):
@@ -312,5 +312,5 @@ class _Steps:
 
 
 def _along(length_um: float, count: int) -> list[float]:
-    """Return places along the strip in um, in steps of 0.1 mm as on a ruler."""
+    """Return positions along the strip in um, rounded to 0.1 mm as on a ruler."""
     return np.round(np.linspace(0, length_um, count), -2).tolist()

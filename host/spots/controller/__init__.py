@@ -1,1 +1,1 @@
-"""A strip as a game controller: axes, buttons, filters, `spots controller`."""
+"""A strip as a game controller: axes, buttons, filters, and ``spots controller``."""

@@ -1,4 +1,4 @@
-"""``spots controller``: use a strip as a gamepad of this computer."""
+"""``spots controller``: uses a strip as a gamepad of this computer."""
 
 import argparse
 from collections.abc import Sequence
@@ -83,7 +83,7 @@ def play(
     seconds: float | None = None,
     watchers: Sequence[Watcher] = (),
 ) -> None:
-    """Play a gamepad from the readings of a board.
+    """Control a gamepad with the readings of a board.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def play(
     controller : Controller
         Controller that computes the states.
     gamepad : Gamepad
-        Gamepad that gets the states. The caller must close it, which releases everything.
+        Gamepad that gets the states. The caller must close the gamepad, which releases all inputs.
     seconds : float, optional
         Time after which to end, in seconds by the link's clock; no limit if not given.
     watchers : sequence of Watcher, optional
@@ -121,7 +121,7 @@ def play(
 def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     """Return a controller for the strip of a board.
 
-    ``release_ms`` is increased if needed, so that one failed reading does not release a touch.
+    ``release_ms`` is increased if necessary, so that one failed reading does not end a touch.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class ControllerView:
     Parameters
     ----------
     board : Board
-        Board that is played, for the title and the link statistics.
+        Board whose readings are used, for the title and the link statistics.
     controller : Controller
         Controller to draw.
     settings : ControllerSettings

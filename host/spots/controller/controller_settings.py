@@ -1,4 +1,4 @@
-"""Settings of the controller: a TOML file whose keys are validated.
+"""Reads and writes the settings of the controller: a TOML file whose keys are validated.
 
 The default file ``data/controller.toml`` explains each key.
 """
@@ -28,7 +28,7 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Smooth(_Struct):
-    """Settings of the filter of an axis; its signal is the deflection, from -1 to 1.
+    """Settings of an axis's filter, whose signal is the deflection (-1 to 1).
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class PositionAxis(_Axis, tag="position"):
     Attributes
     ----------
     rest_percent, min_percent, max_percent : float
-        Positions for 0, -1 and 1 of the axis, in % of the strip's length from the sensor.
+        Positions where the axis is 0, -1 and 1, in % of the strip's length from the sensor.
     """
 
     rest_percent: Percent = 50.0
@@ -72,7 +72,7 @@ class ForceAxis(_Axis, tag="force"):
     Attributes
     ----------
     rest_mN, max_mN : float
-        Forces for 0 and 1 of the axis, in mN.
+        Forces where the axis is 0 and 1, in mN.
     """
 
     rest_mN: Force = 300.0
@@ -94,12 +94,12 @@ class _Button(_Struct, tag_field="when"):
 
 
 class Pressed(_Button, tag="pressed"):
-    """A button that is down while a touch that began in its zone presses hard enough.
+    """A button that is down while a touch presses hard enough and began in the button's zone.
 
     Attributes
     ----------
     press_mN, release_mN : float
-        Least force to press the button, and force below which it is released, in mN.
+        Least force that presses the button, and force below which the button is released, in mN.
     """
 
     press_mN: Force = 0.0
@@ -116,7 +116,7 @@ class Pressed(_Button, tag="pressed"):
 
 
 class Tapped(_Button, tag="tapped"):
-    """A button that is pressed after a short touch in its zone.
+    """A button that is pressed after a short touch in the button's zone.
 
     Attributes
     ----------
@@ -136,9 +136,9 @@ class ControllerSettings(_Struct):
     Attributes
     ----------
     hold_ms : float
-        Time for which the last valid state is held while readings are untrusted or missing, in ms.
+        Time in ms for which the last valid state is kept while readings are untrusted or missing.
     release_ms : float
-        Time without light after which a touch ends, in ms.
+        Time in ms without light from a press, after which a touch ends.
     rate_hz : float
         Largest number of states a second.
     x, y, z : PositionAxis, ForceAxis or None
@@ -173,7 +173,7 @@ def load(path: str | Path = DEFAULT) -> ControllerSettings:
 
 
 def save(settings: ControllerSettings, path: str | Path) -> None:
-    """Write a settings file, without comments. An existing file is replaced atomically.
+    """Write a settings file without comments. An existing file is replaced atomically.
 
     Parameters
     ----------

@@ -21,16 +21,16 @@ _RATIO_LEAST = 1.5
 _APART_PERCENT = 5.0
 
 _STEPS = {
-    "rest": "hold a finger at the middle of the stick",
-    "near": "now hold the finger at the end of the stick towards the sensor",
+    "rest": "hold a finger where the middle of the stick shall be",
+    "near": "now hold the finger at the end of the stick that is nearer to the sensor",
     "far": "now hold the finger at the other end of the stick",
-    "light": "now touch the strip as lightly as by accident, and hold",
-    "hard": "now press as hard as for a full deflection, and hold",
+    "light": "now touch the strip as lightly as by accident, and hold the finger there",
+    "hard": "now press as hard as for a full deflection, and hold the finger there",
 }
 
 
 def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -> None:
-    """Measure rest and ends of all axes, and write them into a settings file.
+    """Measure the rest position and the ends of all axes, and write them to a settings file.
 
     Parameters
     ----------
@@ -45,7 +45,8 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     Raises
     ------
     SpotsError
-        If a touch is missing for 60 s, or the touches do not fit a stick. Nothing is written then.
+        If a touch is missing for 60 s, or the touches cannot be those of a stick. Then nothing is
+        written.
     """
     there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)
@@ -57,12 +58,12 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     for step, words in _STEPS.items():
         say(words)
         found[step] = _touch(board)
-        say("  done, lift it")
+        say("  done, lift the finger")
         _lift(board)
     percent = {step: round(touch.position_um / length_um * 100, 1) for step, touch in found.items()}
     force_mN = {step: touch.force_mN for step, touch in found.items()}
     save(_measured(settings, percent, force_mN), path)
-    say(f"wrote {shown}; play with: spots controller --settings {shown}")
+    say(f"wrote {shown}; to play: spots controller --settings {shown}")
 
 
 def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> ControllerSettings:
@@ -76,7 +77,7 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
     if force_mN["hard"] < _RATIO_LEAST * force_mN["light"]:
         raise SpotsError(
             f"the hard press of {force_mN['hard']} mN must be at least {_RATIO_LEAST:g} times the "
-            f"light one of {force_mN['light']} mN: try again"
+            f"light press of {force_mN['light']} mN: try again"
         )
     changes = {
         PositionAxis: {"rest_percent": rest, "min_percent": low, "max_percent": high},
@@ -91,7 +92,7 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
 
 
 def _touch(board: Board) -> Touch:
-    """Wait for a held touch, and return its median."""
+    """Wait until a touch is held, and return the median of its readings."""
     readings: list[Touch] = []
     for touch in _readings(board, "no touch was held"):
         readings = [*readings, touch] if touch.trusted else []

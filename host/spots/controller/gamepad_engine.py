@@ -1,7 +1,7 @@
 """Computes the state of a gamepad from readings. No I/O; all times are arguments.
 
 An axis follows the finger, and returns to rest when the finger lifts. While readings are untrusted
-or missing, the last valid state is held for a set time; then everything goes to rest.
+or missing, the last valid state is kept for `hold_ms`; then all axes and buttons return to rest.
 """
 
 import math
@@ -37,9 +37,9 @@ class Controller:
     length_um : float
         Length of the strip, in um.
     state : State
-        State after the last reading, whether sent or not.
+        State after the last reading, even if it has not been sent.
     held : bool
-        Whether `state` is held because readings are untrusted or missing.
+        Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
     def __init__(self, settings: ControllerSettings, length_um: float):
@@ -63,9 +63,9 @@ class Controller:
         Parameters
         ----------
         touch : Touch
-            The next reading. Its `t_us` is only used for the time between readings.
+            The next reading. Its `t_us` serves only to compute the time between readings.
         now_s : float
-            Time at which it arrived, in seconds, by the same clock as in `tick`.
+            Time at which the reading arrived, in seconds, by the same clock as in `tick`.
 
         Returns
         -------
@@ -88,9 +88,9 @@ class Controller:
         return self.tick(now_s)
 
     def tick(self, now_s: float) -> State | None:
-        """Update the timeouts; call this also without readings.
+        """Update the timeouts, and return the state to send now, as `take` does.
 
-        Returns the state to send now, as `take` does.
+        Call this regularly, even if no readings arrive.
         """
         self._expire(now_s)
         buttons = 0
@@ -103,9 +103,9 @@ class Controller:
         return self._sender.due(now_s)
 
     def release(self) -> None:
-        """Go to rest and drop all pending states.
+        """Return to rest and drop all pending states.
 
-        A finger that is still on the strip moves the axes, but presses no button until it was
+        A finger that is still on the strip moves the axes, but presses no button until it is
         lifted.
         """
         self._touched = self._lifted = self.held = False
@@ -174,7 +174,7 @@ def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
     u : float
         Deflection, from -1 to 1.
     settings : PositionAxis or ForceAxis
-        Settings of the axis; deadband, expo and invert are used.
+        Settings of the axis, of which deadband, expo and invert are used.
 
     Returns
     -------
@@ -199,8 +199,8 @@ def span(settings: PositionAxis | ForceAxis, length_um: float) -> tuple[str, flo
     field : str
         ``position_um`` or ``force_mN``.
     rest, low, high : float
-        Values of the field at rest and at both ends, in um or mN. For a force, `low` is minus
-        infinity.
+        Values of the field at rest and at both ends of the axis, in um or mN. For a force, `low`
+        is minus infinity.
     """
     if isinstance(settings, ForceAxis):
         return "force_mN", settings.rest_mN, -math.inf, settings.max_mN
@@ -220,7 +220,7 @@ class _Button:
         return self._zone_um[0] <= position_um <= self._zone_um[1]
 
     def begin(self, mine: bool) -> None:
-        """Begin a touch; `mine` is whether it may press this button."""
+        """Begin a touch; `mine` is true if the touch may press this button."""
         self._mine = mine
 
     def take(self, force_mN: float) -> None:
@@ -255,7 +255,7 @@ _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
 
 
 class _Sender:
-    """Limits the rate of states: keeps each change of a button, and the latest axes."""
+    """Limits the rate of states: sends each change of a button, but only the latest axes."""
 
     def __init__(self, rate_hz: float):
         self._every_s = 1 / rate_hz

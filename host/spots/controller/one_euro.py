@@ -28,12 +28,12 @@ class OneEuro:
         self.reset()
 
     def reset(self) -> None:
-        """Drop the state of the filter; the next value passes unfiltered."""
+        """Reset the filter; the next sample is returned unfiltered."""
         self._value: float | None = None
         self._per_s = 0.0
 
     def take(self, value: float, dt_s: float) -> float:
-        """Return the filtered value of a new sample.
+        """Filter a new sample.
 
         The cutoff frequency is ``min_cutoff_hz + beta * |speed|``.
 
@@ -42,12 +42,12 @@ class OneEuro:
         value : float
             New sample, in the unit of the signal.
         dt_s : float
-            Time since the sample before, in seconds. If it is 0 or less, the sample is ignored.
+            Time since the previous sample, in seconds. If it is 0 or less, the sample is ignored.
 
         Returns
         -------
         float
-            Filtered value; the first sample is returned unfiltered.
+            Filtered value; the first sample after a reset is returned unfiltered.
         """
         if self._value is None:
             self._value = value
@@ -60,5 +60,5 @@ class OneEuro:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Return the weight (0 to 1) of a sample `dt_s` after the last, for a cutoff in Hz."""
+    """Return the weight (0 to 1) of a sample that follows the last one after `dt_s` seconds."""
     return 1 / (1 + 1 / (2 * math.pi * cutoff_hz * dt_s))

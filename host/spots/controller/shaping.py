@@ -1,8 +1,8 @@
-"""Shape of an axis: from a reading's value to a deflection. Pure functions of one number."""
+"""Converts a reading's value to the deflection of an axis, with pure functions of one number."""
 
 
 def deflection(value: float, rest: float, low: float, high: float) -> float:
-    """Map a value to a deflection: -1 at `low`, 0 at `rest`, 1 at `high`, linear between.
+    """Map a value to a deflection: -1 at `low`, 0 at `rest`, 1 at `high`, linear in between.
 
     `rest` need not be in the middle. ``low=-math.inf`` makes a one-sided axis.
 
@@ -23,7 +23,7 @@ def deflection(value: float, rest: float, low: float, high: float) -> float:
 
 
 def deadband(u: float, width: float) -> float:
-    """Apply a deadband: 0 within `width` of 0; the rest is stretched so that it starts at 0.
+    """Apply a deadband: return 0 if `u` is within `width` of 0, and rescale larger deflections.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def deadband(u: float, width: float) -> float:
     Returns
     -------
     float
-        Deflection, from -1 to 1; continuous.
+        Deflection, from -1 to 1; a continuous function of `u`.
     """
     if abs(u) <= width:
         return 0.0
@@ -43,7 +43,7 @@ def deadband(u: float, width: float) -> float:
 
 
 def expo(u: float, amount: float) -> float:
-    """Mix a deflection with its cube, which makes the axis finer near 0.
+    """Mix a deflection with its cube, which makes the axis less sensitive near 0.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Picture of a controller in the terminal: stick, force and buttons."""
+"""Picture of a controller for a terminal: stick, force and buttons."""
 
 from rich.console import Group
 from rich.panel import Panel
@@ -22,13 +22,13 @@ def picture(
     state : State
         State to draw.
     held : bool
-        Whether the state is held because readings are untrusted or missing.
+        Whether the last valid state is kept because readings are untrusted or missing.
     buttons : int
         Number of buttons to draw.
     title : str
         Title of the picture.
     facts : str
-        Line below the picture; none if empty.
+        Text of a line below the picture; no line if empty.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Builds the files of a board; for MicroPython, the modules are compiled."""
+"""Builds the files of a board, and compiles the modules if the board runs MicroPython."""
 
 import importlib.util
 import os
@@ -67,14 +67,14 @@ def build(board: str, root: Path = Path("build")) -> Path:
     Raises
     ------
     SpotsError
-        If the board is unknown, mpy-cross is missing or refuses a module, or the folder cannot be
-        written or contains anything but a build. The folder is unchanged on an error.
+        If the board is unknown, mpy-cross is missing or cannot compile a module, or the folder
+        cannot be written or has other files than a build. On an error the folder is unchanged.
     """
     device = device_of(board)
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
         raise SpotsError(
-            f"{target} was not written by 'spots build': move it, or build in another folder"
+            f"{target} was not written by 'spots build': move this folder, or build in another one"
         )
     try:
         _build(device, target)
@@ -83,7 +83,7 @@ def build(board: str, root: Path = Path("build")) -> Path:
         is_tree = isinstance(error, shutil.Error)
         reason = error.args[0][0][2] if is_tree else error.strerror
         raise SpotsError(
-            f"{target} cannot be written: {reason}: make room there, or build in another folder"
+            f"{target} cannot be written ({reason}): make room there, or build in another folder"
         ) from None
     return target
 
@@ -113,14 +113,14 @@ def _build(device: Device, target: Path) -> None:
 
 
 def _is_build(target: Path) -> bool:
-    """Return whether a folder may be replaced: it is empty, or has the file of every build."""
+    """Return whether a folder may be replaced: empty, or with the file that every build has."""
     if target.is_symlink() or not target.is_dir():
         return False
     return (target / CONFIG).is_file() or not any(target.iterdir())
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    """Return the content of each file in a folder, by the file's path on the board."""
+    """Return the content of each file in a build's folder, by the file's path on the board."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in sorted(folder.rglob("*"))
@@ -141,7 +141,7 @@ def _compile(folder: Path, device: Device) -> None:
         if run.returncode:
             output = run.stderr.strip() or run.stdout.strip() or "no reason given"
             reason = output.splitlines()[-1]
-            raise SpotsError(f"mpy-cross refuses {name}: {reason}; install its newest version")
+            raise SpotsError(f"mpy-cross refuses {name} ({reason}): install the newest mpy-cross")
         source.unlink()
 
 

@@ -1,4 +1,4 @@
-"""Checks a board: port, firmware, sensor, LED and calibration; prints a remedy for each problem."""
+"""Checks a board's port, firmware, sensor, LED and calibration; prints a remedy per problem."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def doctor(port: str | None = None) -> None:
 
 
 def examine(port: str | None = None) -> Iterator[Finding]:
-    """Yield the result of each check of a port and its board; stop if a check prevents the next."""
-    flash = "" if scheme_name(port) else "; flash it: spots flash BOARD"
+    """Yield the result of each check of a port and its board; stop if others cannot follow."""
+    flash = "" if scheme_name(port) else "; to flash the board: spots flash BOARD"
     if not scheme_name(port):
         try:
             port = port or the_board()[-1]
@@ -111,7 +111,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
     if state["fault"] is not None:
         yield Finding("sensor", False, f"{state['fault']}: check SDA, SCL, power and ground")
         return
-    yield Finding("sensor", True, "it answers on the bus")
+    yield Finding("sensor", True, "the sensor answers on the bus")
     board.command("stream spectrum")
     reading_s = 1e-6 * state["exposure_us"] * state["average"]
     count = max(_SPECTRA, round(_RATE_S / reading_s))
@@ -152,15 +152,15 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
         text += ": press at the sensor's end and run 'spots command auto'"
     yield Finding("light", not dim and not bright, text)
     if not fits:
-        text = "the press fits the calibration worse than when it was made; re-zero advised: "
+        text = "the press does not fit the calibration; to correct a drift of the strip, "
         yield Finding("fit", False, text + "run 'spots rezero'")
 
 
 def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
     """Measure the light of the LED in lit samples between two dark frames.
 
-    A press couples ambient light into the strip, too, and ambient light changes. So the larger dark
-    frame is subtracted from the smallest count of each channel.
+    A press also couples ambient light into the strip, and ambient light changes. So each channel's
+    larger dark count is subtracted from its smallest lit count.
 
     Parameters
     ----------
@@ -172,11 +172,11 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
     Returns
     -------
     light : float
-        Counts of the LED in the brightest channel.
+        Counts due to the LED in the brightest channel.
     peak : int
         Largest raw count of all channels.
     fits : bool
-        Whether a sample fits one press of the calibration, see `decode.MISFIT`.
+        Whether at least one sample fits the calibration, see `decode.MISFIT`.
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2
@@ -213,7 +213,7 @@ def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     frames = sum((b.sequence - a.sequence) % (1 << 16) for a, b in steps)
     passed_us = sum((b.t_us - a.t_us) % (1 << 32) for a, b in steps)
     rate_hz, most_hz = frames / passed_us * 1e6, 1 / reading_s
-    text = f"{rate_hz:.1f} frames a second, exposure and average allow {most_hz:.1f}"
+    text = f"{rate_hz:.1f} frames a second of {most_hz:.1f} that exposure and average allow"
     slow = rate_hz < _SLOWEST * most_hz
     advice = ": set a longer exposure, or a bus clock of 400 kHz" if slow else ""
     return Finding("rate", not slow, text + advice)

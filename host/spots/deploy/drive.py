@@ -23,9 +23,9 @@ _CLUSTER = 4096  # larger than on any such drive
 
 
 class Drive(Tree):
-    """A mounted CIRCUITPY drive. It has the same file operations as `deploy.prompt.Prompt`.
+    """A mounted CIRCUITPY drive, with the same file operations as `deploy.prompt.Prompt`.
 
-    Nothing outside the drive is ever read, written or removed: no link on it is followed.
+    Nothing outside the drive is ever read, written or removed: links on the drive are not followed.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Drive(Tree):
         }
 
     def reset(self) -> None:
-        """Restart the board; ask the user to do it if the board's prompt cannot be reached."""
+        """Restart the board, or ask the user to restart it if its prompt cannot be reached."""
         if self._console:
             with suppress(SpotsError):
                 Prompt(self._console).reset()
@@ -82,7 +82,7 @@ class Drive(Tree):
 
 
 def drives() -> list[str]:
-    """Return the folders where CircuitPython drives are mounted: FAT, removable, with boot_out.txt.
+    """Return the folders of mounted CircuitPython drives: FAT, removable, with boot_out.txt.
 
     Raises
     ------

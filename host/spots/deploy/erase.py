@@ -1,4 +1,4 @@
-"""Removes the firmware, its settings and its calibration from a board."""
+"""Removes the firmware, the settings and the calibration from a board."""
 
 import sys
 
@@ -10,14 +10,14 @@ from .staging import ENTRIES, device_of
 
 
 def erase(board: str, port: str | None = None, yes: bool = False) -> None:
-    """Remove the firmware's files from a board after a confirmation; other files stay.
+    """Ask for a confirmation, then remove the firmware's files from a board; keep other files.
 
     Parameters
     ----------
     board : str
         A name that ``spots boards`` lists.
     port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, it is searched.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, search for it.
     yes : bool
         Whether to skip the confirmation.
 
@@ -65,7 +65,7 @@ def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erase asks for a confirmation: add --yes to run it without a terminal")
     print(
-        f"remove the firmware, its settings and its calibration from {printable(port)}? [y/N] ",
+        f"remove the firmware, the settings and the calibration from {printable(port)}? [y/N]  ",
         end="",
         flush=True,
     )

@@ -1,4 +1,4 @@
-"""Copies the firmware to a board. A partial copy never starts."""
+"""Copies the firmware to a board. The board never starts a partial copy."""
 
 import hashlib
 import sys
@@ -47,10 +47,10 @@ class Plan:
     copy : list of str
         Paths to copy, in this order. The entry file comes last.
     need : int
-        Free bytes that the copy needs on the board.
+        Number of free bytes that the copy needs on the board.
     claim : bytes
-        Manifest of old and new files, stored during the copy. With it a later flash recognises
-        the files of an interrupted one.
+        Manifest of old and new files, stored during the copy. After an interrupted flash, it shows
+        the next flash which files belong to the firmware.
     """
 
     remove: list[str]
@@ -67,15 +67,15 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     board : str
         A name that ``spots boards`` lists.
     port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, it is searched.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, search for it.
     dry_run : bool
-        Whether to print the changes and copy nothing.
+        Whether only to print the changes.
 
     Raises
     ------
     SpotsError
-        If no board or more than one board is found, or the board is of another kind, has too
-        little room, or is disconnected. Another flash completes a partial copy.
+        If no board or more than one board is found, or if the board is of another kind, has too
+        little room, or is disconnected. To complete a partial copy, call this again.
     """
     device = device_of(board)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
@@ -93,14 +93,14 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Check that a board can run the files that were built for it.
+    """Raise an error if a board cannot run the files that were built for another kind of board.
 
     Parameters
     ----------
     facts : dict
-        Facts of the board, see `Prompt` and `Drive`.
+        Facts about the board, see `Prompt` and `Drive`.
     device : staging.Device
-        Board file of the board that is wanted.
+        Board file for which the files were built.
     files : dict of str to bytes
         Content of each file, by its path on the board.
     port : str
@@ -128,7 +128,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         for header in headers:
             if header.version != version:
                 raise SpotsError(
-                    f"{runs} that loads .mpy version {version}, and mpy-cross makes version "
+                    f"{runs} that loads .mpy version {version}, but mpy-cross makes version  "
                     f"{header.version}: install the newest MicroPython on it"
                 )
         # Bytecode runs on any chip, but the pins would be those of another board.
@@ -190,11 +190,11 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
 
 
 class Known:
-    """Separates the files of the firmware on a board from the user's files.
+    """Separates the firmware's files on a board from the user's files.
 
     A file that the manifest on the board lists belongs to the firmware if its hash is unchanged.
-    An unlisted file belongs to it if it has a name of this version, or of version 0.1.0, which
-    wrote no manifest.
+    An unlisted file belongs to the firmware if this version, or version 0.1.0 (which wrote no
+    manifest), has a file of that name.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ class Known:
     runtime : str
         ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Further paths to include in `sizes`.
+        Further paths to look up for `sizes`.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ class Known:
     listed : set of str
         Paths in the manifest.
     claimed : bool
-        Whether the board has the firmware, or a part of it.
+        Whether the board has the firmware, or a part of the firmware.
     """
 
     def __init__(self, target: Prompt | Drive, runtime: str, more: Iterable[str] = ()):
@@ -261,7 +261,7 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
     free = target.facts["free"]
     if free is not None and plan.need > free:
         raise SpotsError(
-            f"the board on {target.port} has {free} bytes free, and the copy needs {plan.need}: "
+            f"the board on {target.port} has {free} bytes free, but the copy needs {plan.need}: "
             "remove some of your files from it"
         )
     for path in plan.remove:
@@ -311,7 +311,7 @@ def _report_library(device: Device, target: Prompt | Drive) -> None:
 
 def _greet(there: Place) -> None:
     deadline_s = time.monotonic() + _RETURN_S
-    reason = "it is not on USB"
+    reason = "the board is not on USB"
     while time.monotonic() < deadline_s:
         time.sleep(_POLL_S)
         for port in there.ports():
@@ -322,12 +322,12 @@ def _greet(there: Place) -> None:
                         hello = "{board}, firmware {firmware}, {runtime}".format(**board.info)
                         print(hello, printable(port))
                         return
-                    reason = f"it still runs firmware {board.info['firmware']}"
+                    reason = f"the board still runs firmware {board.info['firmware']}"
             except SpotsError as error:
                 reason = str(error)
     raise SpotsError(
-        "the files are on the board, but the board does not answer after its restart: replug it "
-        f"({reason})"
+        "the files are on the board, but the firmware does not answer after the restart "
+        f"({reason}): replug the board"
     )
 
 

@@ -1,6 +1,6 @@
 """The manifest on a board: path and SHA-256 of every file that a flash wrote.
 
-Another version removes exactly these files. ``sha256sum -c`` reads the format.
+A flash of another version removes exactly these files. ``sha256sum -c`` can check a manifest.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ def entries_of(files: dict[str, bytes]) -> set[tuple[str, str]]:
 
 
 def write(entries: set[tuple[str, str]]) -> bytes:
-    """Return the text of a manifest. While a file is replaced, its path has two hashes there."""
+    """Return the text of a manifest. A file that is being replaced has two hashes in it."""
     return "".join(f"{digest}  {path}\n" for path, digest in sorted(entries)).encode()
 
 

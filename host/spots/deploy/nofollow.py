@@ -1,4 +1,4 @@
-"""Files below a folder. No symbolic link is followed in any part of a path."""
+"""Reads and writes files below a folder, and follows no symbolic link in any part of a path."""
 
 import contextlib
 import errno
@@ -23,9 +23,9 @@ _CHUNK = 1 << 16
 
 
 class Tree:
-    """A folder and the files below it: on one file system, and reached through no link.
+    """A folder and the files below it, on one file system; links are never followed.
 
-    Paths have ``/`` between their parts. No part may be empty, ``.`` or ``..``.
+    The parts of a path are separated by ``/``. No part may be empty, ``.`` or ``..``.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ class Tree:
     Attributes
     ----------
     port : str
-        The same path: the name of the drive in messages.
+        Path of the folder, which names the drive in messages.
 
     Raises
     ------
     OSError
         If the folder cannot be opened.
     SpotsError
-        From every method: if the file system fails, or the path meets a link, a device, or a
-        folder where a file should be.
+        From every method: if the file system fails, or if the path contains a link or a device, or
+        a folder instead of a file.
     """
 
     def __init__(self, folder: str):
@@ -66,7 +66,7 @@ class Tree:
             self._root = None
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return the size in bytes of each of these files that exists, by its path."""
+        """Return the size in bytes of each file in `paths` that exists, by its path."""
         sizes = {}
         with self._explained():
             for path in paths:
@@ -100,7 +100,7 @@ class Tree:
         return digest.hexdigest()
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under a temporary name, and rename it when it is on the medium.
+        """Write a file under a temporary name, and rename the file when the medium has stored it.
 
         Parameters
         ----------
@@ -220,8 +220,8 @@ class Tree:
             elif error.errno in _READ_ONLY:
                 what = (
                     "is read-only, because the board itself may write to it: reset the board, "
-                    "hold its button for two seconds right after that, and flash again when the "
-                    "drive is back"
+                    "right after that hold its button for two seconds, and flash again when the "
+                    "drive is mounted again"
                 )
             else:
                 what = f"fails ({error.strerror}): replug the board and flash again"
@@ -229,6 +229,6 @@ class Tree:
 
 
 def settle(folder: int | None) -> None:
-    """Flush a folder, so that renames reach the medium in order and before a reset."""
+    """Flush a folder, so that its renames are on the medium in order and before a reset."""
     if folder is not None:  # Windows writes to a removable drive at once
         os.fsync(folder)

@@ -1,4 +1,4 @@
-"""Finds a board: its file system, and the port on which it answers after a restart."""
+"""Finds a board's file system, and the port on which the board answers after a restart."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -33,14 +33,14 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find the only board, or start a virtual board that lives as long as the block.
+    """Find the only board, or start a virtual board that runs until the block ends.
 
     Parameters
     ----------
     device : staging.Device
-        Board file of the board that is wanted.
+        Board file of the wanted board.
     port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, it is searched.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, search for it.
 
     Yields
     ------
@@ -98,7 +98,7 @@ def _on_drive(folder: str) -> Place:
 
 def _the_one(names: list[str], what: str) -> str:
     if not names:
-        raise SpotsError(f"no {what} found: plug one in with a cable that carries data")
+        raise SpotsError(f"no {what} found: plug one in with a USB cable that carries data")
     if len(names) > 1:
         raise SpotsError(f"more than one {what} found: name one with --port: {', '.join(names)}")
     return names[0]

@@ -1,4 +1,4 @@
-"""A board at its raw prompt: runs programs there, and lists, hashes, writes and removes files."""
+"""A board's raw prompt: runs programs on the board; lists, hashes, writes and removes files."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ machine.reset()
 
 
 class Prompt:
-    """The raw prompt of a board. A running program is interrupted.
+    """The raw prompt of a board. Opening it interrupts a running program.
 
     Parameters
     ----------
@@ -89,8 +89,8 @@ class Prompt:
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers. From every
-        method: if the board refuses, its file system is full, or it is disconnected.
+        If mpremote is missing, the port cannot be opened, or no prompt answers. From every method:
+        if a program on the board fails, the file system is full, or the board is disconnected.
     """
 
     def __init__(self, port: str):
@@ -135,7 +135,7 @@ class Prompt:
         return ast.literal_eval(self.run(program))
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
-        """Return the size in bytes of each of these files that exists, by its path."""
+        """Return the size in bytes of each file in `paths` that exists, by its path."""
         asked, found = list(paths), {}
         for i in range(0, len(asked), _PATHS):
             printed = self.run(_SIZES.format(asked[i : i + _PATHS]))
@@ -192,14 +192,14 @@ class Prompt:
         Raises
         ------
         SpotsError
-            If the content arrives damaged; see also the class.
+            If the content is damaged on the way to the board; see also the class.
         """
         for folder in map(str, [*PurePosixPath(path).parents][-2::-1]):
             self.run(_MAKE_FOLDER.format(folder))
         with self._explained():
             self._transport.fs_writefile(path + ".part", data, _CHUNK)
         if self.sha256(path + ".part") != hashlib.sha256(data).hexdigest():
-            raise SpotsError(f"{path} arrived damaged on {self.port}: try another cable")
+            raise SpotsError(f"{path} was damaged on the way to {self.port}: try another cable")
         self.run(_RENAME_PART.format(path))
 
     def reset(self) -> None:
@@ -233,7 +233,7 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt and return the facts that the board prints there."""
+        """Enter the raw prompt, and return the facts that the board prints in it."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

@@ -42,7 +42,7 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     Attributes
     ----------
     title : str
-        Name of the board for people.
+        Readable name of the board.
     runtime : str
         ``micropython`` or ``circuitpython``.
     port : str or None
@@ -50,13 +50,13 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     march : str or None
         Architecture for ``mpy-cross -march``; None if the board runs sources only.
     viper : bool
-        Whether the kernel is compiled to machine code by MicroPython's viper; needs `march`.
+        Whether MicroPython's viper compiles the kernel to machine code; requires `march`.
     board_id : str or None
         Board ID by which CircuitPython names the board.
     device : dict
-        Names and values of board_config.py, among them the board's ``NAME``.
+        Names and values for board_config.py, including the board's ``NAME``.
     wiring : dict
-        Pin of each wire, as it is printed on the board; for people.
+        Pin of each wire, as printed on the board; only for documents.
     """
 
     title: str
@@ -94,7 +94,7 @@ def device_of(board: str) -> Device:
     Raises
     ------
     SpotsError
-        If the board is unknown, or its file is damaged or wants viper without `march`.
+        If the board is unknown, or its file is damaged or has viper without `march`.
     """
     known = board_names()
     if board not in known:
@@ -111,7 +111,7 @@ def device_of(board: str) -> Device:
 def names(runtime: str) -> set[str]:
     """Return the paths that this version's files have on a board, as sources and compiled.
 
-    They serve for boards without a manifest: installed by ``mip``, or copied as sources.
+    They identify the firmware on boards without a manifest, after ``mip`` or a copy of the sources.
     """
     firmware = Path(spots_device.__file__).parent
     modules = [path.relative_to(firmware.parent) for path in firmware.rglob("*.py")]

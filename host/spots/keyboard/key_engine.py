@@ -1,4 +1,4 @@
-"""The key engine of the board, run on the host with the same code and layout."""
+"""Runs the board's key engine on the host, with the same code and layout."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class KeyEngine:
 
     @property
     def layer(self) -> str:
-        """Name of the layer for the next touch."""
+        """Name of the layer that the next touch will use."""
         return self._names[self._pad.layer]
 
     def take(self, touch: Touch, now_s: float) -> None:
@@ -59,7 +59,7 @@ class KeyEngine:
         touch : Touch
             The next reading of the strip.
         now_s : float
-            Time at which it arrived, in seconds, by the same clock as in `tick`.
+            Time at which the reading arrived, in seconds, by the same clock as in `tick`.
         """
         self.tick(now_s)
         t = touch.t_us // TICK_US % TICKS
@@ -79,7 +79,7 @@ class KeyEngine:
                 self._pad.forget()  # the next finger is a new touch
 
     def release(self) -> None:
-        """Release all keys. A finger that still touches presses no key until it was lifted."""
+        """Release all keys. A finger that still touches presses no key until it is lifted."""
         self._pad.release()
 
     def stuck(self) -> None:

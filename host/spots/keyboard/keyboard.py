@@ -36,7 +36,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Press the keys that are touched on a strip. All keys are released on every exit path.
+    """Press this computer's keys as a strip is touched. Release all keys on every exit path.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ def type_on(
     Raises
     ------
     SpotsError
-        If the board has no calibration, takes readings too seldom or is lost, or the keyboard
-        refuses events.
+        If the board has no calibration, is too slow or is lost, or if the keyboard refuses
+        events.
     """
     length_um = hello_often(board, RELEASE_S)["length_um"]
     engine = KeyEngine(layout, length_um, keyboard)

@@ -20,7 +20,7 @@ _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
 
 def check(name: str) -> None:
-    """Validate a layout file and print its number of keys; raises SpotsError if it is wrong."""
+    """Validate a layout file, and print its number of keys; raise SpotsError if it is invalid."""
     layout = load(name)
     keys = sum(len(row) for row in layout.layers.values())
     print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
@@ -32,7 +32,7 @@ def show(name: str) -> None:
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Upload a layout to a board, switch its keys on, and save both on the board.
+    """Upload a layout to a board, turn the board's keys on, and store both on the board.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def push(board: Board, layout: KeyLayout) -> str | None:
 
 
 def picture(layout: KeyLayout) -> Panel:
-    """Return a picture of each layer: its keys along the strip, and a table of their actions."""
+    """Return a picture of each layer: the keys along the strip, and a table of their actions."""
     parts = []
     for name, keys in layout.layers.items():
         parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
@@ -71,7 +71,7 @@ def picture(layout: KeyLayout) -> Panel:
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
-    """Return a picture of the keys of one layer as one line; the sensor is on the left.
+    """Return a picture of one layer's keys as one line; the sensor is on the left.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
 
 
 def say(layout: KeyLayout, action: int) -> str:
-    """Return an action as text, as it stands in a layout file.
+    """Return an action in the notation of layout files.
 
     Parameters
     ----------

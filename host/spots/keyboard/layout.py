@@ -1,8 +1,8 @@
-"""Layout files: TOML files that are validated and compiled to the lines that a board stores.
+"""Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
-A file contains layers, and a layer contains keys. A key is the action of a tap, or a table with an
-action for each of ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus`` (a
-slide towards the sensor and away from it). An action is the name of a key with optional modifiers
+A file contains layers, and a layer contains keys. A key is the action of a tap, or a table of the
+actions ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (a slide towards the sensor) and
+``slide_plus`` (away from it). An action is the name of a computer's key with optional modifiers
 (``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names are those of
 `usages`.
 """
@@ -79,12 +79,12 @@ class _File(_Struct):
 
 @dataclass(frozen=True)
 class PlacedKey:
-    """A key with its place on the strip.
+    """A key with its zone on the strip.
 
     Attributes
     ----------
     low, high : float
-        Begin and end of the key, as shares (0 to 1) of the strip's length from the sensor.
+        Begin and end of the zone, as shares (0 to 1) of the strip's length from the sensor.
     label : str
         Text on the key.
     actions : dict of str to int
@@ -122,12 +122,12 @@ def load(name: str | Path) -> KeyLayout:
     Parameters
     ----------
     name : str or Path
-        Path of the file, or name of a layout that comes with the package, such as ``mini``.
+        Path of the file, or name of a layout in the package, such as ``mini``.
 
     Raises
     ------
     SpotsError
-        If the file does not exist or contains an error; the text names line, key and remedy.
+        If the file does not exist or is invalid; the text names line, key and remedy.
     """
     path, text = toml.find(name, FOLDER, "layout")
     try:
@@ -215,24 +215,24 @@ class _Compiler:
     def _check_ways(self, layers: dict[str, list[PlacedKey]]) -> None:
         for number, name in enumerate(self._names):
             if number not in self._reached:
-                self._refuse(name, f"no key leads to layer '{name}': give a key 'toggle {name}'")
+                self._refuse(name, f"no key leads to layer '{name}': add 'toggle {name}' to a key")
         for number in self._toggled - {0}:
             name = self._names[number]
             there = {action for key in layers[name] for action in key.actions.values()}
             ways = [lines_of.action(lines_of.TOGGLE, other) for other in self._toggled]
             if not there & set(ways):
                 self._refuse(
-                    name, f"layer '{name}' cannot be left: give one of its keys 'toggle {name}'"
+                    name, f"layer '{name}' has no way out: add 'toggle {name}' to one of its keys"
                 )
 
     def _refuse(self, value: str, why: str, known: list[str] | None = None) -> None:
         line = _line_of(self._text, value)
-        there = f"; there are {', '.join(known)}" if known else ""
+        there = f"; valid names are {', '.join(known)}" if known else ""
         raise SpotsError(f"layout {self._path}{line}: {why}{there}") from None
 
 
 def _label(key: _Key) -> str:
-    """Return the text on a key: characters of tap, firm press and hold, or name of the tap."""
+    """Return a key's label: what tap, firm press and hold type, or the name of the tap's key."""
     written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
     characters = [text for text in written if len(text) == 1]
     return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
@@ -250,7 +250,7 @@ def _written(action: str) -> str:
 
 
 def typed(page: int, usage: int) -> str:
-    """Return the character that a key types, as on its key cap.
+    """Return the character on the cap of a key.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def typed(page: int, usage: int) -> str:
     Returns
     -------
     str
-        The character, a letter in upper case; empty if the key types no character.
+        The character, with letters in upper case; empty if the key types no character.
     """
     known = USAGES.get((page, usage))
     character = (known and known.pynput) or ""
@@ -268,7 +268,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, value: str) -> str:
-    """Return the place of a string value in a TOML text, as ``, line 7``; empty if not found."""
+    """Return the line of a string value in a TOML text, as ``, line 7``; empty if not found."""
     for number, line in enumerate(text.splitlines(), 1):
         if f'"{value}"' in line or f"'{value}'" in line:
             return f", line {number}"
@@ -276,7 +276,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return the place of the key in an error of msgspec, as ``, line 7``; empty if not found."""
+    """Return the line of the key that msgspec's error names, as ``, line 7``; else empty."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

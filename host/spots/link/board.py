@@ -50,11 +50,11 @@ class Board:
 
     A board that restarts (a brown-out, a crash) stops its streams, and its port may disappear for
     a while and appear again under another name. While a program waits for frames, this object
-    opens the port again and resumes the streams; see `state` and `stats.restarts`. It refuses
-    another board on the port.
+    opens the port again and resumes the streams; see `state` and `stats.restarts`. If another
+    board is on the port, this object refuses that board.
 
-    Several threads may use a board at once. Each iterator gets all frames of its kinds, and a
-    command in one thread does not hold back frames from the others.
+    Several threads may use a board at once. Each iterator gets all frames of its kinds. A command
+    in one thread does not delay frames for other threads.
 
     Parameters
     ----------
@@ -64,22 +64,22 @@ class Board:
     Attributes
     ----------
     info : replies.Hello
-        The board's reply to ``hello``, updated by each change of a setting.
+        The board's reply to ``hello``, updated after each change of a setting.
     log : collections.deque of dict
         The latest log lines of the board.
     patience_s : float
         How long the port of a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
-        Lines of the calibration, if this object uploaded it: a board reports only its checksum.
+        Lines of the calibration, if this object uploaded them: a board reports only their checksum.
     read_only : bool
-        Whether commands cannot change the board: it is a recording, or on another machine.
+        Whether commands cannot change the board, because it is a recording or a remote board.
     ended : bool
         Whether no more frames will come, because a recording has ended.
 
     Raises
     ------
     SpotsError
-        If nothing answers, or it is not a board of this protocol version.
+        If no board answers, or its protocol version is another one.
 
     Examples
     --------
@@ -140,17 +140,17 @@ class Board:
 
     @property
     def state(self) -> str:
-        """``connected``, or the reason why no readings come.
+        """State of the connection: ``connected``, or the reason why no readings arrive.
 
-        ``stalled``: the board or its sensor is silent, though the port exists. ``lost``: the port
-        is unplugged, and searched for. ``refused``: another board is on the port. ``closed``: the
-        program has closed the board.
+        ``stalled``: the port exists, but the board or its sensor sends nothing. ``lost``: the board
+        is unplugged, and its port is searched. ``refused``: another board is on the port.
+        ``closed``: the program has closed the board.
         """
         return "closed" if self._closed else self._loss.state(self.now_s())
 
     @property
     def rate_hz(self) -> float:
-        """Readings a second by the board's clock, mean of the last 64; NaN before the second."""
+        """Mean rate of the last 64 readings by the board's clock; NaN before the second reading."""
         times_us = self._times_us
         if len(times_us) < 2:
             return float("nan")
@@ -158,7 +158,7 @@ class Board:
 
     @property
     def drift_ppm(self) -> float:
-        """Drift of the board's clock in ppm, positive if fast; measured in a minute of readings."""
+        """Drift of the board's clock in ppm, positive if fast; needs a minute of readings."""
         return self._clocks.clock.drift_ppm
 
     @property
@@ -167,13 +167,13 @@ class Board:
         return self._link.name
 
     def silent(self, least_s: float) -> bool:
-        """Return whether no reading has come for some time though they are streamed.
+        """Return whether no reading has arrived for some time although readings are streamed.
 
         Parameters
         ----------
         least_s : float
-            Smallest time without a reading, in seconds of the link's clock. On a slow board it is
-            the time of three readings if that is longer.
+            Least time without a reading, in seconds of the link's clock. For a slow board, the
+            time of three readings counts if it is longer.
         """
         return self._loss.silent(self.now_s(), least_s)
 
@@ -201,8 +201,8 @@ class Board:
         line : str
             Command as in docs/protocol.md, for example ``set exposure_us=10000``.
         timeout_s : float, optional
-            Longest time to wait for the reply, in seconds. If not given, the longest time that the
-            command may take.
+            Longest time to wait for the reply, in seconds. The default is the longest time that
+            this command may take.
 
         Returns
         -------
@@ -213,7 +213,7 @@ class Board:
         Raises
         ------
         SpotsError
-            If the line is invalid, the board refuses the command, or no reply comes in time.
+            If the line is invalid, the board refuses the command, or no reply arrives in time.
         """
         content = self._command(line, timeout_s)
         self._chosen |= content["re"] == "stream"
@@ -236,7 +236,7 @@ class Board:
         Raises
         ------
         SpotsError
-            If the board refuses a setting. Then it changes none of them.
+            If the board refuses one of the settings. Then no setting is changed.
 
         Examples
         --------
@@ -286,7 +286,7 @@ class Board:
         Parameters
         ----------
         seconds : float, optional
-            Duration of the iteration, in seconds of the link's clock; no end if not given.
+            Duration of the iteration, in seconds of the link's clock; no limit if not given.
 
         Returns
         -------
@@ -308,17 +308,17 @@ class Board:
         return self._start(seconds, Touch)
 
     def spectra(self, seconds: float | None = None) -> FrameIterator[Spectrum]:
-        """Iterate over the spectra, the six raw counts of each reading; see `touches`."""
+        """Iterate over spectra: the six raw counts of each reading; see `touches`."""
         return self._start(seconds, Spectrum)
 
     def keys(self, seconds: float | None = None) -> FrameIterator[Key]:
-        """Iterate over the keys that the board types with its own layout; see `touches`.
+        """Iterate over presses and releases of keys in the board's own layout; see `touches`.
 
         Raises
         ------
         SpotsError
-            If the board's keys are off. ``command("keys on")`` turns them on; the board then also
-            types on its computer.
+            If the board's keys are off. ``command("keys on")`` turns them on. The board then also
+            types on the computer that it is plugged into.
         """
         if not self.read_only and not self.command("hello")["keys"]:
             raise SpotsError(
@@ -328,9 +328,9 @@ class Board:
         return self._start(seconds, Key)
 
     def contacts(self, seconds: float | None = None) -> FrameIterator[Contact]:
-        """Iterate over contacts, a frame for each finger and reading; see `touches`.
+        """Iterate over contacts: in each reading, one frame for each finger; see `touches`.
 
-        This starts the streams of contacts and of readings: without a finger no contact comes.
+        This starts the streams of contacts and of readings, because contacts stop without a finger.
 
         Raises
         ------
@@ -350,7 +350,7 @@ class Board:
         """Iterate over frames of all kinds; see `touches`.
 
         This starts the streams of readings and spectra, unless ``command("stream ...")`` has chosen
-        the streams. Contacts come once `contacts` or that command has started them.
+        the streams. Contacts are included once `contacts` or that command has started them.
         """
         kinds = () if self._chosen else (Touch, Spectrum)
         self._want(*kinds)
@@ -359,7 +359,7 @@ class Board:
     async def atouches(self, seconds: float | None = None) -> AsyncGenerator[Touch, None]:
         """Iterate over readings in asyncio, without blocking the event loop; see `touches`.
 
-        A thread waits for the readings. It ends with the iteration, on every exit path.
+        A thread waits for the readings. The thread ends with the iteration, on every exit path.
 
         Parameters
         ----------
@@ -405,7 +405,7 @@ class Board:
         Returns
         -------
         readers.Subscription
-            Ends with its method ``cancel()``, or when the board is closed.
+            The subscription. It ends with its method ``cancel()``, or when the board is closed.
 
         Examples
         --------
@@ -420,20 +420,20 @@ class Board:
         return Subscription(self._start(None, *(kinds or (Touch,))), callback)
 
     def read_latest(self, timeout_s: float | None = None) -> Touch:
-        """Return the newest reading and drop older ones, for a view that must not lag.
+        """Return the newest reading and drop older readings, for a display that must not lag.
 
         This starts the stream of readings.
 
         Parameters
         ----------
         timeout_s : float, optional
-            Longest time to wait for a reading, in seconds. If not given, 2 s, or the time of three
-            readings of a slow board.
+            Longest time to wait for a reading, in seconds. The default is 2 s, or the time of three
+            readings if that is longer.
 
         Raises
         ------
         SpotsError
-            If no reading comes in time.
+            If no reading arrives in time.
         """
         if timeout_s is None:
             timeout_s = silent_s(_LATEST_S, self._loss.every_s)
@@ -515,23 +515,23 @@ class Board:
     def record(
         self, path: str | Path, *, rotate_bytes: int | None = None
     ) -> AbstractContextManager[Any]:
-        """Record all bytes that arrive from now on in a file, before the program sees them.
+        """Start to record in a file all bytes that arrive from now on.
 
-        Frames that have arrived and are still unread are not recorded.
+        Frames that have already arrived are not recorded, even if they are still unread.
 
         Parameters
         ----------
         path : str or Path
             Name of the new file.
         rotate_bytes : int, optional
-            Largest size of a file, in bytes; then the recording continues in another file. No limit
+            Largest size of a file, in bytes; the recording then continues in another file. No limit
             if not given.
 
         Returns
         -------
         recording.recorder.Recorder
-            The recording ends with its method ``stop()``, with its ``with`` block, or with the
-            board.
+            The recorder. It ends when you call its method ``stop()``, at the end of its ``with``
+            block, or when the board is closed.
 
         Raises
         ------
@@ -587,14 +587,14 @@ class Board:
     def _checked(self, reply: Text | None) -> Hello:
         if reply is None:
             raise SpotsError(
-                f"the device on {self.port} does not answer 'hello': it is not a SPOTS board, or "
-                "its firmware does not run; name another port, or flash the board"
+                f"the device on {self.port} does not answer 'hello': it is no SPOTS board, or its "
+                "firmware does not run; name another port, or flash the board"
             )
         version = reply.content.get("protocol")
         if version != PROTOCOL:
             raise SpotsError(
-                f"the board on {self.port} has protocol {version}, and this program {PROTOCOL}: "
-                "update the older one"
+                f"the board on {self.port} has protocol {version}, but the program has {PROTOCOL}: "
+                "update whichever is older"
             )
         return cast("Hello", self._validated(reply))
 
@@ -689,7 +689,7 @@ class Board:
         if info.get("id") != self.info.get("id"):
             self._link.close_port()
             raise RefusedError(
-                f"the board on {self.port} is {info.get('id')} instead of "
+                f"{self.port} now has board {info.get('id')} instead of "
                 f"{self.info.get('id')}: plug in board {self.info.get('id')} again"
             )
         return info

@@ -1,4 +1,4 @@
-"""Functions for applications of a calibrated board: strip length, rate, baseline, readings."""
+"""Functions for applications that need a calibrated board: length, rate, baseline, readings."""
 
 import contextlib
 import math
@@ -16,7 +16,7 @@ _FOLLOW = "set baseline=1"
 
 
 def hello_calibrated(board: Board) -> Hello:
-    """Return the reply to ``hello`` of a board that must be calibrated.
+    """Return the reply to ``hello`` of a board, which must be calibrated.
 
     Raises
     ------
@@ -33,14 +33,14 @@ def hello_calibrated(board: Board) -> Hello:
 
 
 def next_step(info: Hello) -> str | None:
-    """Return the advice for a board without calibration, from its ``hello``; else None."""
+    """Return advice for a board whose ``hello`` shows no calibration; None if it has one."""
     return None if info.get("length_um") else "next: spots calibrate position"
 
 
 def hello_often(
     board: Board, within_s: float, remedy: str = "set a shorter exposure_us or a smaller average"
 ) -> Hello:
-    """Return the reply to ``hello`` of a board that must be calibrated and fast enough.
+    """Return the reply to ``hello`` of a board, which must be calibrated and fast enough.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def hello_often(
     within_s : float
         Longest time from one reading to the next that the application allows, in seconds.
     remedy : str, optional
-        Advice in the error message of a slower board.
+        Advice in the error message for a slower board.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def length_of(board: Board) -> int:
 
 
 def tell_rest(board: Board) -> None:
-    """Take the present light of a strip as its baseline; no error if the board does not answer."""
+    """Make the present spectrum of an untouched strip its baseline; ignore a missing reply."""
     if not board.read_only:
         with contextlib.suppress(SpotsError):
             board.command("rest")
@@ -87,19 +87,20 @@ def ticks(
 ) -> Iterator[Iterator[Touch]]:
     """Turn on baseline tracking, and yield an iterator over the readings of each tick.
 
-    The setting is sent again after a restart of the board. After the process was stopped (Ctrl-Z),
-    older readings are dropped. When all readings become untrusted, the cause is printed on stderr.
+    The setting is sent again after a restart of the board. When a stopped process (Ctrl-Z) is
+    resumed, older readings are dropped. When all readings become untrusted, the cause is printed on
+    stderr.
 
     Parameters
     ----------
     board : Board
         The board to read.
     seconds : float or None
-        Duration, in seconds of the link's clock; no end if None. A recording ends by itself.
+        Duration, in seconds of the link's clock; no limit if None. A recording has its own end.
     tick_s : float
         Length of a tick, in seconds.
     forget : callable
-        ``forget()`` is called after the process was stopped; it should drop the present touch.
+        ``forget()`` is called when a stopped process is resumed; it should drop the present touch.
 
     Yields
     ------

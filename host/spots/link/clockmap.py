@@ -21,10 +21,10 @@ class ClockMap:
     """Unwraps a board's 32-bit microseconds and maps them to the host's clock.
 
     A question is sent at host time a, answered at board time t, and the answer arrives at host
-    time b: so t lies between a and b. Each round trip bounds the offset between the clocks from
-    both sides, and all bounds together are tighter than the shortest round trip alone. Because
-    clocks drift, the offset is a linear function of time. Its slope is chosen so that the distance
-    between the bounds of the latest round trips is largest.
+    time b. So the host time of t lies between a and b: each round trip bounds the offset between
+    the clocks from both sides. All bounds together are tighter than those of the shortest round
+    trip. Because clocks drift, the offset is a linear function of time. Its slope is the one for
+    which the upper and lower bounds of the latest round trips are farthest apart.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ class ClockMap:
     def unwrap(self, t_us: int) -> int:
         """Return the board time `t_us` (modulo 2**32) as a count in us that never wraps.
 
-        It must be called at least every 35 minutes of board time.
+        Call this at least every 35 minutes of board time, or a wrap is missed.
         """
         step = (t_us - self._last_us + _WRAP // 2) % _WRAP - _WRAP // 2
         self._last_us += step
         return self._last_us
 
     def state(self) -> dict[str, float]:
-        """Return the arguments of a new map that maps later times to the same floats."""
+        """Return constructor arguments for a new map that maps later times to the same floats."""
         return {
             "last_us": self._last_us,
             "low_s": self._low_s,
@@ -80,7 +80,7 @@ class ClockMap:
         }
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:
-        """Return a frame with its host time; a text is returned unchanged.
+        """Return a frame with its host time in `time_s`; return a text unchanged.
 
         Parameters
         ----------
@@ -92,14 +92,14 @@ class ClockMap:
         Returns
         -------
         Touch, Spectrum, Key, Contact or Text
-            The frame with `time_s`; a text has none.
+            A copy of the frame, or the text.
         """
         if isinstance(frame, Text):
             return frame
         return frame._replace(time_s=self.host_s(frame.t_us, arrived_s))
 
     def round_trip(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Narrow the bounds by a round trip.
+        """Narrow the bounds with the times of a round trip.
 
         Parameters
         ----------
@@ -138,14 +138,14 @@ class ClockMap:
         return board_us * 1e-6 + self._offset_s(board_us)
 
     def host_s_each(self, t_us: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
-        """Return the host times of many board times: the same floats as from `host_s`, one by one.
+        """Return the host times of many board times: exactly the floats that `host_s` returns.
 
         Parameters
         ----------
         t_us : ndarray, shape (n,), int64
             Board times modulo 2**32, in us.
         arrived_s : ndarray, shape (n,), float64
-            Host time at which each of them arrived, in seconds.
+            Host time at which each board time arrived, in seconds.
 
         Returns
         -------

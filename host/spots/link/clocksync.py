@@ -18,7 +18,7 @@ _NEVER = float("inf")
 
 
 class ClockSync:
-    """Keeps a clock map up to date by regular questions to the board.
+    """Keeps a clock map up to date with regular questions to the board.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class ClockSync:
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Schedule the regular questions from the host time `now_s` (s); the map stays valid."""
+        """Schedule the next regular question after host time `now_s` (s); keep the present map."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
@@ -59,7 +59,7 @@ class ClockSync:
         self.due_s = received_s
 
     def ask(self, now_s: float) -> bytes:
-        """Return the question to send to the board now; empty before it is due."""
+        """Return the question to send to the board now; empty if no question is due."""
         if now_s < self.due_s:
             return b""
         self.due_s = now_s + next(self._waits)
@@ -68,7 +68,7 @@ class ClockSync:
         return b"sync\n"
 
     def answered(self, t_us: int, now_s: float) -> None:
-        """Record an answer; ignored if no question is open.
+        """Record an answer; ignore it if no question is open.
 
         Parameters
         ----------

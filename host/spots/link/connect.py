@@ -28,11 +28,11 @@ def open(
     port : str or Path, optional
         Name of a serial port, or one of these: ``"virtual"`` starts a simulated board in real time,
         ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` reads a board that ``spots publish``
-        publishes on another machine, and ``"zenoh:"`` the only such board. If not given, the only
-        board on USB is opened: every USB serial port is asked ``hello``.
+        publishes on another machine, and ``"zenoh:"`` reads the only published board. If not given,
+        the only board on USB is opened; to find it, ``hello`` is sent to every USB serial port.
     sensor, scenario : str
-        Sensor file and scenario file of the virtual board: a path, or the name of a file that comes
-        with the package.
+        Sensor file and scenario file of the virtual board: a path, or the name of a file in the
+        package.
     seed : int
         Seed of the virtual board's noise, 0 or more.
 
@@ -92,7 +92,7 @@ def find() -> tuple[list[Board], list[str]]:
 
 
 def survey() -> list[dict[str, str]]:
-    """Ask every USB serial port for its board; return port, USB device and answer of each."""
+    """Ask each USB serial port for its board; return each port, its USB device and the answer."""
     rows: list[dict[str, str]] = []
     for port in usb_ports():
         try:
@@ -105,7 +105,7 @@ def survey() -> list[dict[str, str]]:
 
 
 def prepare(board: Board, calibration: Sequence[str]) -> None:
-    """Upload a calibration to a board, after changing the settings to those of the calibration.
+    """Set a board to the settings of a calibration, and upload the calibration.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def prepare(board: Board, calibration: Sequence[str]) -> None:
 
 
 def upload(board: Board, calibration: Sequence[str]) -> None:
-    """Upload a calibration to a board. The command ``save`` stores it there permanently.
+    """Upload a calibration to a board. Only the board's command ``save`` makes it permanent.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Decodes the bytes of a board into frames; see docs/protocol.md. Encodes notes.
 
-The decoder has no I/O and no threads. Live links, recordings and the simulator use the same one.
+The decoder has no I/O and no threads. Live links, recordings and the simulator all use it.
 """
 
 import json
@@ -31,7 +31,7 @@ NOTE = 15
 
 
 def whole(data: bytes) -> int:
-    """Return the number of bytes up to the last delimiter; all bytes if it is too long a piece."""
+    """Return the number of bytes up to the last delimiter; all if they cannot be one frame."""
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
 
@@ -64,15 +64,15 @@ class Touch(NamedTuple):
     flags : int
         Bits of `spots_device.decode`.
     contrast_q20, brightness_q20 : int
-        Position contrast and brightness in log2 units, times 2**20; see the properties.
+        Position contrast and brightness in log2 units, times 2**20; see `contrast`, `brightness`.
     position_um : float
         Distance of the press from the sensor's end of the strip, in um; NaN without a touch, and
         while the LED is off.
     force_mN : float
         Force of the press, in mN; NaN without a calibration, and while the LED is off.
     time_s : float or None
-        Host time of the same moment, in seconds of the monotonic clock; None if the clocks were
-        never compared. They are compared when the board is opened, and regularly while it streams.
+        Host time of the moment `t_us`, in seconds of the monotonic clock. None if the two clocks
+        were never compared; a board compares them when it is opened, and regularly as it streams.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class Touch(NamedTuple):
 
     @property
     def trusted(self) -> bool:
-        """Whether position and force are valid: touching, and no flag against it."""
+        """Whether position and force are valid: a finger touches, and no flag reports a fault."""
         return self.touching and not self.flags & DOUBTFUL
 
     @property
@@ -179,14 +179,14 @@ class Contact(NamedTuple):
     id : int
         Number of the finger, modulo 256.
     state : int
-        One of `spots_device.fingers`: `DOWN` (0) in the first frame of a finger; `PROVISIONAL` (1)
-        while another finger may be on the strip, or it may have lifted; `CONFIRMED` (2) while it
-        is alone; in its last frame `UP` (3), or `NEVER_ALONE` (4) if it never was.
+        One of `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another finger may
+        be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this finger is
+        alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if it never was alone.
     position_um : float
-        Distance from the sensor's end of the strip, in um: measured where the finger is alone,
-        otherwise estimated. The last known one in the last frame.
+        Distance from the sensor's end of the strip, in um: measured while the finger is alone,
+        otherwise estimated. In the last frame, the last known position.
     sigma_um : float
-        Standard deviation of the position by noise, in um.
+        Standard deviation of the position due to noise, in um.
     force_mN : float
         Force, in mN; NaN unless the finger is alone.
 
@@ -229,14 +229,14 @@ class Text(NamedTuple):
 
 
 class Note(NamedTuple):
-    """A recorder's own entry between the frames of a board; see docs/recording.md.
+    """An entry that a recorder adds between the frames of a board; see docs/recording.md.
 
     Attributes
     ----------
     since_us : int
         Host time since the recording began, in us; 48 bits.
     content : dict
-        Content of the entry; empty if it only has the time.
+        Content of the entry; empty if the entry only has the time.
 
     Examples
     --------
@@ -259,9 +259,9 @@ class LinkStats:
     Attributes
     ----------
     frames : int
-        Number of valid frames, without notes. Frames of unknown kinds count, too.
+        Number of valid frames, including frames of unknown kinds, but not notes.
     lost : int
-        Number of missing frames, by their sequence numbers.
+        Number of missing frames, computed from gaps in the sequence numbers.
     bad_crc : int
         Number of damaged pieces between two delimiters.
     bytes : int
@@ -289,15 +289,15 @@ class LinkStats:
 class Decoder:
     """Decodes a byte stream, which may be damaged, into frames.
 
-    A piece with a wrong CRC is counted and dropped; the next delimiter resynchronises. The memory
-    is limited by the longest frame.
+    A piece with a wrong CRC is counted and dropped; the decoder resynchronises at the next
+    delimiter. Memory is limited to the length of the longest frame.
 
     Attributes
     ----------
     stats : LinkStats
         Statistics of the stream.
     restarts : int
-        Number of restarts of the board, from `restarted` or from notes.
+        Number of restarts of the board, from calls of `restarted` or from notes.
 
     Examples
     --------
@@ -326,7 +326,7 @@ class Decoder:
         self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take any number of bytes, and return the frames that are complete now."""
+        """Add bytes, in any amount, and return the frames that are now complete."""
         frames: list[Frame] = []
         for piece in self._completed(data).split(b"\0"):
             if piece:
@@ -336,9 +336,8 @@ class Decoder:
     def restarted(self, restarts: int) -> None:
         """Set the number of restarts of the board.
 
-        If it is larger than before, the sequence numbers start from 0 again, and frames that seem
-        lost since the last reading do not count: a board sends no readings before its streams are
-        resumed.
+        If the number has grown, the sequence numbers start from 0 again. Frames that seem lost
+        after the last reading do not count: a board sends no readings until its streams resume.
         """
         if restarts > self.restarts:
             self.restarts = restarts
@@ -397,7 +396,7 @@ class Decoder:
 
 
 def checked(piece: bytes) -> bytes | None:
-    """Return the payload of a piece between two delimiters; None if it is damaged."""
+    """Return the payload of a piece between two delimiters; None if the piece is damaged."""
     try:
         payload = cobs.decode(piece)  # pyright: ignore[reportUnknownMemberType]
     except cobs.DecodeError:

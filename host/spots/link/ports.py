@@ -10,17 +10,17 @@ entry point is the word before the colon: ``zenoh`` in ``zenoh:ID``. The module 
 and may have
 
 ``check(rest, *, sensor, scenario, seed)``
-    Raises SpotsError for a mistake that waiting for the board cannot correct.
+    Raises SpotsError for a mistake in the arguments that no later plugging-in can correct.
 ``calibration_setup(options, made, path, guide)``
-    Returns a `calibrate.bench.Bench` whose strip needs no person. ``made`` is a session, or
-    the calibration of a strip that may have drifted.
+    Returns a `calibrate.bench.Bench` that presses its strip without a person. ``made`` is a
+    session, or the calibration of a strip that may have drifted.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Returns a `linkage.twin_source.DrivenLinkage`: a linkage that opens its boards itself. `path`,
     `seed` and `exposure_us` must have defaults.
 ``run_linkage(options)``
     Runs ``spots twin`` with a simulated linkage and compares it with the true positions.
 ``flash_place(device)``
-    Returns a context manager with a `deploy.place.Place`, a board to flash.
+    Returns a context manager that yields a `deploy.place.Place`: a board to flash.
 """
 
 import difflib
@@ -36,14 +36,14 @@ _FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes a
 
 
 def known() -> str:
-    """Return the forms of the ports of all installed schemes, for help and error messages."""
+    """Return how to write the ports of all installed schemes, for help and error messages."""
     names = sorted(entry.name for entry in entry_points(group=GROUP))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
 
 
 def no_port(port: str) -> str:
-    """Return the error message of a port that does not exist; it suggests a similar scheme."""
+    """Return the error message for a port that does not exist; suggest a similar scheme."""
     names = [entry.name for entry in entry_points(group=GROUP)]
     similar = difflib.get_close_matches(port.partition(":")[0].lower(), names, n=1, cutoff=0.7)
     if similar:

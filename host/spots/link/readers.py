@@ -21,7 +21,7 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
 class FrameLog:
-    """Stores the frames that some reader has not taken yet.
+    """Stores each frame until all readers have taken it.
 
     A new reader begins with the first frame that no reader has taken.
     """
@@ -72,7 +72,7 @@ class FrameLog:
             return self._find(reader)[0] is not None
 
     def take(self, reader: FrameIterator[_ReadingT]) -> _ReadingT | None:
-        """Return the next frame for a reader; it is flagged `DROPPED` if the reader lost frames."""
+        """Return a reader's next frame, with the flag `DROPPED` if the reader missed frames."""
         with self._lock:
             frame, place = self._find(reader)
             reader.missed |= reader.place < self._begin
@@ -93,7 +93,7 @@ class FrameLog:
 
 
 class FrameIterator(Generic[_ReadingT]):
-    """Iterates over frames of some kinds; made by `board.Board`.
+    """Iterates over frames of some kinds; `board.Board` creates it.
 
     Iterators are independent: each yields every frame of its kinds that arrives after its start.
 
@@ -111,7 +111,7 @@ class FrameIterator(Generic[_ReadingT]):
     place : int
         Number of the next frame in the log.
     missed : bool
-        Whether frames were dropped since the last yielded one.
+        Whether frames were dropped since the last yielded frame.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class FrameIterator(Generic[_ReadingT]):
 
     @property
     def unread(self) -> bool:
-        """Whether a frame has arrived, so that `next` returns at once."""
+        """Whether a frame has already arrived, so that `next` does not wait."""
         return self._log.unread(self)
 
     def wait(self) -> bool:
@@ -165,15 +165,14 @@ class Handle:
 
 
 class Subscription(Generic[_ReadingT]):
-    """Calls a function with each frame, in a new thread, until `cancel` or the end of the board.
+    """Calls a function with each frame, in a new thread, until `cancel` or until the board closes.
 
-    An exception of the function is reported on stderr; then the next frame follows.
+    An exception in the function is reported on stderr; the thread continues with the next frame.
 
     Attributes
     ----------
     error : Exception or None
-        Error that ended the subscription, such as the loss of the board. It is also reported on
-        stderr.
+        Error that ended the subscription, such as the loss of the board; also reported on stderr.
     """
 
     def __init__(self, frames: FrameIterator[_ReadingT], callback: Callable[[_ReadingT], object]):
@@ -184,7 +183,7 @@ class Subscription(Generic[_ReadingT]):
         self._thread.start()
 
     def cancel(self) -> None:
-        """Start no further calls. This returns at once: a call that has started may still run."""
+        """Start no further calls, and return at once; a call that has started may still run."""
         self._frames.close()
 
     def _run(self) -> None:

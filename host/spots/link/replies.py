@@ -119,12 +119,12 @@ _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
 def decoded(data: Any) -> dict[str, Any]:
     """Decode a JSON object from an untrusted sender.
 
-    The brackets are counted first, because the parser recurses at each of them.
+    Opening brackets are counted before parsing, because the parser recurses at each bracket.
 
     Parameters
     ----------
     data : bytes or zenoh.ZBytes
-        Text of the object. It is copied only if it is short enough.
+        Text of the object, copied only if it is short enough.
 
     Raises
     ------

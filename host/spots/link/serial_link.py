@@ -1,4 +1,4 @@
-"""A link to a board: reads and writes bytes, and has a clock; here, a serial port."""
+"""A link to a board reads and writes bytes, and has a clock; `SerialLink` is a serial port."""
 
 import errno
 import sys
@@ -22,12 +22,12 @@ _CHUNK = 4096  # bytes of a socket at once
 
 
 def takes_nothing(port: str) -> str:
-    """Return the error message of a port that accepts no bytes within `WRITE_TIMEOUT_S`."""
+    """Return the error message for a port that accepts no bytes within `WRITE_TIMEOUT_S`."""
     return f"the board on {port} accepts no data: replug the board"
 
 
 class Link(Protocol):
-    """Transports bytes to and from a board; knows nothing of the protocol.
+    """Transports bytes to and from a board, independently of the protocol.
 
     Attributes
     ----------
@@ -53,25 +53,25 @@ class Link(Protocol):
         time.sleep(duration_s)
 
     def reopen(self) -> None:
-        """Open the port again. Only a link that raises PortLostError needs this method.
+        """Open the port again. Required only if the link raises PortLostError.
 
         Raises
         ------
         RefusedError
-            If another device has the name of the port, and no other port has the board.
+            If another device now has the port's name, and the board is on no other port.
         SpotsError
             If the port does not exist or cannot be opened.
         """
 
     def close_port(self) -> None:
-        """Close the port until `reopen`. Only a link that raises PortLostError needs this."""
+        """Close the port until `reopen`. Required only if the link raises PortLostError."""
 
     def close(self) -> None:
-        """Close the port for good."""
+        """Close the port permanently."""
 
 
 class SerialLink(Link):
-    """A serial port, opened by pyserial for this program alone.
+    """A serial port that pyserial opens for this program only.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class SerialLink(Link):
     Raises
     ------
     SpotsError
-        If the port does not exist, is busy, or may not be opened.
+        If the port does not exist, is busy, or access is denied.
     """
 
     # Timeout of a read on Windows: to change it sets up the port again, which takes milliseconds
@@ -99,7 +99,7 @@ class SerialLink(Link):
         self._open()
 
     def reopen(self) -> None:
-        """Open the port again, under the present name of its device."""
+        """Open the port again, under the name that its device has now."""
         self.close_port()
         names = self._names()
         self._turn += 1  # a device may have several ports: try the next one
@@ -194,7 +194,7 @@ def _usb_numbers() -> dict[str, str | None]:
 
 
 def usb_boards() -> list[list[str]]:
-    """Return the serial ports of each USB device by name: the prompt first, the frames last."""
+    """Return each USB device's serial ports, sorted: the prompt's port first, the frames' last."""
     boards: dict[str, list[str]] = {}
     for port in usb_ports():
         boards.setdefault(port.serial_number or port.device, []).append(port.device)
@@ -215,9 +215,9 @@ def _why_not(port: str, error: Exception) -> str:
         return f"{port} is busy: close the other program that uses it"
     if not denied:
         return f"{port} cannot be opened as a serial port: {error}"
-    group = f"{port} may not be opened: add yourself to its group (ls -l {port}), log in again"
+    group = f"no permission to open {port}: join its group (ls -l {port}) and log in again"
     vid = next((usb.vid for usb in usb_ports() if usb.device == port), None)
     if vid is None or not sys.platform.startswith("linux"):
         return group
     rule = f'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vid:04x}", TAG+="uaccess"'
-    return f"{group}; or put this into /etc/udev/rules.d/60-spots.rules and replug: {rule}"
+    return f"{group}; or put this line into /etc/udev/rules.d/60-spots.rules and replug: {rule}"

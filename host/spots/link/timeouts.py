@@ -1,8 +1,8 @@
 """Timeouts and back-off while a board is silent or unplugged, by the clock of its link.
 
-When readings stop, the board is asked after `ASK_S`, applications release their keys after
+When readings stop, the link asks the board after `ASK_S`, applications release their keys after
 `RELEASE_S`, the state becomes stalled after `STALLED_S`, and the web UI closes the board and
-searches again after `SEARCH_S`. An unplugged port is searched with a growing back-off, and
+searches again after `SEARCH_S`. The search for an unplugged port has a growing back-off, and
 `Board.frames` raises an error after `PATIENCE_S`.
 """
 
@@ -47,7 +47,7 @@ def silent_s(least_s: float, every_s: float) -> float:
     Returns
     -------
     float
-        `least_s`, or the time of three readings if that is longer; in seconds.
+        The longer one of `least_s` and the time of three readings, in seconds.
     """
     return max(least_s, _SILENT_READINGS * every_s)
 
@@ -55,13 +55,13 @@ def silent_s(least_s: float, every_s: float) -> float:
 class LinkLoss:
     """State machine of a link that may stall or be unplugged.
 
-    The state is ``connected``; it is ``stalled`` when an expected reading is `STALLED_S` late,
-    ``lost`` when the port is unplugged, and ``refused`` while another board is on the port.
+    States: ``connected``; ``stalled`` if an expected reading is `STALLED_S` late; ``lost`` if the
+    port is unplugged; ``refused`` while another board is on the port.
 
     Parameters
     ----------
     now_s : float
-        Time of the link's clock, in seconds, as all times here.
+        Present time by the link's clock, in seconds. All times of this class are of this clock.
 
     Attributes
     ----------
@@ -72,9 +72,9 @@ class LinkLoss:
     first_asked_s : float
         Time of the first question since the last frame.
     is_open : bool
-        Whether a lost port is open again, while the board on it is still unknown.
+        Whether a lost port is open again but its board is not identified yet.
     tries : int
-        Number of questions to the unknown board.
+        Number of questions sent to the unidentified board.
     """
 
     def __init__(self, now_s: float):
@@ -87,7 +87,7 @@ class LinkLoss:
 
     @property
     def unplugged(self) -> bool:
-        """Whether the port has disappeared, or the board on it is still unknown."""
+        """Whether the port has disappeared, or its board is not identified yet."""
         return self._unplugged_s < _NEVER
 
     def state(self, now_s: float) -> str:
@@ -118,17 +118,17 @@ class LinkLoss:
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
     def expect(self, now_s: float | None) -> None:
-        """Record a reading or the start of a stream; None if no more readings will come."""
+        """Record a reading, or the start of a stream; with None, expect no more readings."""
         self._expected_s = _NEVER if now_s is None else now_s
 
     def asking(self, now_s: float) -> None:
-        """Record that a question is sent now."""
+        """Record that the board is sent a question now."""
         if self._asked == 0:
             self.first_asked_s = now_s
         self._asked += 1
 
     def unanswered(self, now_s: float) -> None:
-        """Record that the question was not answered."""
+        """Record that the board did not answer the question."""
         self.ask_s = now_s + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
 
     def unplug(self, now_s: float) -> None:
@@ -167,6 +167,6 @@ class LinkLoss:
         return newly
 
     def plug(self, now_s: float) -> None:
-        """Record that the board is back, and ask at once whether it has restarted."""
+        """Record that the board is reconnected; the question whether it restarted is due now."""
         self._unplugged_s = _NEVER
         self.ask_s = self._expected_s = now_s

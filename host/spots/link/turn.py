@@ -1,4 +1,4 @@
-"""A fair lock, with which several threads share one link."""
+"""A fair lock with which several threads share one link."""
 
 import threading
 from collections import deque
@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 
 class Turn:
-    """A reentrant lock that threads get in the order in which they ask for it.
+    """A reentrant lock that threads acquire in the order of their requests.
 
-    A thread that reads a link in a loop takes the lock again at once after it releases it: with an
+    A thread that reads a link in a loop acquires the lock again right after each release. With an
     ordinary lock, other threads would starve.
     """
 
@@ -26,19 +26,19 @@ class Turn:
     def take(
         self, timeout_s: float | None = None, unless: Callable[[], bool] = lambda: False
     ) -> bool:
-        """Take the lock, unless time runs out or another condition becomes true.
+        """Acquire the lock, unless the timeout expires or `unless` becomes true.
 
         Parameters
         ----------
         timeout_s : float, optional
             Longest time to wait for the lock, in seconds; no limit if not given.
         unless : callable
-            ``unless()`` returns True to end the wait. It is called when the lock is released.
+            ``unless()`` returns True to end the wait. It is called at each release of the lock.
 
         Returns
         -------
         bool
-            Whether the lock was taken.
+            Whether the lock was acquired.
         """
         me = threading.get_ident()
         if self._owner == me:
@@ -58,7 +58,7 @@ class Turn:
                 self._changed.notify_all()
 
     def give(self) -> None:
-        """Release the lock; call it once for each time it was taken."""
+        """Release the lock; call this once for each successful `take`."""
         with self._changed:
             self._depth -= 1
             if not self._depth:
@@ -66,7 +66,7 @@ class Turn:
                 self._changed.notify_all()
 
     def wake(self) -> None:
-        """Let the waiting threads evaluate their `unless`."""
+        """Let the waiting threads evaluate their `unless` conditions."""
         with self._changed:
             self._changed.notify_all()
 

@@ -11,7 +11,7 @@ _UNTRUSTED_S = 0.7
 # By flag; the first flag that is set gives the cause.
 _CAUSES = {
     decode.NOT_CALIBRATED: (
-        "the board has no calibration that holds at its settings; next: spots calibrate position"
+        "the board has no calibration for its settings; next: spots calibrate position"
     ),
     decode.SATURATED: (
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
@@ -20,21 +20,21 @@ _CAUSES = {
         "the board keeps measuring its dark frame; next: lift all fingers, keep the light steady"
     ),
     decode.MISFIT: (
-        "the spectrum does not fit one press; next: lift all fingers and wipe the strip, and if "
-        "that changes nothing, re-zero is advised: spots rezero"
+        "the spectrum is not that of one press; next: lift all fingers and wipe the strip; if "
+        "that changes nothing, re-zero the strip: spots rezero"
     ),
 }
 
 
 class Untrusted:
-    """Detects that every reading of a strip has been untrusted for most of a second.
+    """Detects when all readings of a strip have been untrusted for most of a second.
 
-    A reading without a flag against it, as of an untouched strip, resets the detection.
+    A reading without such a flag, for example of an untouched strip, resets the detection.
 
     Attributes
     ----------
     sentence : str
-        Cause and remedy; empty while readings are good.
+        Cause and remedy; empty while readings can be trusted.
     """
 
     def __init__(self):

@@ -1,4 +1,4 @@
-"""The digital twin of a five-bar linkage: two encoders in, one terminal out (paper, Fig. 7D)."""
+"""The digital twin of a five-bar linkage: end point from two encoders (paper, Fig. 7D)."""
 
 import math
 from collections import deque
@@ -23,7 +23,7 @@ _FAILING_S = 10.0  # a restarted board may refuse its commands for so long
 
 
 class Terminal(NamedTuple):
-    """Position of the terminal at one moment, with its error.
+    """Position of a linkage's end point (the terminal of the paper) at one moment, and its error.
 
     Attributes
     ----------
@@ -38,12 +38,12 @@ class Terminal(NamedTuple):
     theta_rad : tuple of 2 floats
         Angles of joint 1 and joint 2, in rad.
     limit : Limit
-        Reason why there is no position; `Limit.NONE` if there is one.
+        Reason why there is no position; `Limit.NONE` if there is a position.
     singular : bool
         Whether the outer bars are nearly in line, where small errors of the angles cause large
         errors of the position.
     within : bool
-        Whether both joints are inside the range that they were calibrated over.
+        Whether both joints are inside their calibrated ranges.
     """
 
     time_s: float
@@ -58,15 +58,15 @@ class Terminal(NamedTuple):
 
     @property
     def sigma_mm(self) -> float | None:
-        """Expected distance of the true position (root mean square), in mm; None without one."""
+        """Expected distance from the true position (root mean square) in mm; None if unknown."""
         return None if self.covariance_mm2 is None else math.sqrt(sum(self.covariance_mm2[::2]))
 
     @property
     def ellipse(self) -> tuple[float, float, float] | None:
         """Error ellipse of one standard error: major and minor half axis in mm, angle in rad.
 
-        The angle is that of the major axis, from +x. The ellipse contains 39 % of a normal
-        scatter; an ellipse twice as large contains 86 %.
+        The angle is from +x to the major axis. For normally distributed errors, the ellipse
+        contains 39 % of the positions; an ellipse twice as large contains 86 %.
         """
         if self.covariance_mm2 is None:
             return None
@@ -82,7 +82,7 @@ class Terminal(NamedTuple):
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
     def message(self) -> dict:
-        """Return the terminal as a JSON object; docs/page.md lists its keys."""
+        """Return the position as a JSON object, whose keys docs/page.md lists."""
         return {
             "time_s": self.time_s,
             "x_mm": self.x_mm,
@@ -99,26 +99,26 @@ class Terminal(NamedTuple):
 
 
 class Twin:
-    """Digital twin: computes the terminal of a linkage from the readings of both joints.
+    """Digital twin: computes the end point of a linkage from the readings of both joints.
 
     Parameters
     ----------
     linkage : Linkage
         Geometry of the linkage.
     encoders : pair of Encoder
-        Encoder of joint 1 and encoder of joint 2; they return the angles of Eqs. 3 and 4.
+        Encoder of joint 1 and encoder of joint 2. Their angles are those of Eqs. 3 and 4.
 
     Attributes
     ----------
     trail : collections.deque of Terminal
-        The latest terminals, oldest first.
+        The latest positions of the end point, oldest first.
 
     Notes
     -----
     The two boards sample at different times. For each reading of one joint, the angle of the other
-    joint is interpolated between two of its readings. So a terminal is complete when the next
+    joint is interpolated between two of its readings. So a position is complete when the next
     reading of the other joint arrives, and nothing is extrapolated. The order in which the readings
-    of the two joints arrive does not matter: a recording gives the same terminals as the boards.
+    of the two joints arrive does not matter: a recording gives the same positions as the boards.
 
     Examples
     --------
@@ -143,7 +143,7 @@ class Twin:
         self._done_s = -math.inf  # time up to which all terminals are returned
 
     def take(self, joint: int, touch: Touch) -> list[Terminal]:
-        """Add a reading of a joint, and return the terminals that are now complete.
+        """Add a reading of a joint, and return the positions that are now complete.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Twin:
         Returns
         -------
         list of Terminal
-            Terminals in order of time; empty while a reading of the other joint is missing.
+            Positions in order of time; empty while a reading of the other joint is missing.
         """
         angle = self.encoders[joint].take(touch)
         if angle is None:
@@ -177,12 +177,12 @@ class Twin:
         return found
 
     def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
-        """Yield the terminals for pairs of joint index and reading, live or from a recording."""
+        """Yield the end point's positions for pairs of joint index and reading."""
         for joint, touch in readings:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a sentence that names the joints without an angle for 3 s; empty if none."""
+        """Return a warning that names each joint without an angle for 3 s; else an empty text."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -192,7 +192,7 @@ class Twin:
         return f"no angle of {names}: check that its indenter presses the strip" if silent else ""
 
     def _moments(self) -> list[float]:
-        """Return the times of new readings, up to the time that the readings of both joints reach.
+        """Return the times of new readings, up to the latest time that both joints have reached.
 
         Each time is returned once.
         """
@@ -233,7 +233,7 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return a joint's angle at `time_s`, interpolated in its readings; None if impossible."""
+    """Return a joint's angle at `time_s`, interpolated between readings; None if impossible."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
@@ -260,8 +260,8 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
     """Return a correction of linear interpolation between the last two readings, in rad.
 
-    It is the distance, at `time_s`, between the line and a parabola through three readings. It is 0
-    if the curvature is within the noise.
+    The correction is the distance, at `time_s`, from the line to a parabola through three readings.
+    It is 0 if the curvature is within the noise.
     """
     first, old, new = last
     before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s
@@ -280,18 +280,18 @@ def readings(
     seconds: float | None = None,
     restarted: Callable[[Board], None] = lambda board: None,
 ) -> Iterator[tuple[int, Touch]]:
-    """Switch on the streams of the boards of both joints, and yield their readings.
+    """Start the streams of both joints' boards, and yield the readings.
 
     Parameters
     ----------
     boards : list of Board
         Board of joint 1 and board of joint 2.
     seconds : float, optional
-        Time after which to end, in seconds by the clock of the boards' links. If not given, only
-        the end of all recordings ends it.
+        Time after which to end, in seconds by the clock of the boards' links. If not given, boards
+        have no limit, and recordings end when all of them have ended.
     restarted : callable, optional
         Called with a board that has restarted and streams again. The board has lost everything
-        that was not saved on it. If the function raises SpotsError, it is called again for 10 s.
+        that it had not stored. If the function raises SpotsError, the call is repeated for 10 s.
 
     Yields
     ------

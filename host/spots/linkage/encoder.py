@@ -1,4 +1,4 @@
-"""A strip under a sliding indenter as the absolute encoder of a joint (paper, section IV)."""
+"""The absolute encoder of a joint: a strip under a sliding indenter (paper, section IV)."""
 
 import math
 from collections import deque
@@ -33,10 +33,10 @@ class Angle(NamedTuple):
     angle_rad : float
         Angle in rad.
     sigma_rad : float
-        Standard error of the angle, in rad: noise, deviation from the joint's line, and backlash
-        while its direction is unknown.
+        Standard error of the angle, in rad: noise, deviation from the calibrated line, and backlash
+        while the direction of movement is unknown.
     systematic_rad : float
-        Part of `sigma_rad` that does not average out over readings: everything except the noise.
+        Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
         Angular velocity and its standard error in rad/s, by the board's clock: the mean over the
         last 3 to 8 readings (fewer for a fast movement). None with fewer than three readings.
@@ -64,10 +64,10 @@ class Encoder:
     Parameters
     ----------
     joint : str, Path or calibrate.calibration_file.Joint
-        Path of the calibration file that ``spots calibrate joint`` wrote, or its ``joint`` part.
+        Path of a calibration file that ``spots calibrate joint`` wrote, or the file's ``joint``.
     offset_rad, gain : float
         Mounting of the strip: the returned angle is ``offset_rad + gain * angle``, where ``angle``
-        is that of the calibration. `kinematics` can measure both.
+        is the calibrated angle. `kinematics.calibrate` can measure offset and gain.
 
     Raises
     ------
@@ -84,9 +84,9 @@ class Encoder:
 
     Notes
     -----
-    With backlash between joint and indenter, the indenter lags behind by half the backlash. When
-    the position has moved by more than its noise, the direction of the movement is known, and half
-    the backlash is added or subtracted.
+    With backlash between joint and indenter, the indenter lags the joint by half the backlash. When
+    the position changes by more than its noise, the direction of movement is known. Half the
+    backlash is then added or subtracted.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Encoder:
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Return the angle at a reading; None if the reading is untrusted."""
+        """Return the angle from a reading; None if the reading is untrusted."""
         if not touch.trusted:
             return None
         joint = self.joint
@@ -146,7 +146,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the noise of a reading at a position, in degrees.
+        """Return the standard deviation of a reading at a position, in degrees.
 
         The noise grows exponentially with the distance from the sensor.
         """
@@ -167,14 +167,14 @@ class Encoder:
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
         """Update the direction of movement if the indenter moved by more than its noise.
 
-        A large movement is detected in one reading, a small one in the means of several readings.
+        One reading detects a large movement; the means of several readings detect a small one.
 
         Parameters
         ----------
         indenter_deg : float
             Angle of the indenter in degrees.
         noise_deg : float
-            Noise of this angle in degrees.
+            Standard deviation of this angle in degrees.
         """
         self._still_for += 1
         last_deg = self._since[-1] if self._since else indenter_deg
@@ -195,8 +195,8 @@ class Encoder:
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         """Return velocity and its standard error in degrees per second; None if unknown.
 
-        The slope is fitted to the last readings: to as few as give a slope above the noise.
-        `noise_deg` is the noise of a reading in degrees.
+        The velocity is the slope of a line through the last readings: as few as give a slope above
+        the noise. `noise_deg` is the standard deviation of a reading in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

@@ -1,8 +1,8 @@
-"""The planar five-bar linkage: two base joints, four bars, one terminal.
+"""The planar five-bar linkage: two base joints and four bars, whose two arms share an end point.
 
 Equations 3 and 4 of the paper for bars of any length, and their inverse. The base joints lie at
-(0, 0) and (base, 0). Both angles count from +y towards the other joint. All functions take scalars
-or arrays.
+(0, 0) and (base, 0). Each joint's angle is measured from +y towards the other joint. All functions
+take scalars or arrays.
 """
 
 from enum import IntEnum
@@ -16,11 +16,11 @@ _ROUNDING = 1e-12
 # Two bars count as in line if the sine of the angle between them is less than this.
 _IN_LINE = 1e-9
 _ANGLES = "the angles ({:.6g}, {:.6g}) rad"
-_TERMINAL = "a terminal at ({:.6g}, {:.6g}) mm"
+_TERMINAL = "an end point at ({:.6g}, {:.6g}) mm"
 
 
 class Limit(IntEnum):
-    """Reason why a linkage has no solution; `NONE` if it has one.
+    """Reason why a linkage has no solution; `NONE` if it has a solution.
 
     Attributes
     ----------
@@ -32,17 +32,17 @@ class Limit(IntEnum):
 
     NONE = 0, "there is a solution"
     NOT_FINITE = 1, "a value is not a finite number"
-    BEYOND_ARM_1 = 2, "the terminal is farther from joint 1 than the two bars of arm 1 reach"
-    BEYOND_ARM_2 = 3, "the terminal is farther from joint 2 than the two bars of arm 2 reach"
-    WITHIN_ARM_1 = 4, "the terminal is closer to joint 1 than the unequal bars of arm 1 can fold"
-    WITHIN_ARM_2 = 5, "the terminal is closer to joint 2 than the unequal bars of arm 2 can fold"
-    AT_JOINT_1 = 6, "the terminal is on joint 1, where the angle of joint 1 is undefined"
-    AT_JOINT_2 = 7, "the terminal is on joint 2, where the angle of joint 2 is undefined"
-    OTHER_ASSEMBLY = 8, "only the other assembly of the linkage reaches the terminal"
+    BEYOND_ARM_1 = 2, "the end point is farther from joint 1 than the two bars of arm 1 reach"
+    BEYOND_ARM_2 = 3, "the end point is farther from joint 2 than the two bars of arm 2 reach"
+    WITHIN_ARM_1 = 4, "the end point is closer to joint 1 than the unequal bars of arm 1 can fold"
+    WITHIN_ARM_2 = 5, "the end point is closer to joint 2 than the unequal bars of arm 2 can fold"
+    AT_JOINT_1 = 6, "the end point is on joint 1, where the angle of joint 1 is undefined"
+    AT_JOINT_2 = 7, "the end point is on joint 2, where the angle of joint 2 is undefined"
+    OTHER_ASSEMBLY = 8, "only the other assembly of the linkage reaches the end point"
     ELBOWS_APART = 9, "the elbows are farther apart than the outer bars reach"
     ELBOWS_CLOSE = 10, "the elbows are closer together than the unequal outer bars can fold"
-    ELBOWS_MEET = 11, "the elbows coincide, so the place of the terminal is undefined"
-    SINGULAR = 12, "the outer bars are in line, so the angles do not determine the terminal"
+    ELBOWS_MEET = 11, "the elbows coincide, so the position of the end point is undefined"
+    SINGULAR = 12, "the outer bars are in line, so the angles do not determine the end point"
 
     def __new__(cls, code: int, sentence: str):
         limit = int.__new__(cls, code)
@@ -51,7 +51,7 @@ class Limit(IntEnum):
 
 
 class LimitError(SpotsError):
-    """Error for scalars at which a linkage has no solution.
+    """The linkage has no solution for these scalars.
 
     Attributes
     ----------
@@ -74,12 +74,12 @@ class Linkage:
     ----------
     bar_mm : float or sequence of 4 floats
         Bar lengths in mm: one length for all bars, or the lengths of inner bar 1, outer bar 1,
-        outer bar 2 and inner bar 2 (the order from joint 1 over the terminal to joint 2).
+        outer bar 2 and inner bar 2 (the order from joint 1 over the end point to joint 2).
     base_mm : float
         Distance of the two base joints, in mm.
     assembly : {"far", "near"}
-        Which of the two possible terminals to use. Seen from elbow 1 towards elbow 2, the ``far``
-        terminal lies on the left: above the elbows, if these are above the base.
+        Which of the two possible end points to use. Seen from elbow 1 towards elbow 2, the ``far``
+        end point lies on the left: above the elbows, if these are above the base.
 
     Attributes
     ----------
@@ -93,10 +93,10 @@ class Linkage:
 
     Notes
     -----
-    Where there is no solution, a method raises `LimitError` for scalars. For arrays it returns
-    masked arrays (`numpy.ma.MaskedArray`) with NaN under the mask, also if no element is masked;
+    Without a solution, a method raises `LimitError` for scalars. For arrays, a method always
+    returns masked arrays (`numpy.ma.MaskedArray`); elements without a solution are masked NaN.
     `forward_limits` and `inverse_limits` return the reason for each element. Masked input elements
-    stay masked. `inverse` assumes elbows that point outwards, as Eqs. 3 and 4 do.
+    stay masked. `inverse` assumes that the elbows point outwards, as Eqs. 3 and 4 do.
 
     Examples
     --------
@@ -119,7 +119,7 @@ class Linkage:
             raise SpotsError("each length of a linkage must be a positive number of mm")
         if 2 * lengths.max() >= lengths.sum():
             raise SpotsError(
-                f"the length {lengths.max():g} mm is more than the others of the linkage together: "
+                f"the length {lengths.max():g} mm is more than the sum of the other lengths: "
                 "check the four bars and the base"
             )
         if assembly not in ("far", "near"):
@@ -134,7 +134,7 @@ class Linkage:
         return f"Linkage(({bars}), {self.base_mm:g}, {self.assembly!r})"
 
     def forward(self, theta1_rad, theta2_rad):
-        """Return the position of the terminal for two joint angles.
+        """Return the position of the end point for two joint angles.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class Linkage:
         Returns
         -------
         x_mm, y_mm : float or numpy.ma.MaskedArray
-            Position of the terminal, in mm.
+            Position of the end point, in mm.
 
         Raises
         ------
@@ -154,12 +154,12 @@ class Linkage:
         return _answer(self._forward, _ANGLES, theta1_rad, theta2_rad)
 
     def inverse(self, x_mm, y_mm):
-        """Return the joint angles for a position of the terminal (Eqs. 3 and 4 of the paper).
+        """Return the joint angles for a position of the end point (Eqs. 3 and 4 of the paper).
 
         Parameters
         ----------
         x_mm, y_mm : float or array_like
-            Position of the terminal, in mm; the shapes must broadcast.
+            Position of the end point, in mm; the shapes must broadcast.
 
         Returns
         -------
@@ -194,7 +194,7 @@ class Linkage:
         Parameters
         ----------
         x_mm, y_mm : float or array_like
-            Positions of the terminal, in mm; the shapes must broadcast.
+            Positions of the end point, in mm; the shapes must broadcast.
 
         Returns
         -------
@@ -204,7 +204,7 @@ class Linkage:
         return self._inverse(*_arrays(x_mm, y_mm))[-1]
 
     def jacobian(self, theta1_rad, theta2_rad):
-        """Return the Jacobian d(x, y)/d(theta1, theta2) of the terminal's position.
+        """Return the Jacobian d(x, y)/d(theta1, theta2) of the end point's position.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class Linkage:
         return found
 
     def covariance(self, theta1_rad, theta2_rad, angles_rad2):
-        """Return the covariance of the terminal's position, from the covariance of the angles.
+        """Return the covariance of the end point's position, from the covariance of the angles.
 
         Parameters
         ----------
@@ -251,9 +251,9 @@ class Linkage:
         return np.ma.masked_invalid(found) if np.ma.isMaskedArray(jacobian) else found
 
     def outer_angle(self, theta1_rad, theta2_rad):
-        """Return how far the outer bars are from being in line.
+        """Return the angle by which the outer bars deviate from a straight line.
 
-        At 0 they are in line: the terminal can move while both joints stand still.
+        At 0 the bars are in line: the end point can move while both joints stand still.
 
         Parameters
         ----------
@@ -318,9 +318,9 @@ class Linkage:
         return np.arcsin(np.minimum(abs(across) / (b1 * b2), 1)), limit
 
     def _outer(self, theta1, theta2, x, y):
-        """Return the outer bars as vectors from elbow to terminal, and their cross product.
+        """Return the outer bars as vectors from elbow to end point, and their cross product.
 
-        `theta1` and `theta2` are the joint angles in rad; `x` and `y` the terminal in mm.
+        `theta1` and `theta2` are the joint angles in rad; (`x`, `y`) is the end point in mm.
         """
         a1, _, _, a2 = self.bar_mm
         u1 = (x - a1 * np.sin(theta1), y - a1 * np.cos(theta1))
@@ -329,9 +329,9 @@ class Linkage:
 
 
 def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
-    """Return the position of the terminal for two joint angles, without checks.
+    """Return the position of the end point for two joint angles, without checks.
 
-    The terminal is an intersection of two circles around the elbows (Eqs. 3 and 4 of the paper).
+    The end point is an intersection of two circles around the elbows (Eqs. 3 and 4 of the paper).
 
     Parameters
     ----------
@@ -351,12 +351,12 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
     Returns
     -------
     x, y : numpy.ndarray
-        Position of the terminal, in mm.
+        Position of the end point, in mm.
     apart2 : numpy.ndarray
         Squared distance of the elbows, in mm**2.
     off2 : numpy.ndarray
-        Squared distance of the terminal from the line through the elbows, divided by `apart2`.
-        Negative where the linkage cannot be closed.
+        Squared distance of the end point from the line through the elbows, divided by `apart2`;
+        negative where the linkage cannot be closed.
     """
     a1, b1, b2, a2 = bar_mm
     x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)
@@ -373,10 +373,10 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and its `Limit` codes (always those of arm 1).
+    """Return the angle of an arm in rad, and its `Limit` codes: those of arm 1 for either arm.
 
-    `x` and `y` are the terminal relative to the arm's joint, `inner` and `outer` the lengths of its
-    bars, in mm.
+    (`x`, `y`) is the end point relative to the arm's joint; `inner` and `outer` are the lengths of
+    the arm's bars, all in mm.
     """
     reach = np.hypot(x, y)
     # The cosine rule; for equal bars it is Eq. 3's sqrt(x^2 + y^2) / 2l.
@@ -396,11 +396,11 @@ def _bar_limits(apart, a, b, beyond, within, meet):
     Parameters
     ----------
     apart : array_like
-        Distance of their other ends, in mm.
+        Distance between the two free ends, in mm.
     a, b : float
         Lengths of the bars, in mm.
     beyond, within, meet : Limit
-        Codes if the ends are too far apart, too close together, or at the same place.
+        Codes if the free ends are too far apart, too close together, or coincide.
     """
     whole, difference = a + b, abs(a - b)
     slack = whole * _ROUNDING
@@ -416,12 +416,12 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Return the results of a solution without those at a limit.
+    """Solve for the arguments; reject or mask the results that a limit excludes.
 
     Parameters
     ----------
     solve : callable
-        ``solve(first, second)`` returns its results and, as last value, the `Limit` codes.
+        ``solve(first, second)`` returns the results and, as last value, the `Limit` codes.
     what : str
         Format of the arguments in an error message.
     first, second : float or array_like
@@ -430,7 +430,7 @@ def _answer(solve, what, first, second):
     Returns
     -------
     tuple
-        For scalars the results, or LimitError is raised. For arrays masked arrays.
+        Results: scalars (or LimitError is raised), or masked arrays if the arguments are arrays.
     """
     *found, limit = solve(*_arrays(first, second))
     if limit.ndim == 0:

@@ -1,4 +1,4 @@
-"""Kinematic calibration: fits lengths and mounting of a linkage to measured terminal positions.
+"""Kinematic calibration: fits lengths and mounting of a linkage to measured end points.
 
 Uses robust least squares of scipy (the extra ``kinematics``), and reports which parameters the
 positions determine.
@@ -48,14 +48,14 @@ class Kinematics:
         Names of the fitted (free) parameters.
     values, standard_errors : dict of str to float
         Value and standard error of each parameter, by name. The error of a fixed parameter is 0.
-        The error of a parameter that the places do not determine is its prior standard deviation.
+        The error of a parameter that the points do not determine is its prior standard deviation.
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
-        Groups of parameters that the places cannot separate. To separate a group, fix one of its
+        Groups of parameters that the points cannot separate. To separate a group, fix one of its
         parameters.
     rank : int
-        Number of independent combinations of the free parameters that the places determine.
+        Number of independent combinations of the free parameters that the points determine.
     condition : float
         Condition number of the Jacobian whose columns are scaled by the prior standard deviations;
         infinite if the Jacobian is singular.
@@ -63,10 +63,10 @@ class Kinematics:
         Root mean square and maximum distance between measured and fitted positions, in mm, without
         the outliers.
     misfit : float
-        Scatter of the residuals, relative to that expected from the given standard errors; about 1
-        if these are right.
+        Scatter of the residuals divided by the scatter that the given standard errors predict;
+        about 1 if the standard errors are right.
     outliers : tuple of int
-        Indices of the places that do not fit.
+        Indices of the points that do not fit.
     """
 
     names: tuple[str, ...]
@@ -98,7 +98,7 @@ class Kinematics:
         return self.values["gain1"], self.values["gain2"]
 
     def terminal(self, angles_rad) -> tuple:
-        """Return the position of the terminal in the measuring frame.
+        """Return the position of the end point in the measuring frame.
 
         Parameters
         ----------
@@ -108,13 +108,13 @@ class Kinematics:
         Returns
         -------
         x_mm, y_mm : float or numpy.ma.MaskedArray
-            Position in the frame of the places that were given to `calibrate`, in mm.
+            Position in mm, in the frame of the positions that were given to `calibrate`.
         """
         theta = [o + g * a for o, g, a in zip(self.offset_rad, self.gain, angles_rad)]
         return framed(self.values, *self.linkage.forward(*theta))
 
     def report(self) -> str:
-        """Return the parameters, errors and warnings as text for people."""
+        """Return a readable report: parameters, errors and warnings."""
         rows = []
         for name in NAMES:
             error = self.standard_errors[name]
@@ -126,10 +126,10 @@ class Kinematics:
             f"rank {self.rank} of {len(self.names)}, condition {self.condition:.3g}"
         )
         if self.outliers:
-            rows.append(f"places that do not fit: {', '.join(map(str, self.outliers))}")
+            rows.append(f"points that do not fit: {', '.join(map(str, self.outliers))}")
         for group in self.unidentified:
             rows.append(
-                f"these places do not determine {', '.join(group)}: measure more places that are "
+                f"these points do not determine {', '.join(group)}: measure more points that are "
                 f"far apart, or fix one of these parameters"
             )
         return "\n".join(rows)
@@ -147,15 +147,15 @@ def calibrate(
     gain=(1.0, 1.0),
     free: tuple[str, ...] = STANDARD,
 ) -> Kinematics:
-    """Fit lengths and encoder mounting of a linkage to measured positions of its terminal.
+    """Fit lengths and encoder mounting of a linkage to measured positions of its end point.
 
     Parameters
     ----------
     angles_rad : array_like, shape (2, n)
-        Angles of encoder 1 and encoder 2 at each of n places, in rad, by their own calibrations.
+        Angles of encoder 1 and encoder 2 at each of n points, in rad, by their own calibrations.
     x_mm, y_mm : array_like, shape (n,)
-        Measured position of the terminal at each place, in mm, in the frame of the measuring
-        device (a grid, for example).
+        Measured position of the linkage's end point for each of the n points, in mm, in the frame
+        of the measuring device (a grid, for example).
     start : Linkage
         Nominal linkage, where the fit starts.
     angle_sigma_rad : float or array_like, shape (2, n)
@@ -167,8 +167,8 @@ def calibrate(
     free : tuple of str
         Names of the parameters to fit, from `NAMES`; the others keep their nominal values.
         ``frame_x_mm``, ``frame_y_mm`` and ``frame_rad`` are position and rotation of the linkage in
-        the measuring frame. ``frame_scale`` is measured units per mm, for a picture of unknown
-        scale; it is not in the default `STANDARD`.
+        the measuring frame. ``frame_scale`` is the number of measured units per mm, for a picture
+        of unknown scale; the default `STANDARD` does not include it.
 
     Returns
     -------
@@ -177,8 +177,8 @@ def calibrate(
     Raises
     ------
     SpotsError
-        If scipy is missing, an argument has a wrong shape or value, there are too few places, or
-        the angles do not belong to the places.
+        If scipy is missing, an argument has a wrong shape or value, there are too few points, or
+        the angles do not belong to the positions.
     """
     if find_spec("scipy") is None:
         raise missing("kinematic calibration needs", "scipy", "kinematics")
@@ -187,10 +187,10 @@ def calibrate(
         raise SpotsError("angles_rad must have shape (2, n), x_mm and y_mm must have shape (n,)")
     places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
-        raise SpotsError("all angles and places of a kinematic calibration must be finite numbers")
+        raise SpotsError("the angles and positions of a kinematic calibration must be finite")
     angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
     if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):
-        raise SpotsError("the standard errors of angles and places must be more than 0")
+        raise SpotsError("the standard errors of angles and positions must be more than 0")
     if not free or set(free) - set(NAMES):
         raise SpotsError(f"free must name one or more of these parameters: {', '.join(NAMES)}")
     _check_enough(len(places), set(free))
@@ -209,8 +209,8 @@ def calibrate(
         outlier = distance > _OUTLIER * max(misfit, 1)
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError(
-            "the angles do not belong to the places: measure both at the same moment, and give "
-            "places in mm and angles in the unit that their name states"
+            "the angles do not belong to the positions: measure both at the same moment, and give "
+            "positions in mm and angles in the unit of their name"
         )
     _check_enough(int((~outlier).sum()), names, f"without {outlier.sum()} outliers, ")
     jacobian = fit.jacobian(found, scale)[np.repeat(~outlier, 2)]
@@ -232,11 +232,11 @@ def calibrate(
 
 
 class _Fit:
-    """Model of the measured places, for a least-squares fit.
+    """Model of the measured positions, for a least-squares fit.
 
     The argument `found` of the methods is an array of shape (p,): differences of the p free
-    parameters from their start, divided by their prior standard deviations. `scale` are whitening
-    matrices from `weights`, shape (n, 2, 2).
+    parameters from their start values, divided by their prior standard deviations. `scale` contains
+    the whitening matrices from `weights`, shape (n, 2, 2).
     """
 
     def __init__(self, angles, places, start, names, side):
@@ -263,7 +263,7 @@ class _Fit:
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
     def solve(self, scale, begin) -> np.ndarray:
-        """Return the array `found` of the best fit; the fit starts from `begin`."""
+        """Return `found` of the best fit, which starts from the array `begin`."""
         from scipy.optimize import least_squares
 
         def residuals(found):
@@ -339,7 +339,7 @@ def _identified(jacobian, names, misfit):
     Returns
     -------
     errors : ndarray, shape (p,)
-        Standard errors in units of the priors.
+        Standard errors divided by the prior standard deviations.
     unidentified, rank, condition
         As in `Kinematics`.
     """
@@ -358,6 +358,6 @@ def _identified(jacobian, names, misfit):
 def _check_enough(places, free, where=""):
     if 2 * places < len(free):
         raise SpotsError(
-            f"{where}{places} places are {2 * places} numbers, too few for {len(free)} free "
-            "parameters: measure more places"
+            f"{where}{places} points are {2 * places} numbers, too few for {len(free)} free "
+            "parameters: measure more points"
         )

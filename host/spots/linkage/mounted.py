@@ -30,9 +30,9 @@ class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     calibration : str
         Path of the strip's calibration file, relative to the folder of the linkage file.
     offset_deg : float
-        Joint angle (as in Eqs. 3 and 4) at which the calibration has angle 0, in degrees.
+        Joint angle (as in Eqs. 3 and 4) where the calibrated angle is 0, in degrees.
     gain : float
-        Gain: about 1, or about -1 if the calibration counts in the opposite direction.
+        About 1, or about -1 if the calibrated angle grows in the opposite direction.
     """
 
     calibration: str
@@ -77,7 +77,7 @@ class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     @property
     def linkage(self) -> Linkage:
-        """Linkage with these lengths; its origin is joint 1, its x axis points to joint 2."""
+        """Linkage with these lengths. The origin is joint 1; the x axis points to joint 2."""
         return Linkage(self.bar_mm, self.base_mm, self.assembly)
 
     @property
@@ -148,7 +148,7 @@ class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def is_mounted(name: str) -> bool:
-    """Return whether a file is a linkage file of real boards, not one of a simulated linkage."""
+    """Return whether a linkage file is for real boards, and not for a simulated linkage."""
     try:
         content = toml.loads(read_text(name))
     except (OSError, ValueError, msgspec.ValidationError, SpotsError):

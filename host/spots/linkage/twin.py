@@ -1,4 +1,4 @@
-"""``spots twin``: a linkage's twin as a picture, lines, JSON, or against a simulated truth."""
+"""``spots twin``: shows a linkage's twin as picture, lines or JSON, or tests it in simulation."""
 
 import argparse
 import json
@@ -33,7 +33,7 @@ def twin_command(options: argparse.Namespace) -> None:
     boards = not linkage_of(ports) and (ports or is_mounted(options.linkage))
     if options.measure and (played or not boards):
         raise SpotsError(
-            "--measure needs real boards, because you move the terminal by hand: name their ports"
+            "--measure needs real boards, because you move the end point by hand: name their ports"
         )
     if options.picture and (ports or boards):
         raise SpotsError(
@@ -60,7 +60,7 @@ def twin_command(options: argparse.Namespace) -> None:
             count = show(source, options.seconds, options.json, played)
             if not count and all(board.ended for board in source.boards):
                 raise SpotsError(
-                    "the two recordings give no terminal: name two that were made at the same time"
+                    "the two recordings give no position: name two that were made at the same time"
                 )
     else:
         run = offered("virtual", "run_linkage")
@@ -70,7 +70,7 @@ def twin_command(options: argparse.Namespace) -> None:
 
 
 def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
-    """Show a twin until the time is over or Ctrl-C: as a live picture, or as lines.
+    """Show a twin as a live picture or as lines, until the time is over or until Ctrl-C.
 
     Parameters
     ----------
@@ -79,15 +79,15 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
     seconds : float or None
         Time after which to end, in seconds; no limit if None.
     as_json : bool
-        Whether to print each terminal as a JSON object. Otherwise there is a picture in a terminal
-        window, and four lines a second elsewhere.
+        Whether to print each position as a JSON object. Otherwise a terminal window shows a
+        picture, and any other output gets four lines a second.
     played : bool
-        Whether the boards are recordings, which a picture shows at their original pace.
+        Whether the boards are recordings; a picture shows recordings at their original pace.
 
     Returns
     -------
     int
-        Number of terminals.
+        Number of computed positions.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def _json(terminal: Terminal) -> None:
 
 
 class Lines:
-    """Prints terminals as lines, at most four a second."""
+    """Prints positions of the end point as lines, at most four a second."""
 
     def __init__(self):
         self._began_s: float | None = None
@@ -140,14 +140,14 @@ class Lines:
 
 
 def line(terminal: Terminal, began_s: float) -> str:
-    """Return a terminal as a line of text.
+    """Return a position of the end point as a line of text.
 
     Parameters
     ----------
     terminal : Terminal
-        The terminal to print.
+        The position to print.
     began_s : float
-        Time that is printed as 0, in seconds by the clock of `Terminal.time_s`.
+        Time to print as 0, in seconds by the clock of `Terminal.time_s`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Points for a kinematic calibration: measured with a linkage, stored as a table, and fitted."""
+"""Points for a kinematic calibration: measures them with a linkage, stores them, and fits them."""
 
 import csv
 import io
@@ -28,8 +28,8 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     Parameters
     ----------
     points : Path
-        Table of points with the columns `COLUMNS`: measured position of the terminal (in any
-        frame), joint angles by the joints' own calibrations, and their standard errors.
+        Table of points with the columns `COLUMNS`: measured position of the end point (in any
+        frame), joint angles by the joints' own calibrations, and standard errors of the angles.
     linkage : Path
         Linkage file with the nominal lengths and mounting.
     place_sigma_mm : float
@@ -40,7 +40,7 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     Returns
     -------
     str
-        Report for people: parameters, standard errors and points that do not fit.
+        Readable report: parameters, standard errors and points that do not fit.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
         raise SpotsError(f"{points}: {error}") from None
     found = replace(found, outliers=tuple(lines[i] for i in found.outliers))
     report = (
-        f"from {len(lines)} points; places are named by their line in {printable(str(points))}\n"
+        f"from {len(lines)} points; a point's number is its line in {printable(str(points))}\n"
         f"{found.report()}"
     )
     if out is None:
@@ -82,9 +82,9 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
 
 
 def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say=print) -> int:
-    """Measure points: ask for the position of the terminal, read the joints, append to a table.
+    """Measure points: ask for the position of the end point, read the joints, append to a table.
 
-    An empty answer ends it.
+    An empty answer ends the measurement.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
     """
     count = len(_read(points)[0]) if points.exists() else 0
     while True:
-        words = ask(f"{count} points. x and y of the terminal in mm (empty line ends): ").split()
+        words = ask(f"{count} points. x and y of the end point in mm (empty line ends): ").split()
         if not words:
             return count
         try:
@@ -203,7 +203,7 @@ def _number(path: Path, line: int, name: str, text: str | None) -> float:
     if not math.isfinite(value):
         raise SpotsError(f"{path}, line {line}: {name} must be a number, not '{text or ''}'")
     if name.startswith("sigma") and value <= 0:
-        raise SpotsError(f"{path}, line {line}: {name} is a standard error and must be more than 0")
+        raise SpotsError(f"{path}, line {line}: {name}, a standard error, must be more than 0")
     return value
 
 

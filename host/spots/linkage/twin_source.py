@@ -44,7 +44,7 @@ class Source(NamedTuple):
         return readings(self.boards, seconds, self.restarted)
 
     def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
-        """Yield the terminal at each reading; end after `seconds` if given."""
+        """Yield the end point's position at each reading; end after `seconds` if given."""
         return self.twin.follow(self.readings(seconds))
 
 
@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each board is checked against the calibration of its joint, and gets it uploaded.
+    Each board must belong to its joint's calibration, which is uploaded to it.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
         Port of joint 1 and port of joint 2; ``recording:FILE`` reads a recording as fast as
         possible. If empty, the boards are found on USB by the ids in their calibration files.
     record : list of str
-        Paths of two recordings to write, one for each board; none if empty.
+        Paths of two recordings to write, one for each board; if empty, nothing is recorded.
 
     Yields
     ------
@@ -76,7 +76,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     twin, strips = loaded(linkage, ports)
     played = [is_recording(port) for port in ports]
     if any(played) and not all(played):
-        raise SpotsError("one --port is a recording, and the other is not: name two recordings")
+        raise SpotsError("only one --port is a recording: name two recordings, or two boards")
     with ExitStack() as stack:
         if any(played):
             boards = [open_recording(scheme(port)[1], math.inf) for port in ports]
@@ -103,7 +103,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     linkage : str or Path
         Path of the linkage file.
     ports : list of str
-        The ports that the user named; only their number is checked, it must be 0 or 2.
+        The ports that the user named. Only their number is checked, which must be 0 or 2.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     Raises
     ------
     SpotsError
-        If a file is wrong, or there is another number of ports.
+        If a file is wrong, or the number of ports is neither 0 nor 2.
     """
     path = Path(linkage)
     arm = mounted.load(path)
@@ -134,7 +134,7 @@ class DrivenLinkage(Protocol):
     Attributes
     ----------
     linkage : Linkage
-        Its geometry.
+        Geometry of the linkage.
     """
 
     linkage: Linkage
@@ -147,7 +147,7 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return the function that makes a `DrivenLinkage`, if a port offers one; else None."""
+    """Return the function of a port's scheme that makes a `DrivenLinkage`, or None without one."""
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
@@ -157,7 +157,7 @@ def is_recording(port: str) -> bool:
 
 
 def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
-    """Yield the readings of recordings at the pace at which they were taken."""
+    """Yield the readings of recordings at their original pace."""
     ahead_s = None
     for joint, touch in pairs:
         if ahead_s is None:
@@ -167,9 +167,9 @@ def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
 
 
 def give(board: Board, strip: CalibrationFile, number: int) -> None:
-    """Check that a board is that of a joint's calibration file, and upload the calibration.
+    """Check that a board belongs to a joint's calibration file, and upload the calibration.
 
-    A recording and a read-only board cannot get a calibration; they must use the right one already.
+    A recording or a read-only board takes no calibration; it must already use the right one.
 
     Parameters
     ----------
@@ -183,8 +183,8 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
     Raises
     ------
     SpotsError
-        If the board is not that of the calibration file, if it refuses the calibration, or if it
-        is read-only and uses another calibration.
+        If the board does not belong to the calibration file, refuses the calibration, or is
+        read-only and uses another calibration.
     """
     info = board.command("hello")
     if info["id"] != strip.board:
@@ -204,7 +204,7 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
 
 
 def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
-    """Find the boards of two strips on USB; `stack` closes them at its end."""
+    """Find the boards of two strips on USB; `stack` closes the boards."""
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(
@@ -229,7 +229,7 @@ def record_all(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
     Parameters
     ----------
     stack : ExitStack
-        Stack whose end ends the recordings.
+        Stack whose exit ends the recordings.
     boards : list of Board
         Boards to record.
     paths : list of str

@@ -1,4 +1,4 @@
-"""Picture of a linkage in the terminal: bars, path of its terminal, position and errors."""
+"""Picture of a linkage as text: bars, path of the end point, its position and errors."""
 
 import math
 from itertools import groupby, pairwise
@@ -21,7 +21,7 @@ _LAST_DOT = np.array([4 * _ROWS - 1, 2 * _COLUMNS - 1])
 
 
 class TwinView:
-    """Draws a twin; its frame grows with the points that it has shown.
+    """Draws a twin in a plot whose range grows to contain all points shown so far.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class TwinView:
         self._frame = np.empty((0, 2))  # its corners, in mm
 
     def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
-        """Return the picture of the twin's newest terminal.
+        """Return the picture of the twin at its newest position.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class TwinView:
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Return the braille dots of each character of the plot, for points in mm."""
+        """Return the braille dots of each character of the plot for arrays of points in mm."""
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):
@@ -103,7 +103,7 @@ class TwinView:
 
 
 def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
-    """Return the corners of both arms in mm: joint, elbow and, if known, terminal; shape (n, 2)."""
+    """Return each arm's corners in mm: joint, elbow and, if known, end point; shape (n, 2)."""
     inner1, _, _, inner2 = twin.linkage.bar_mm
     base_mm = twin.linkage.base_mm
     a, b = terminal.theta_rad
@@ -114,7 +114,7 @@ def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
 
 
 def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
-    """Return points on the line between the two points `ends` in mm, one for each dot."""
+    """Return the points of the line between the two points `ends` in mm: one for each dot."""
     return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 

@@ -1,7 +1,7 @@
 """Keyboard for macOS and Windows, by pynput.
 
-It presses a key by its character, not by its place: for a key that types a character on an American
-keyboard, it presses the key that types this character on the computer's own keyboard layout.
+Keys are identified by their characters, not by their positions. If a key types a character on an
+American keyboard, the key with that character in the computer's own keyboard layout is pressed.
 """
 
 from ..errors import SpotsError
@@ -10,12 +10,12 @@ from .usages import Usage
 
 
 class DesktopKeyboard(Keyboard):
-    """The keyboard of the desktop, controlled by a program.
+    """Presses keys of the desktop.
 
     Raises
     ------
     SpotsError
-        If pynput is missing or finds no desktop.
+        If pynput is missing, or there is no desktop.
     """
 
     def __init__(self):

@@ -44,7 +44,7 @@ REST = State(0, 0, 0, 0)
 
 
 class Output:
-    """Output device that releases everything when it is closed, also after an exception.
+    """Output device that releases everything when it is closed, even after an exception.
 
     Attributes
     ----------
@@ -98,14 +98,14 @@ class KeySink(Protocol):
         page, usage : int
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Modifier keys that are pressed with it, as bits of a USB keyboard report.
+            Modifier keys that are pressed with the key, as bits of a USB keyboard report.
         pressed : bool
             True for a press, False for a release.
         """
 
 
 class Keyboard(Output):
-    """Keyboard that presses each key and modifier once, also if several events use it."""
+    """Keyboard that presses a key or modifier only once, even if several events need it."""
 
     def __init__(self):
         self._held: dict[tuple[int, int], int] = {}  # pressed keys with their modifiers
@@ -142,7 +142,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Release all keys; after an error the other keys are released, too."""
+        """Release all keys, even if an error occurs at one of them."""
         with SECTION:
             self._held.clear()
             self._apply()
@@ -227,7 +227,7 @@ class PrintedKeyboard(Keyboard):
     Parameters
     ----------
     write : callable
-        Function that takes the line.
+        Function that takes each line.
     """
 
     def __init__(self, write: Callable[[str], None] = _print):
@@ -244,7 +244,7 @@ class PrintedGamepad(Gamepad):
     Parameters
     ----------
     write : callable
-        Function that takes the line.
+        Function that takes each line.
     """
 
     def __init__(self, write: Callable[[str], None] = _print):

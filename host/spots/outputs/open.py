@@ -1,4 +1,4 @@
-"""Opens a keyboard or a gamepad of this computer, or one that only prints."""
+"""Opens a keyboard or gamepad of this computer, or a substitute that only prints."""
 
 import sys
 
@@ -9,7 +9,7 @@ from .uinput import UInputGamepad, UInputKeyboard
 
 
 def open_keyboard(dry_run: bool) -> Keyboard:
-    """Open a keyboard of this computer, or one that only prints if `dry_run` is true.
+    """Open a keyboard of this computer; if `dry_run` is true, one that only prints.
 
     Raises
     ------
@@ -24,7 +24,7 @@ def open_keyboard(dry_run: bool) -> Keyboard:
 
 
 def open_gamepad(dry_run: bool) -> Gamepad:
-    """Open a gamepad of this computer, or one that only prints if `dry_run` is true.
+    """Open a gamepad of this computer; if `dry_run` is true, one that only prints.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def open_gamepad(dry_run: bool) -> Gamepad:
         return PrintedGamepad()
     if not sys.platform.startswith("linux"):
         raise SpotsError(
-            "this program can emulate a gamepad on Linux only: let the board be the gamepad "
+            "this program can emulate a gamepad only on Linux:  let the board be the gamepad "
             "('spots command gamepad on'), or use --dry-run"
         )
     return UInputGamepad()

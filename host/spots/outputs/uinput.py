@@ -1,4 +1,4 @@
-"""Virtual keyboard and gamepad for Linux, by the kernel's uinput and python-evdev."""
+"""Virtual keyboard and gamepad for Linux, with the kernel's uinput and python-evdev."""
 
 import platform
 from collections.abc import Callable
@@ -41,7 +41,7 @@ class UInputKeyboard(Keyboard):
 
 
 class UInputGamepad(Gamepad):
-    """A virtual gamepad with the axes and buttons of a board's own.
+    """A virtual gamepad with the same axes and buttons as the gamepad of a board.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Keys by their names in the USB HID Usage Tables, with their names on Linux and in pynput.
+"""Names of keys in the USB HID Usage Tables, and the keys' names on Linux and in pynput.
 
-Names are those of the tables (version 1.5, pages 0x07 and 0x0C), in capitals with underscores. A
-key can also be named by the character that it types on an American keyboard: ``usage_of("1")`` is
+Names are those of the tables (version 1.5, pages 0x07 and 0x0C), in capitals with underscores. The
+character that a key types on an American keyboard is also a name of the key: ``usage_of("1")`` is
 ``usage_of("ONE")``.
 """
 
@@ -29,7 +29,7 @@ class Usage(NamedTuple):
     name : str
         Name in the HID Usage Tables, in capitals with underscores.
     linux : str
-        Name in Linux's input-event-codes.h, as the kernel's HID driver maps the key.
+        Name in Linux's input-event-codes.h to which the kernel's HID driver maps the key.
     pynput : str or None
         Character of the key, or name of a member of ``pynput.keyboard.Key``; None if pynput has no
         such key.
@@ -75,7 +75,7 @@ def usage_of(name: str) -> tuple[int, int]:
     Raises
     ------
     SpotsError
-        If there is no such key; the text suggests similar names.
+        If no key has this name; the text suggests similar names.
     """
     found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
     if found is None:

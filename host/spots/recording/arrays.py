@@ -30,7 +30,7 @@ _HEADER = [
 
 
 class _Table:
-    """Layout of one kind of frames: of its bytes, and of its rows in an array.
+    """Layout of a kind of frames: of their bytes, and of their rows in an array.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class _Table:
         Parameters
         ----------
         columns : ndarray, shape (size of a payload, n), uint8
-            Payloads; each column is a payload.
+            Payloads of frames; each column is a payload.
         time_s, arrived_s : ndarray, shape (n,)
             Host time of measurement and of arrival, in seconds.
 
@@ -82,9 +82,9 @@ _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
 
 
 class _Run(NamedTuple):
-    """Consecutive valid frames with a table, and notes without a body.
+    """Consecutive pieces of a stream: valid frames that have a table, or notes without a body.
 
-    A piece is a frame or a note; indices count the pieces of the run.
+    Indices count the pieces of the run.
 
     Attributes
     ----------
@@ -103,10 +103,10 @@ class _Run(NamedTuple):
 
 
 class _BlockDecoder(Decoder):
-    """Decodes a block of bytes at once; frames and statistics are those of `Decoder`."""
+    """Decodes a block of bytes at once, with the same frames and statistics as `Decoder`."""
 
     def feed_block(self, data: bytes) -> Iterator[_Run | Frame]:
-        """Yield the runs in a block of bytes, and between runs each frame without a table."""
+        """Yield the runs in a block of bytes and, between runs, each frame without a table."""
         stream = np.frombuffer(self._completed(data), np.uint8)
         ends = np.flatnonzero(stream == 0)
         starts = np.concatenate(([0], ends[:-1] + 1))[: len(ends)]
@@ -169,8 +169,8 @@ class _BlockDecoder(Decoder):
 class Arrays:
     """Frames of a recording, or of a block of it, as structured arrays.
 
-    Integers are those of the wire: an unknown position or force is 0, where `Touch` has NaN. The
-    column ``flags``, bits of `spots_device.decode`, shows which values are unknown. Rows are in the
+    Integers are those of the frames: an unknown position or force is 0, not NaN as in `Touch`. The
+    column ``flags`` (bits of `spots_device.decode`) shows which values are unknown. Rows are in the
     order of arrival. The first columns of the four arrays are the same:
 
     ========== === =============================================================
@@ -222,10 +222,10 @@ class Arrays:
 
 
 class RecordingBlocks(Recording):
-    """Reads a recording as `Arrays`, a block of 256 KiB at a time: iterate over it.
+    """Reads a recording in blocks of 256 KiB; iterate over this object to get `Arrays` of each.
 
-    The memory does not grow with the length of the recording. It also has the attributes of
-    `Recording`.
+    Memory use does not grow with the length of the recording. This object also has the attributes
+    of `Recording`.
 
     Parameters
     ----------
@@ -297,11 +297,11 @@ class _Growing:
 
 
 def read_arrays(path: str | Path) -> Arrays:
-    """Read a recording, or a set of them, as structured arrays.
+    """Read a recording, or a set of recordings, as structured arrays.
 
     The values are the same as from `Recording`, to the last bit, but an unknown position or force
-    is 0 and not NaN. A day at 100 Hz is 8.6 million readings, or 350 MB of ``touches``; for less
-    memory see `RecordingBlocks`.
+    is 0 and not NaN. A day at 100 Hz has 8.6 million readings, which are 350 MB of ``touches``.
+    `RecordingBlocks` needs less memory.
 
     Parameters
     ----------

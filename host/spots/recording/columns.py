@@ -1,7 +1,7 @@
-"""COBS and CRC-32 of many pieces of one size at once.
+"""Decodes COBS and checks CRC-32 for many pieces of one size at once.
 
-There is one NumPy step for each byte position, not for each piece: about 100 ns a piece, where
-`link.frames` takes microseconds.
+There is one NumPy step for each byte position, not for each piece. A piece takes about 100 ns, but
+microseconds in `link.frames`.
 """
 
 import zlib

@@ -1,4 +1,4 @@
-"""A file that only grows, and reaches the medium within a second."""
+"""A file to append to, whose content reaches the storage medium within a second."""
 
 import os
 import threading
@@ -15,8 +15,8 @@ _SYNC_EVERY_S = 1.0
 class Disk:
     """A new file. Its bytes go to the operating system at once, and to the medium once a second.
 
-    A killed process loses no appended byte; a power cut loses about the last second. A thread waits
-    for the medium, so `append` does not.
+    If the process is killed, no appended byte is lost; in a power cut, about the last second is.
+    A thread waits for the medium, so `append` does not wait.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Append bytes; SpotsError if the medium is full. Bytes that are appended stay."""
+        """Append bytes, or raise SpotsError if the medium is full; bytes already written stay."""
         view = memoryview(data)
         try:
             while view:
@@ -58,12 +58,12 @@ class Disk:
                 view = view[written:]
         except OSError as error:
             raise SpotsError(
-                f"{self.path}: the recording ended, because nothing more can be written: "
-                f"{error.strerror}; make room and record again"
+                f"{self.path}: the recording ended, because nothing more can be written "
+                f"({error.strerror}): make room and record again"
             ) from None
 
     def close(self) -> None:
-        """Close the file when all of it is on the medium."""
+        """Close the file as soon as all bytes are on the medium."""
         self._closing.set()
         self._syncer.join()
         self._file.close()

@@ -32,12 +32,12 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     Parameters
     ----------
     path : str or Path
-        File of the recording; the first file of a set.
+        File of the recording, or the first file of a set.
     kind : str
         Name of the format, a key of `EXPORTS`.
     out : str or Path, optional
-        Name of the new file. If not given, the recording's name with another suffix. CSV makes a
-        file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ...
+        Name of the new file; the default is the recording's name with another suffix. CSV makes
+        one file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ...
 
     Returns
     -------
@@ -47,13 +47,13 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     Raises
     ------
     SpotsError
-        If the recording cannot be read, or a new file exists already or cannot be written. Then no
+        If the recording cannot be read, or a new file already exists or cannot be written. Then no
         file is written.
 
     Notes
     -----
-    The memory does not grow with the length of the recording. NPZ needs twice the room on the
-    medium while it is written.
+    Memory use does not grow with the length of the recording. While an NPZ file is written, the
+    export needs twice its room on disk.
     """
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
@@ -65,7 +65,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
 
 
 class _Files:
-    """New files that get their names when all of them are complete, or not at all."""
+    """New files that are written atomically: either all of them get their names, or none does."""
 
     def __init__(self, stack: ExitStack):
         self._stack = stack
@@ -79,7 +79,7 @@ class _Files:
         return file
 
     def sync(self) -> None:
-        """Flush all files to the medium, before the first one is renamed."""
+        """Flush all files to the storage medium; call this before the first file is renamed."""
         for path, file in zip(self.paths, self._files):
             try:
                 sync(file)

@@ -1,4 +1,4 @@
-"""JSON schemas that Foxglove and PlotJuggler can show without any configuration."""
+"""JSON schemas of exports that Foxglove and PlotJuggler show without any configuration."""
 
 import json
 
@@ -36,12 +36,12 @@ def schema(table: Table) -> dict:
 
 
 def log_message(time_ns: int, content: str, name: str) -> dict:
-    """Return a text of a board as a log message; the reply to a command has level debug.
+    """Return a board's text as a log message; replies to commands have the level debug.
 
     Parameters
     ----------
     time_ns : int
-        Time of its arrival, in ns since 1970.
+        Time of the text's arrival, in ns since 1970.
     content : str
         Text of the board, a JSON object.
     name : str

@@ -1,4 +1,4 @@
-"""The header of a recording: its board and its clocks; see docs/recording.md."""
+"""The header of a recording: describes the board and the clocks; see docs/recording.md."""
 
 import json
 from collections.abc import Iterable
@@ -25,7 +25,7 @@ _Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
 
 
 class Clock(msgspec.Struct, frozen=True):
-    """State of a `link.clockmap.ClockMap`: its arguments."""
+    """State of a `link.clockmap.ClockMap`, as arguments of its constructor."""
 
     last_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)]
     low_s: _Clock_s
@@ -44,9 +44,9 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     program : str
         Name and version of the program that wrote the recording.
     set, part : str, int
-        Random name that the files of a set share, and the number of this file, from 0.
+        Random name that all files of a set share, and the number of this file, from 0.
     host_s, utc_s : float
-        Time 0 of the notes: on the host's monotonic clock, and in seconds since 1970.
+        Time 0 of the notes, in seconds: on the host's monotonic clock, and since 1970.
     info : dict
         The board's reply to ``hello``.
     clock : Clock
@@ -70,7 +70,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def encoded(header: Header) -> bytes:
-    """Return a header as notes. Each note is written twice, in case one copy is damaged."""
+    """Return a header as notes. Each note occurs twice, in case one copy is damaged."""
     text = json.dumps(msgspec.to_builtins(header))  # ASCII, so no cut divides a character
     pieces = [text[i : i + _PIECE] for i in range(0, len(text), _PIECE)]
     of = len(pieces)
@@ -125,17 +125,17 @@ def _parsed(path: Path, pieces: dict) -> Header:
         info = validated("hello", header.info) if header else {}
     except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
         raise SpotsError(
-            f"{path} has an invalid header: {error}; record it again with this program"
+            f"{path} has an invalid header ({error}): record it again with this program"
         ) from None
     if header is None:
         raise SpotsError(
-            f"{path} has version {version} of the format, and this program reads {VERSION}: update "
-            "this program"
+            f"{path} has format version {version}, but this program reads {VERSION}: update this "
+            "program"
         )
     protocol = header.info.get("protocol")
     if protocol != PROTOCOL:
         raise SpotsError(
-            f"{path} is of a board with protocol {protocol}, and this program reads {PROTOCOL}: "
+            f"{path} is of a board with protocol {protocol}, but this program reads {PROTOCOL}: "
             f"use the program that wrote it, {header.program}"
         )
     return msgspec.structs.replace(header, info=info)

@@ -42,12 +42,12 @@ def summary(path: str | Path) -> dict:
 
 
 def report(found: dict) -> str:
-    """Return a `summary` as lines of text."""
+    """Return the result of `summary` as lines of text."""
     info = found["header"]["info"]
     calibration = found["header"]["calibration"]
     frames = ", ".join(f"{count} {name}" for name, count in found["frames"].items() if count)
     cut = found["cut_bytes"]
-    end = "complete" if found["complete"] else "no end: cut off, or still being written"
+    end = "complete" if found["complete"] else "no end: cut off, or still being recorded"
     rows = {
         "files": ", ".join(found["files"]),
         "size": f"{found['bytes']} bytes",

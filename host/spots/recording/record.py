@@ -1,4 +1,4 @@
-"""``spots record``: records a board, and shows the progress."""
+"""``spots record``: records a board and shows the progress."""
 
 import sys
 
@@ -34,7 +34,7 @@ def record(
     rotate_bytes : int or None
         Largest size of a file, in bytes; see `Board.record`.
     calibration : list of str or None
-        Lines of the board's calibration, to store them in the recording.
+        Lines of the board's calibration, to be stored in the recording.
 
     Raises
     ------
@@ -45,8 +45,8 @@ def record(
         used, name = board.command("hello")["calibration"], checksum(calibration)
         if name != used:
             raise SpotsError(
-                f"the file has calibration {name}, and the board uses {used or 'none'}: give "
-                "--calibration the file of the board's calibration"
+                f"the file has calibration {name}, but the board uses {used or 'none'}: name the "
+                "file of the board's calibration with --calibration"
             )
         board.calibration = calibration
     begun_s, frames = board.now_s(), 0

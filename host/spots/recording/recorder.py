@@ -1,4 +1,4 @@
-"""Records the bytes of a link in files while a program reads from the link."""
+"""Records the bytes of a link in files, while a program reads from the link."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ARRIVAL_STEP_S = 0.005
 
 
 class Recorder:
-    """Writes whole frames to a file, with its own notes between them; see docs/recording.md.
+    """Writes whole frames to a file, and its own notes between the frames; see docs/recording.md.
 
     Parameters
     ----------
@@ -36,10 +36,10 @@ class Recorder:
         ``describe()`` returns the present values of ``info``, ``clock``, ``calibration`` and
         ``restarts`` of a `header.Header`.
     begun : bytes
-        First bytes of a frame of which the rest will follow.
+        First bytes of a frame whose other bytes have not arrived yet.
     rotate_bytes : int, optional
-        Largest size of a file, in bytes. Then the recording continues in FILE-001.spots after
-        FILE.spots; such files must not exist yet. No limit if not given.
+        Largest size of a file, in bytes. After FILE.spots the recording continues in
+        FILE-001.spots, which must not exist yet. No limit if not given.
     utc_s : callable
         ``utc_s()`` returns the seconds since 1970.
 
@@ -50,12 +50,12 @@ class Recorder:
     bytes : int
         Size of all files together.
     handles : list of readers.Handle
-        Registrations at a board, cancelled by `stop`.
+        Registrations at a board, which `stop` cancels.
 
     Raises
     ------
     SpotsError
-        If a file exists already or cannot be written.
+        If a file already exists or cannot be written.
     """
 
     def __init__(
@@ -92,19 +92,19 @@ class Recorder:
         self.stop()
 
     def take(self, data: bytes, now_s: float) -> None:
-        """Record bytes of the link; ignored after the end.
+        """Record bytes of the link; ignore them after the end of the recording.
 
         Parameters
         ----------
         data : bytes
             Bytes that have arrived.
         now_s : float
-            Time at which they arrived, in seconds of the link's clock.
+            Time at which the bytes arrived, in seconds of the link's clock.
 
         Raises
         ------
         SpotsError
-            If nothing more can be written; the recording has then ended.
+            If nothing more can be written. The recording then ends.
         """
         if data and self._disk is not None:
             try:
@@ -194,7 +194,7 @@ def _bounds(clock: dict) -> tuple:
 
 
 def part_path(path: Path, part: int) -> Path:
-    """Return the path of a file of a set: FILE.spots, FILE-001.spots, ...
+    """Return the path of a file in a set: FILE.spots, FILE-001.spots, ...
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def parts_beside(path: Path) -> list[int]:
-    """Return the numbers of the later files of a set that exist, by their names."""
+    """Return the numbers of the existing later files of a set, from their names."""
     name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
     beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
     return sorted(int(match[1]) for match in beside if match)

@@ -18,11 +18,11 @@ _BLOCK_BYTES = 512
 
 
 class Recording:
-    """A recording. Iterate over it to read it, any number of times.
+    """A recording. Iterate over this object to read it, any number of times.
 
     The iteration yields pairs (time of arrival, frame). The time of arrival is on the host's
-    monotonic clock, in seconds; the frame arrived at that time, or up to `recorder.ARRIVAL_STEP_S`
-    later. The frame has the same ``time_s`` as when it was recorded.
+    monotonic clock, in seconds; it is exact or up to `recorder.ARRIVAL_STEP_S` too early. The
+    ``time_s`` of a frame is the same as during the recording.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Recording:
     size : int
         Size of all files when they were opened, in bytes.
     stats : LinkStats
-        Statistics of the recorded link, in the present iteration so far, as are all values below.
+        Statistics of the recorded link. This and the values below are of the present iteration.
     notes : int
         Number of notes.
     restarts : int
@@ -48,11 +48,11 @@ class Recording:
     cut_bytes : int
         Bytes of incomplete frames at the ends of the files.
     read_bytes : int
-        Number of bytes that are read.
+        Number of bytes read so far.
     end_s : float
-        Time of the last note, on the clock of the times of arrival, in seconds.
+        Time of the last note, in seconds, on the same clock as the times of arrival.
     complete : bool
-        Whether the last note, which a recorder writes at its end, was found.
+        Whether the iteration has found the note that a recorder writes at its end.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _noted(path: Path, content: object) -> ClockMap:
     try:
         return _clock_map(msgspec.convert(content, Clock))
     except msgspec.ValidationError as error:
-        raise SpotsError(f"{path} is damaged, a note is invalid ({error}): name another") from None
+        raise SpotsError(f"{path} has an invalid note ({error}): name another file") from None
 
 
 def _others(path: Path, first: Header) -> dict[Path, Header]:
@@ -147,7 +147,7 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     for part in range(1, max(found, default=0)):
         if part not in found:
             raise SpotsError(
-                f"{part_path(path, part)} is missing or damaged: put it back, or name the other "
+                f"{part_path(path, part)} is missing or damaged: restore it, or name the other "
                 "files of the set one by one"
             )
     return dict(found.values())

@@ -16,7 +16,7 @@ _PUMPED_FRAMES = 1000
 
 
 class _Player:
-    """Takes the place of the link: its clock shows the time of the recording."""
+    """A substitute for the link of a board, whose clock shows the time of the recording."""
 
     def __init__(self, recording: Recording, speed: float):
         self.name = str(recording.path)
@@ -36,18 +36,18 @@ class _Player:
             time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
 
     def write(self, data: bytes) -> None:
-        raise SpotsError(f"{self.name} is a recording, and takes no data: open a board")
+        raise SpotsError(f"{self.name} is a recording, so it accepts no data: open a board")
 
     def close(self) -> None:
         pass
 
 
 class Replay(Board):
-    """A board whose frames come from a recording, at the times at which they had arrived.
+    """A board whose frames come from a recording, at their original times of arrival.
 
-    It is read like any other board, but its iterators end with the recording, and it refuses all
-    commands but ``hello`` and ``stream``. ``stream`` has no effect: all recorded frames are
-    returned. `now_s` is the time of the recording.
+    Programs read it like any other board. But its iterators end with the recording, and it refuses
+    all commands except ``hello`` and ``stream``. ``stream`` has no effect: all recorded frames are
+    returned. `now_s` returns the time of the recording.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Replay(Board):
 
     def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
         """Raise SpotsError, because a recording cannot be recorded."""
-        raise SpotsError(f"{self.port} is a recording already: copy the file")
+        raise SpotsError(f"{self.port} is already a recording: copy its file")
 
     def close(self) -> None:
         """Close the file."""
@@ -150,12 +150,12 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     Returns
     -------
     Replay
-        A board that refuses all commands but ``hello`` and ``stream``.
+        A board that refuses all commands except ``hello`` and ``stream``.
 
     Raises
     ------
     SpotsError
-        If the file is not a recording or has a later version, or a file of the set is missing.
+        If the file is not a recording, has a later version, or is of a set with a missing file.
     """
     if not speed > 0:
         raise SpotsError(f"the speed of a recording must be more than 0, not {speed:g}")

@@ -1,4 +1,4 @@
-"""Frames as rows of tables: the columns of all exports."""
+"""Converts frames to rows of tables; defines the columns of all exports."""
 
 import heapq
 import json
@@ -26,9 +26,9 @@ class Table(NamedTuple):
         Name of the table, and of the kind of frames.
     columns : dict
         NumPy type of each column, by its name; ``"U"`` for a text, a tuple for a type with a shape.
-        The first columns are the same in every table: ``time_s``, time of the measurement (of a
-        text: of its arrival), and ``arrived_s``, both since the recording began; ``sensor``,
-        ``sequence``, ``t_us``.
+        The first columns are the same in every table: ``time_s`` (time of the measurement; of a
+        text, the time of arrival) and ``arrived_s``, both since the recording began; ``sensor``;
+        ``sequence``; ``t_us``.
     """
 
     name: str
@@ -67,9 +67,9 @@ Row = tuple[Table, tuple[Any, ...]]
 
 
 def rows(recording: RecordingBlocks) -> Iterator[Row]:
-    """Yield the table and the row of each frame by time of arrival; show the progress.
+    """Yield the table and the row of each frame in order of arrival; show the progress.
 
-    As on the wire, an unknown position or force is 0; the flags show which values are unknown.
+    As in the frames, an unknown position or force is 0; the flags show which values are unknown.
     """
     begun_s = recording.header.host_s
     for block in shown(recording):

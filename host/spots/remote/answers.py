@@ -25,7 +25,7 @@ _PARAMETERS_MAX = 256  # characters; SPOTS itself sends none
 class Answers:
     """Collects queries, and answers them with the board's replies.
 
-    All waiting queries of a kind get the same reply. It is at most a second older than the query.
+    All waiting queries of a kind get the same reply, which is at most a second older than a query.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Answers:
             self._queryables[command] = session.declare_queryable(key(board_id, name), note)
 
     def give(self) -> None:
-        """Answer the waiting queries, unless it is too early; ask the board once for each kind."""
+        """Answer the waiting queries if the rate limit allows; ask the board once for each kind."""
         began_s = self._board.now_s()
         if began_s < self._due_s or not any(self._waiting.values()):
             return
@@ -73,7 +73,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Reply to the queries `asked` with the board's reply to `command`; return if it came."""
+        """Answer the queries `asked` with a reply to `command`; return whether the board replied."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None

@@ -1,4 +1,4 @@
-"""A queue of messages between two threads, with limited memory."""
+"""A queue of messages between two threads that uses limited memory."""
 
 import sys
 import threading
@@ -12,12 +12,12 @@ _OVERHEAD_BYTES = sys.getsizeof((None, None)) + 8
 
 
 class Mailbox:
-    """A queue of messages with labels. If it is full, the oldest messages are dropped.
+    """A queue of messages with labels. A full queue drops its oldest messages.
 
     Attributes
     ----------
     changed : threading.Condition
-        Condition that is notified of every message. It is reentrant.
+        Reentrant condition that is notified of every message.
     dropped : int
         Number of messages that were dropped unread.
     """
@@ -39,7 +39,7 @@ class Mailbox:
         label : str or bytes
             Label of the message.
         data : bytes or zenoh.ZBytes
-            Content of the message. If it is too long, it is dropped and not copied.
+            Content of the message. A message that is too long is dropped without a copy.
         """
         with self.changed:
             if len(data) > MESSAGE_BYTES_MAX:
@@ -54,7 +54,7 @@ class Mailbox:
             self.changed.notify_all()
 
     def take(self) -> tuple[Any, bytes]:
-        """Return the oldest message; IndexError if the mailbox is empty."""
+        """Remove the oldest message and return its label and content; raise IndexError if empty."""
         with self.changed:
             message = self._messages.popleft()
             self._bytes -= _size(message)

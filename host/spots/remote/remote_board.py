@@ -10,11 +10,11 @@ _STREAMS = {"touch", "spectrum", "contact"}
 
 
 class Remote(Board):
-    """A published board, which is read like any other board.
+    """A published board, which programs read like any other board.
 
     ``stream`` only starts or stops the reception; all published frames are returned. The publisher
-    replies to the commands ``hello``, ``get`` and ``sync``, and this object to ``stream``. Other
-    commands are refused.
+    replies to the commands ``hello``, ``get`` and ``sync``; this object replies to ``stream``.
+    Other commands are refused.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Remote(Board):
         elif name in READ_ONLY:
             reply = self._far.ask(name, timeout_s)
         else:
-            reply = {"error": "it is read-only here; send the command on the machine of the board"}
+            reply = {"error": "a remote board is read-only: send the command on its own machine"}
         if reply is None:
             return None
         if name == "hello" and "error" in reply:
@@ -52,7 +52,7 @@ class Remote(Board):
     def _stream(self, words: list[str]) -> dict:
         kinds = sorted(set(words))
         if not kinds or (kinds != ["off"] and set(kinds) - _STREAMS):
-            return {"error": "stream takes touch, spectrum, contact, or off"}
+            return {"error": "the arguments of stream are touch, spectrum, contact, or off"}
         on = kinds != ["off"]
         if on and not self._listening:
             # Frames from before the subscription are not lost: any sequence number may come.
@@ -88,7 +88,7 @@ def open_port(rest: str, **simulated) -> Remote:
     Raises
     ------
     SpotsError
-        If the board is not published, or `rest` is empty and there are several boards.
+        If the board is not published, or `rest` is empty and several boards are published.
     """
     session = open_session()
     try:

@@ -1,4 +1,4 @@
-"""A frame as an object that any language can read; the names are those of the exports."""
+"""Converts frames to JSON objects, whose keys are the column names of the exports."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_c
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
-    """Return the object that is published for a frame.
+    """Return the object to publish for a frame.
 
     Parameters
     ----------

@@ -80,12 +80,12 @@ def _text(written: Callable[[str, dict], str], name: str, data: bytes) -> str | 
     name : str
         Zenoh key of the message.
     data : bytes
-        Its JSON text, from an untrusted sender.
+        JSON text of the message, from an untrusted sender.
 
     Returns
     -------
     str or None
-        Empty if the message is not shown; None if it is invalid.
+        The line; empty if the message is not shown, None if the message is invalid.
     """
     try:
         return printable(written(name, decoded(data)))
@@ -98,7 +98,7 @@ def _as_json(name: str, content: dict) -> str:
 
 
 class _Lines:
-    """Formats messages as lines for people; omits some of the frequent messages."""
+    """Formats messages as readable lines; omits some of the frequent messages."""
 
     def __init__(self):
         self._began_s = time.time()

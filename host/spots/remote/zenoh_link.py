@@ -13,15 +13,15 @@ _ERROR_BYTES_MAX = 600  # the longest text of a board
 
 
 class ZenohLink(Link):
-    """Receives the frames of a published board. It never writes to the board.
+    """Receives the frames of a published board, and never writes to the board.
 
-    Frames come after a call of `listen`, which is needed again after `reopen`. If the publisher
-    disconnects or its board restarts, `read` raises PortLostError.
+    Frames arrive after a call of `listen`; call `listen` again after each `reopen`. If the
+    publisher disconnects or its board restarts, `read` raises PortLostError.
 
     Parameters
     ----------
     session : zenoh.Session
-        An open session. It is closed with the link.
+        An open session, which is closed with the link.
     board_id : str
         Id of the board.
     """
@@ -71,14 +71,14 @@ class ZenohLink(Link):
         self.listen(False)
 
     def reopen(self) -> None:
-        """Subscribe to the board again; raise SpotsError while the board is not published."""
+        """Subscribe to the board again, or raise SpotsError if the board is not published."""
         self.listen(False)
         self._run = None
         if not self._alive:
             raise SpotsError(self._gone())
 
     def write(self, data: bytes) -> None:
-        """Ignore the data: nothing is written to a remote board; see `ask`."""
+        """Ignore the data, because nothing is written to a remote board; see `ask`."""
 
     def ask(self, command: str, timeout_s: float) -> dict | None:
         """Query the publisher for the reply to a command that changes nothing.
@@ -93,7 +93,7 @@ class ZenohLink(Link):
         Returns
         -------
         dict or None
-            None without a valid reply in time.
+            The reply, or None if no valid reply arrives in time.
         """
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):

@@ -1,4 +1,4 @@
-"""Opens a Zenoh session, makes the keys of a board, and finds published boards."""
+"""Opens a Zenoh session, builds the Zenoh keys of a board, and finds published boards."""
 
 import os
 import threading
@@ -54,7 +54,7 @@ def open_session() -> zenoh.Session:
         config = zenoh.Config.from_file(path) if path else zenoh.Config()
     except zenoh.ZError as error:
         raise SpotsError(
-            f"{path} is not a Zenoh configuration: {_first_line(error)}: name another file"
+            f"{path} is not a Zenoh configuration ({_first_line(error)}): name another file"
         ) from None
     try:
         return zenoh.open(config)
@@ -67,7 +67,7 @@ def open_session() -> zenoh.Session:
 
 
 def _check_config(path: str) -> None:
-    """Refuse a file on which Zenoh's own reader would block or crash."""
+    """Raise SpotsError for a file on which Zenoh's own parser would block or crash."""
     try:
         text = read_bytes(path, ZENOH_MAX_BYTES)
     except OSError:
@@ -77,7 +77,7 @@ def _check_config(path: str) -> None:
         ) from None
     if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
         raise SpotsError(
-            f"{path} is not a Zenoh configuration: it is nested too deep: name another file"
+            f"{path} is not a Zenoh configuration (nested too deep): name another file"
         )
 
 
@@ -98,7 +98,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
     Raises
     ------
     SpotsError
-        If the board is not published in time, or `wanted` is empty and there are several boards.
+        If the board is not published in time, or `wanted` is empty and several are published.
     """
     alive: set[str] = set()
     changed = threading.Condition()
@@ -142,10 +142,10 @@ def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
     """Return a handler that calls a function in Zenoh's own threads.
 
     Zenoh's usual handler starts a Python thread, which blocks the exit of a program that has not
-    closed its board. The function must neither wait nor call Zenoh. Its exceptions are reported in
-    one line, and the next message follows.
+    closed its board. The function must neither wait nor call Zenoh. An exception in the function is
+    reported in one line; the handler continues with the next message.
     """
-    guarded = Guarded(callback, "taking what came from Zenoh")
+    guarded = Guarded(callback, "the handler of Zenoh messages")
     return zenoh.handlers.Callback(guarded, indirect=False)
 
 

@@ -1,1 +1,1 @@
-"""Gestures on a worn strip: `spots wearable`."""
+"""Gestures on a strip that is worn on the body: ``spots wearable``."""

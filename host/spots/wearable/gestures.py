@@ -1,7 +1,7 @@
-"""Classifies touches on a worn strip as gestures, each with a confidence.
+"""Classifies touches on a strip that is worn on the body as gestures, each with a confidence.
 
 On an arm that bends and stretches, positions and forces are less accurate than on a desk. So all
-limits are relative to the touch itself: its distance, duration and change of force.
+limits concern only the touch itself: the distance it moves, its duration and its change of force.
 """
 
 import math
@@ -47,11 +47,11 @@ class Gesture(NamedTuple):
     name : str
         Name of the gesture, one of `NAMES`.
     confidence : float
-        Confidence from 0 to 1, from the distance of the measured values to the limits of the
-        gesture; 0.5 at a limit.
+        Confidence from 0 to 1. It is 0.5 if a measured value is at a limit of the gesture, and
+        grows with the distance from the limits.
     position_um, distance_um : int
-        Position where the touch began, and distance that it moved away from the sensor (negative
-        towards the sensor), in um.
+        Position where the touch began, and distance that the touch moved away from the sensor
+        (negative towards the sensor), in um.
     force_mN : int
         Largest force of the touch, in mN.
     time_s : float
@@ -93,12 +93,12 @@ class Gestures:
         touch : Touch
             The next reading of the strip.
         now_s : float
-            Time at which it arrived, in seconds, by the same clock as in `tick`.
+            Time at which the reading arrived, in seconds, by the same clock as in `tick`.
 
         Returns
         -------
         list of Gesture
-            Complete gestures, oldest first; mostly empty.
+            Complete gestures, oldest first; empty for most readings.
         """
         self.tick(now_s)
         if not touch.flags & LED_OFF:  # a reading with the LED off does not show a finger
@@ -113,13 +113,13 @@ class Gestures:
         return found
 
     def tick(self, now_s: float) -> None:
-        """Drop the touch and a waiting tap if no reading has arrived for `RELEASE_S`."""
+        """Drop the touch and a pending tap if no reading has arrived for `RELEASE_S`."""
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             self.release()
 
     def release(self) -> None:
-        """Drop the touch and a tap that waits for a second one."""
+        """Drop the touch, and a tap that may become a double tap."""
         self._contact.spend()
         self._path = self._tap = None
 
@@ -156,7 +156,7 @@ class Gestures:
         pass
 
     def next(self, x_um: int, t: int) -> None:
-        """Handle a jump: the contact of one finger ends, and that of another begins.
+        """Handle a jump: the contact of one finger ends, and the contact of another finger begins.
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Gestures:
             self._decide(HOLD, 1.0, path.stillness)
 
     def _decide_late(self) -> None:
-        """Classify a touch that has ended; one that fits no gesture is dropped."""
+        """Classify a touch that has ended; drop a touch that fits no gesture."""
         path = self._path
         lasted_s, far_um = path.end_s - path.began_s, abs(path.moved_um)
         if path.spread_um <= _STILL_UM:
@@ -244,14 +244,14 @@ class _Path:
     Attributes
     ----------
     began_s, left_s, end_s : float
-        Time of the first reading, of the last reading near the first position, and of the last
-        reading, in seconds.
+        Times of three readings, in seconds: the first one, the one at which the finger left its
+        first position, and the last one.
     begin_um, end_um : int
         First and last position, in um.
     force_mN, hardest_mN : int
-        Present and largest force, in mN.
+        Latest and largest force, in mN.
     hard_since_s : float
-        Time since which the finger is still and presses hard; infinity if it does not.
+        Time since when the finger has been still and pressed hard; infinity if it does not.
     decided : bool
         Whether a gesture was found for this path.
     """

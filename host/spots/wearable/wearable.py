@@ -1,4 +1,4 @@
-"""``spots wearable``: gestures on a worn strip press keys of this computer."""
+"""``spots wearable``: gestures on a strip that is worn on the body press keys of this computer."""
 
 import argparse
 from collections.abc import Callable
@@ -34,12 +34,12 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Mapping:
-    """Keys of gestures, read from a gestures file.
+    """The key for each gesture, read from a gestures file.
 
     Parameters
     ----------
     path : str or Path
-        Path of the file, or name of a file that comes with the package.
+        Path of the file, or name of a file in the package.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Mapping:
     Raises
     ------
     SpotsError
-        If the file does not exist, or contains an error.
+        If the file does not exist or is invalid.
     """
 
     def __init__(self, path: str | Path = DEFAULT):
@@ -111,7 +111,7 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Read a board and report each gesture; return all of them at the end.
+    """Read a board and report each gesture; return all gestures at the end.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def play(
     Raises
     ------
     SpotsError
-        If the board is lost, has no calibration, or takes readings too seldom.
+        If the board is lost, has no calibration, or is too slow.
     """
     gestures, found = Gestures(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]

@@ -1,4 +1,4 @@
-"""Picture of a worn strip in the terminal: the finger, and the last gestures with their keys."""
+"""Picture of a strip for a terminal: the finger, and the last gestures with their keys."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ def picture(
     does: Mapping[str, str],
     stats: LinkStats,
 ) -> Panel:
-    """Return the picture of a strip and of its last gestures.
+    """Return the picture of a strip and the last gestures on it.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def picture(
     found : sequence of Gesture
         Gestures so far, oldest first.
     does : mapping of str to str
-        Name of the key for each gesture that has one.
+        Name of the key for each gesture that has a key.
     stats : LinkStats
-        Statistics of the link, shown below.
+        Statistics of the link, shown below the gestures.
 
     Returns
     -------
