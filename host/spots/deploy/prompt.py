@@ -59,7 +59,7 @@ try:
     _s = os.statvfs("/")
 except (AttributeError, OSError):
     _s = None
-print((_i.name, tuple(_i.version[:3]), getattr(_i, "_mpy", 0), sys.platform,
+print((_i.name, tuple(_i.version[:3]), getattr(_i, "_mpy", 0),
     _s and _s[1], _s and _s[1] * _s[3]))
 """
 
@@ -83,8 +83,8 @@ class Prompt:
     Attributes
     ----------
     facts : dict
-        ``runtime``, ``version``, ``mpy`` (format version, architecture), ``platform``,
-        ``block`` and ``free`` (bytes).
+        ``runtime``, ``version``, ``mpy`` (format version, architecture), ``block`` and ``free``
+        (bytes).
 
     Raises
     ------
@@ -250,12 +250,11 @@ class Prompt:
 
 
 def _facts(printed: bytes) -> dict:
-    name, version, mpy, platform, block, free = ast.literal_eval(printed.decode())
+    name, version, mpy, block, free = ast.literal_eval(printed.decode())
     return {
         "runtime": name,
         "version": version,
         "mpy": (mpy & 0xFF, mpy >> 10 & 15),
-        "platform": platform,
         "block": block,
         "free": free,
     }
