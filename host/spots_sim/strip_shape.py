@@ -106,8 +106,8 @@ class StripShape:
     breakout: str = "adafruit-4698"
 
     def __post_init__(self):
-        low, high = LENGTHS_MM
-        if not low <= self.length_mm <= high:
+        if not has_moulds(self.length_mm):
+            low, high = LENGTHS_MM
             raise SpotsError(
                 f"moulds are for strips of {low:g} to {high:g} mm, not {self.length_mm:g} mm"
             )
@@ -166,6 +166,12 @@ class StripShape:
 
         edges = 0.0, GUIDE_THICKNESS, STRIP_THICKNESS - GUIDE_THICKNESS, STRIP_THICKNESS
         return sum(_simpson(area, low, high) for low, high in zip(edges, edges[1:]))
+
+
+def has_moulds(length_mm: float) -> bool:
+    """Return whether there are moulds for a length in mm."""
+    low, high = LENGTHS_MM
+    return low <= length_mm <= high
 
 
 # A guide beyond the support: through the cap's wall and nose, to the chip or to the LED.

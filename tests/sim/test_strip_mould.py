@@ -165,6 +165,29 @@ def test_the_parts_of_a_strip_fit_together(made):
     assert touching == {("clear", "support"): pytest.approx(film, rel=0.02)}
 
 
+def test_the_jig_holds_a_test_piece_before_the_windows_of_both_caps(made):
+    shape, meshes, _ = made
+    placed = assembly(shape)
+    far = shape.support_mm - strip_shape.TEST_JIG
+    caps = [
+        placed["sensor_cap"].translate((far / 2, 0, 0)),
+        # Upside down, about the middle of the strip's end.
+        placed["led_cap"].translate((-far / 2, 0, -1.5)).rotate((180, 0, 0)).translate((0, 0, 1.5)),
+    ]
+    piece, _ = cast(meshes, "test", strip_shape.GUIDE_THICKNESS)
+    box = piece.bounding_box()
+    piece = piece.translate((0, -(box[1] + box[4]) / 2, -box[2])).rotate((180, 0, 0))
+    parts = [*caps, piece.translate((0, 0, 1)), solid(meshes["test_jig"]).rotate((180, 0, 0))]
+    parts[-1] = parts[-1].translate((0, 0, 3))
+    for i, one in enumerate(parts):
+        assert all((one ^ other).volume() < 1e-3 for other in parts[i + 1 :])
+    assert parts[2].bounding_box()[3] - parts[2].bounding_box()[0] == pytest.approx(60, abs=0.01)
+    chip = placed["chip"].translate((far / 2, 0, 0)).bounding_box()
+    led = placed["led"].translate((-far / 2, 0, 0)).bounding_box()
+    assert parts[2].bounding_box()[0] - chip[3] == pytest.approx(0.5, abs=0.01)
+    assert led[0] - parts[2].bounding_box()[3] == pytest.approx(0, abs=0.01)
+
+
 @pytest.mark.parametrize("breakout", BREAKOUTS)
 def test_no_light_gets_to_the_chip_but_through_the_dyed_guide(breakout):
     placed = assembly(StripShape(85, breakout))
