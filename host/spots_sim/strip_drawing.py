@@ -68,10 +68,15 @@ _NOTE = (
 class _Sheet:
     """Elements of an SVG, in pixels."""
 
-    def __init__(self, height: float):
-        self.size = _WIDTH, height
+    def __init__(self):
+        self.height = 0.0
         self.elements: list[str] = []
+
+    def end(self, height: float) -> _Sheet:
+        """Set the height, and write the note on all drawings at the lower edge."""
+        self.height = height
         self.text(_MARGIN, height - 14, _NOTE)
+        return self
 
     def text(self, x: float, y: float, text: str, anchor: str = "start", style: str = "") -> None:
         self.elements.append(
@@ -87,7 +92,7 @@ class _Sheet:
         self.elements.append(f'<line {ends} class="{style}"/>')
 
     def write(self, path: Path) -> Path:
-        width, height = self.size
+        width, height = _WIDTH, self.height
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
             f'width="{width:g}" height="{height:g}">'
@@ -193,7 +198,7 @@ def _along(solid, y: float = 0.0):
 
 
 def _section(shape: StripShape, placed: dict) -> _Sheet:
-    sheet = _Sheet(400)
+    sheet = _Sheet()
     sheet.title(30, "Strip, cut across its middle")
     view = _View(sheet, _WIDTH / 2, 250, 36)
     for name in ("support", "dyed", "clear"):
@@ -211,11 +216,11 @@ def _section(shape: StripShape, placed: dict) -> _Sheet:
     view.note(2.6, 2.6, 130, -105, "clear guide, polyurethane")
     view.note(2.6, 0.4, 130, 80, "dyed guide, polyurethane with red pigment")
     view.note(-5.2, 1.5, -60, 100, "support, black silicone")
-    return sheet
+    return sheet.end(400)
 
 
 def _assembled(shape: StripShape, placed: dict) -> _Sheet:
-    sheet = _Sheet(1180)
+    sheet = _Sheet()
     sheet.title(30, f"Strip of {shape.length_mm:g} mm on its base, cut along its middle")
     low, high = placed["sensor_lid"].bounding_box()[0], placed["led_cap"].bounding_box()[3]
     above, below = placed["sensor_cap"].bounding_box()[5], -shape.base_mm
@@ -227,41 +232,44 @@ def _assembled(shape: StripShape, placed: dict) -> _Sheet:
     view.across("support_length", -end, end, below, 26, "support")
     view.across("guide_length", -end - BEYOND, end, below, 58, "dyed guide")
     view.across("overall_length", low, high, below, 90, "all")
-    _sensor_end(sheet, shape, placed)
-    _led_end(sheet, shape, placed)
-    return sheet
+    top = 80 + (above - below) * scale + 150
+    top = _sensor_end(sheet, shape, placed, top)
+    return sheet.end(_led_end(sheet, shape, placed, top))
 
 
-def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict) -> None:
-    sheet.title(500, "The sensor's end")
+def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
+    """Draw the sensor's end below `top`; return the lower edge in pixels."""
+    sheet.title(top, "The sensor's end")
     end, detail = -shape.length_mm / 2, 12.0
-    view = _View(sheet, 480 - end * detail, 680, detail)
-    _draw(view, placed, (end - 30, end + 10))
     above = placed["sensor_cap"].bounding_box()[5]
+    view = _View(sheet, 480 - end * detail, top + 60 + above * detail, detail)
+    _draw(view, placed, (end - 30, end + 10))
     inner = end - END_LENGTH - SEPTUM
     view.upright("base_height", -shape.base_mm, 0, end + 10, 40, "base")
     view.across("end_length", end - END_LENGTH, end, above, -20, "end")
     view.across("septum", inner, end - END_LENGTH, above, -50, "wall")
     view.across("parts_height", inner - PARTS_HEIGHT, inner, above, -20, "parts")
     chip = placed["chip"].bounding_box()[3]
-    view.across("chip_gap", chip, chip + CHIP_GAP, 0.4, 170, "gap to the chip")
+    below = -shape.base_mm
+    view.across("chip_gap", chip, chip + CHIP_GAP, below, 30, "gap to the chip")
     view.note(end + 6, 2.7, 160, -80, "clear guide, ends at the wall")
     view.note(end + 6, 1.5, 160, -30, "air gap")
     view.note(end + 6, 0.5, 160, 20, "dyed guide, ends before the chip")
     view.note(end - 2, 1.5, 200, -120, "the support closes the gap")
     view.note(inner - PARTS_HEIGHT - 0.8, 6, -130, -20, "breakout")
     view.note(inner - PARTS_HEIGHT - 2.8, 2, -95, 0, "lid, with black foam")
-    view.note(end + 5, -5, 160, 60, "base")
+    return view.at(0, below)[1] + 90
 
 
-def _led_end(sheet: _Sheet, shape: StripShape, placed: dict) -> None:
-    sheet.title(860, "The LED's end")
+def _led_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
+    """Draw the LED's end below `top`; return the lower edge in pixels."""
+    sheet.title(top, "The LED's end")
     end, detail = shape.length_mm / 2, 12.0
-    view = _View(sheet, 480 - end * detail, 1000, detail)
+    above = placed["led_cap"].bounding_box()[5]
+    view = _View(sheet, 480 - end * detail, top + 60 + above * detail, detail)
     _draw(view, placed, (end - 10, end + 30))
     wall = end + END_LENGTH + BEYOND
     middle, hole = STRIP_THICKNESS - GUIDE_THICKNESS / 2, LED_DIAMETER / 2
-    above = placed["led_cap"].bounding_box()[5]
     view.across("led_depth", wall, wall + LED_DEPTH, above, -20, "for the LED")
     view.across("end_length", end, end + END_LENGTH, above, -20, "end")
     view.across("beyond", end + END_LENGTH, wall, above, -50, "wall")
@@ -269,6 +277,7 @@ def _led_end(sheet: _Sheet, shape: StripShape, placed: dict) -> None:
     view.note(end - 4, 2.5, -160, -60, "clear guide, touches the LED")
     view.note(end - 4, 0.5, -160, 20, "dyed guide, ends at the wall")
     view.note(end - 5, -5, -160, 40, "base")
+    return view.at(0, -shape.base_mm)[1] + 50
 
 
 def _draw(view: _View, placed: dict, span: tuple[float, float] | None = None) -> None:
@@ -282,7 +291,7 @@ def _draw(view: _View, placed: dict, span: tuple[float, float] | None = None) ->
 
 
 def _moulds(shape: StripShape, made: dict) -> _Sheet:
-    sheet = _Sheet(1260)
+    sheet = _Sheet()
     for top, name, depth, cast, what in (
         (30, "guides", GUIDE_THICKNESS, "clear", "Mould of both guides"),
         (630, "support", STRIP_THICKNESS, "support", "Mould of the support"),
@@ -306,8 +315,9 @@ def _moulds(shape: StripShape, made: dict) -> _Sheet:
         scale = min((_WIDTH - 2 * _MARGIN) / (x1 - x0), 170 / (y1 - y0))
         plan = _View(sheet, _WIDTH / 2, top + 410, scale)
         plan.outline(tray.project(), "tray")
+        plan.outline(tray.slice(FLOOR + depth / 2), "lid")  # with the core of the air gap
         plan.outline(tray.slice(FLOOR + depth - GROOVE_DEPTH / 2), "lid")
         plan.outline(tray.slice(FLOOR + depth + _JUST_ABOVE), "chip")
         plan.across(f"{name}_cavity_length", a0, a1, y0, 24, "cavity")
         plan.across(f"{name}_tray_length", x0, x1, y0, 54, "tray")
-    return sheet
+    return sheet.end(1260)
