@@ -32,7 +32,7 @@ COMMAND = re.compile(r"`(spots [a-z][^`]*)`")
 # Words that stand for others, and what may be left out.
 PLACEHOLDER = re.compile(r"…|\.\.\.|\[|\||\b[A-Z]{2,}\b(?![a-z])")
 TIMEOUT_S = 120
-# What does not end by itself, and what it prints once it runs.
+# What does not end by itself, or judges the speed of this computer; and what it prints once it runs.
 ENDLESS = {
     "spots demo --page": "http://",
     "spots serve --port virtual": "http://",
@@ -40,6 +40,8 @@ ENDLESS = {
     "spots publish --port virtual": "publish",
     "spots controller --port virtual --dry-run": "x",
     "spots twin --port virtual": "terminal",
+    "spots doctor --port virtual": "hello",
+    "spots keyboard --layout mini --dry-run --port virtual": "down",
     "python": " ",
 }
 
@@ -216,6 +218,28 @@ def test_a_line_of_the_readme_runs_after_make_demo(line, newcomer):
     if words[1] == "serve":
         words += ["--http-port", "0"]  # other programs may have the usual one
     output = run(words, ENDLESS.get(line, ""), newcomer)
+    assert "Traceback" not in output
+
+
+def walk():
+    """Return the lines of hardware.md's list, as it says to change them for a virtual board."""
+    text = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
+    steps = text.split("## From bare board to key press\n")[1].split("\n## ")[0]
+    numbers = [int(number) for number in re.findall(r"^(\d+)\. ", steps, re.MULTILINE)]
+    assert numbers == list(range(1, len(numbers) + 1))
+    inside = re.findall(r"^ +```sh\n(.*?)^ +```$", steps, re.MULTILINE | re.DOTALL)
+    lines = [line.strip() for block in inside for line in block.splitlines()]
+    assert "spots flash pico" in lines
+    for line in lines:
+        if line == "spots flash pico":
+            yield "spots flash virtual --dry-run"
+        else:
+            yield line if line == "spots ports" else line + " --port virtual"
+
+
+@pytest.mark.parametrize("line", list(walk()))
+def test_a_step_from_bare_board_to_key_press_runs_on_a_virtual_board(line, newcomer):
+    output = run(shlex.split(line), ENDLESS.get(line, ""), newcomer)
     assert "Traceback" not in output
 
 
