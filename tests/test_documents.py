@@ -32,7 +32,7 @@ COMMAND = re.compile(r"`(spots [a-z][^`]*)`")
 # Words that stand for others, and what may be left out.
 PLACEHOLDER = re.compile(r"…|\.\.\.|\[|\||\b[A-Z]{2,}\b(?![a-z])")
 TIMEOUT_S = 120
-# What does not end by itself, or judges the speed of this computer; and what it prints once it runs.
+# What does not end by itself or judges the speed of this computer, and what it prints first.
 ENDLESS = {
     "spots demo --page": "http://",
     "spots serve --port virtual": "http://",

@@ -213,6 +213,21 @@ def test_the_lid_closes_the_mould_one_way_only(made):
         assert (tray ^ on.rotate((0, 0, 180))).volume() > 1, name
 
 
+def test_draft_lets_the_castings_out_of_the_trays_and_the_lids(made):
+    _, meshes, _ = made
+    for name, depth in (("guides", 1), ("test", 1), ("support", 3)):
+        tray, lid = solid(meshes[f"{name}_tray"]), solid(meshes[f"{name}_lid"])
+        on = lid.rotate((180, 0, 0)).translate((0, 0, strip_shape.FLOOR + depth + strip_shape.LID))
+        for one in cast(meshes, name, depth):
+            for up in np.linspace(0.05, depth, 5):
+                assert (one.translate((0, 0, up)) ^ tray).volume() < 1e-3, (name, up)
+                assert (one.translate((0, 0, -up)) ^ on).volume() < 1e-3, (name, up)
+                # A wall without draft would still touch.
+                assert (
+                    one.translate((0, 0, up)) ^ tray.translate((0.0, 0.01 * up, 0))
+                ).volume() < 1e-3
+
+
 @pytest.mark.parametrize("length_mm", [29.9, 200.1])
 def test_other_lengths_are_refused(length_mm):
     with pytest.raises(SpotsError, match="30 to 200 mm"):
