@@ -7,7 +7,7 @@ import json
 import sys
 
 from spots.cli import arguments
-from spots.cli.parser import Parser, calls
+from spots.cli.parser import Parser
 from spots.errors import SpotsError
 
 PURPOSE = "simulate, without hardware"
@@ -64,18 +64,56 @@ def characterize(parser: Parser):
 
 
 def design(parser: Parser):
-    """Find the dye and exposure for a length, a resolution and a rate.
+    """Find the dye and exposure for a strip, and make its moulds, drawings and recipe.
 
-    example:
+    examples:
       spots design --length-mm 85 --resolution-um 50 --rate-hz 100
+      spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --out strip --strips 2
+      spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --measure-dye --test-dose 2
     """
     parser.add_argument("--length-mm", type=float, required=True, help="length of the strip")
     parser.add_argument("--resolution-um", type=float, required=True, help="position resolution")
     parser.add_argument("--rate-hz", type=float, required=True, help="readings per second")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--out", metavar="DIR", help="write sensor file and figure to a folder")
-    names = "length_mm", "resolution_um", "rate_hz", "json", "out"
-    return calls("spots_sim.design:design_command", *names)
+    parser.flag("--json", "print one JSON object")
+    parser.option("--out", "DIR", "write sensor file, figure, moulds, drawings and recipe there")
+    parser.option("--strips", "N", "number of strips in the recipe", type=int, default=1)
+    parser.option(
+        "--breakout",
+        "NAME",
+        "breakout that the caps are for; adafruit-4698 or sparkx-17719",
+        default="adafruit-4698",
+    )
+    parser.flag("--measure-dye", "read a clear and a dyed test piece, and print the dose")
+    parser.option(
+        "--test-dose", "G", "tint in the dyed test piece, g in 100 g", type=_dose, default=2.0
+    )
+    parser.option(
+        "--test-length-mm", "N", "length of both test pieces", type=_test_mm, default=60.0
+    )
+    arguments.add_port(parser)
+    return _design
+
+
+_dose = arguments.number("a dose in g in 100 g", 1e-4, 60)
+_test_mm = arguments.number("the length of a test piece in mm", 10, 300)
+
+
+def _design(options: argparse.Namespace) -> None:
+    for name, given, belongs in (
+        ("--port", options.port, options.measure_dye),
+        ("--out", options.out, not options.measure_dye),
+    ):
+        if given and not belongs:
+            with_or_without = "without" if options.measure_dye else "with"
+            raise SpotsError(f"give {name} only {with_or_without} --measure-dye")
+    if options.measure_dye:
+        from .dye_dose import measure_dye_command
+
+        measure_dye_command(options)
+        return
+    from .design import design_command
+
+    design_command(options)
 
 
 COMMANDS = demo, characterize, design

@@ -1,5 +1,7 @@
 """``spots design``: finds the dye with the best resolution for a length, and the exposure.
 
+With ``--out`` it also writes what is needed to make the strip, see `strip_shape`.
+
 The predicted resolution is the Cramer-Rao bound of `bound.Bound`. It is computed for the settings
 that the board's search would find, and for the force `measurements.FORCE_MN`. All values except
 length and dye are those of the default sensor.
@@ -7,6 +9,7 @@ length and dye are those of the default sensor.
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import sys
@@ -34,11 +37,12 @@ from spots_device.exposure import (
 from spots_device.search import Search
 from spots_device.settings import DEFAULT_PLAN
 
-from . import figures
+from . import figures, strip_drawing, strip_mould, strip_recipe, strip_shape
 from .bound import Bound
 from .files import SensorFile, load, to_toml
 from .measurements import FORCE_MN, PLACES
 from .stage import NEAR_UM
+from .strip_shape import StripShape
 
 LED_MAX_MA = 100  # of the virtual board, as boards/virtual/board.toml has it
 # Above this exposure, full scale does not grow: more samples are averaged instead.
@@ -250,30 +254,45 @@ def sensor_toml(found: Design) -> str:
     return "\n".join(lines) + "\n" + to_toml(found.sensor)
 
 
-def design_command(
-    length_mm: float, resolution_um: float, rate_hz: float, as_json: bool, out: str | None
-) -> None:
-    """Find a design, print it and write its files.
+def design_command(options: argparse.Namespace) -> None:
+    """Run ``spots design`` with the options that `cli` parsed.
 
-    Parameters
-    ----------
-    length_mm, resolution_um, rate_hz : float
-        Length in mm, resolution in um and rate in Hz, as for `design`.
-    as_json : bool
-        True to print a JSON object, False to print a table.
-    out : str or None
-        Folder for ``sensor.toml`` and ``resolution.png``; None to write no files.
+    ``out`` is a folder for the sensor file, a figure, and moulds, drawings and recipe if the length
+    has moulds; None to write no files.
     """
+    out, shape = options.out, None
+    recipe = strip_recipe.checked(options.strips)
     if out is not None:
         figures.require()
-    found = design(length_mm, resolution_um, rate_hz)
-    print(json.dumps(found.summary()) if as_json else _text(found))
-    if out is not None:
-        folder = figures.folder(out)
-        sensor_file = folder / "sensor.toml"
-        atomic.write_text(sensor_toml(found), sensor_file)
-        for path in (sensor_file, _plot(found, resolution_um, folder / "resolution.png")):
-            print(printable(str(path)), file=sys.stderr)
+        if strip_shape.has_moulds(options.length_mm):
+            strip_mould.require()
+            shape = StripShape(options.length_mm, options.breakout)
+    found = design(options.length_mm, options.resolution_um, options.rate_hz)
+    print(json.dumps(found.summary()) if options.json else _text(found))
+    if out is None:
+        return
+    folder = figures.folder(out)
+    sensor_file = folder / "sensor.toml"
+    atomic.write_text(sensor_toml(found), sensor_file)
+    made = [sensor_file, _plot(found, options.resolution_um, folder / "resolution.png")]
+    if shape is not None:
+        made += _to_make(shape, recipe, found, options, folder)
+    for path in made:
+        print(printable(str(path)), file=sys.stderr)
+    if shape is None:
+        low, high = strip_shape.LENGTHS_MM
+        print(f"no moulds: they are for strips of {low:g} to {high:g} mm", file=sys.stderr)
+
+
+def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[Path]:
+    """Write moulds, drawings and recipe; return the files."""
+    line = (
+        f"spots design --length-mm {options.length_mm:g} "
+        f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"
+    )
+    recipe = folder / "build.md"
+    atomic.write_text(strip_recipe.text(shape, strips, found.dye_per_mm, line), recipe)
+    return [recipe, *strip_drawing.write(shape, folder), *strip_mould.write(shape, folder)]
 
 
 def _text(found: Design) -> str:

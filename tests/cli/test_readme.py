@@ -1,4 +1,4 @@
-"""What the README shows runs, from the wheel, with the packages of `make demo` alone."""
+"""What README and hardware.md show runs, from the wheel, with the packages of `make demo` alone."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ ENDLESS = {
     "spots publish --port virtual": "publish",
     "spots controller --port virtual --dry-run": "x",
     "spots twin --port virtual": "terminal",
+    "spots doctor --port virtual": "hello",  # it judges the speed of this computer
+    "spots keyboard --layout mini --dry-run --port virtual": "down",
     "python": " ",
 }
 LINES = [one for one in shell_lines("README.md") if one.startswith("spots ")]
@@ -142,3 +144,25 @@ def test_a_line_of_the_readme_runs_after_make_demo(line, newcomer):
 @pytest.mark.parametrize("text", [text for kind, text in blocks("README.md") if kind == "python"])
 def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
     run([sys.executable, "-c", text], ENDLESS["python"], newcomer)
+
+
+def walk():
+    """Return the lines of hardware.md's list, as it says to change them for a virtual board."""
+    text = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
+    steps = text.split("## From bare board to key press\n")[1].split("\n## ")[0]
+    numbers = [int(number) for number in re.findall(r"^(\d+)\. ", steps, re.MULTILINE)]
+    assert numbers == list(range(1, len(numbers) + 1))
+    inside = re.findall(r"^ +```sh\n(.*?)^ +```$", steps, re.MULTILINE | re.DOTALL)
+    lines = [line.strip() for block in inside for line in block.splitlines()]
+    assert "spots flash pico" in lines
+    for line in lines:
+        if line == "spots flash pico":
+            yield "spots flash virtual --dry-run"
+        else:
+            yield line if line == "spots ports" else line + " --port virtual"
+
+
+@pytest.mark.parametrize("line", list(walk()))
+def test_a_step_from_bare_board_to_key_press_runs_on_a_virtual_board(line, newcomer):
+    output = run(shlex.split(line), ENDLESS.get(line, ""), newcomer)
+    assert "Traceback" not in output

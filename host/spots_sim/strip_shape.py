@@ -1,0 +1,196 @@
+"""Dimensions of a strip, its moulds and its caps: the one source of moulds, drawings and recipe.
+
+The cross-section is that of the paper (section II.B): a strip 3 mm thick and 12 mm wide with two
+guides of 8 x 1 mm. What the paper does not give is marked *not tried*. All lengths are in mm.
+
+The section, looking along the strip; the gap between the guides is open below each finger::
+
+    +--+================+--+   clear guide, flush with the upper face
+    |  +--+          +--+  |   air gap; the guides rest on its two ledges
+    +--+================+--+   dyed guide, flush with the lower face
+
+Mould faces have a draft, so each dimension is that of the wide side: the guides' outer faces, the
+upper side of the support.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from spots.errors import SpotsError, did_you_mean
+
+# From the paper, section II.B and III.B.
+STRIP_WIDTH, STRIP_THICKNESS = 12.0, 3.0
+GUIDE_WIDTH, GUIDE_THICKNESS = 8.0, 1.0
+LENGTHS_MM = 30.0, 200.0  # paper, section III.A
+
+# Not tried: everything below.
+GAP_WIDTH = 6.0  # leaves ledges of 1 mm under the guides
+END_LENGTH = 4.0  # of the support beyond the gap at each end; a cap covers it
+DRAFT_DEG = 1.0
+TEST_LENGTH = 60.0  # of the dye's test piece
+BED = 220.0
+
+FLOOR, END_WALL, LID = 3.0, 3.0, 3.0
+LAND, GROOVE_WIDTH, GROOVE_DEPTH = 2.0, 2.0, 1.0  # the groove takes what flows over
+PIN_FOOT, PIN_TOP, PIN_HEIGHT, PIN_HOLE = 4.0, 3.0, 2.5, 4.4  # diameters and height
+PIN_INSET = 4.0  # from the long edge to the axis of a pin
+SIDE_WALL = LAND + GROOVE_WIDTH + 2 * PIN_INSET
+MIDDLE_WALL = 2 * LAND + GROOVE_WIDTH
+
+CLEARANCE = 0.2  # at each side of a part in a printed pocket
+CAP_WALL, SEPTUM = 2.0, 1.2
+PARTS_HEIGHT = 4.0  # room for the parts of a breakout; connectors are 3 mm high
+CHIP_HEIGHT, CHIP_GAP = 1.0, 0.5  # AS7341: 1 mm high; between it and the guide's end
+NOSE_GAP = CHIP_HEIGHT + 0.6  # from board to nose; other parts near the chip are up to 1.5 mm high
+NOSE_WALL = 1.0
+POST = 5.0, 4.0  # the corners of the breakout rest on posts
+PCB, BACK = 1.6, 2.0  # thickness of a breakout, and room for solder and foam behind it
+LID_PLUG, LID_PLATE = 1.0, 2.0
+CABLE_NOTCH = 8.0
+LED_DIAMETER, LED_DEPTH = 5.0, 9.0  # a round LED of 5 mm
+RAIL = 1.0  # height and width of the rails on the base
+TONGUE_WIDTH, TONGUE_HEIGHT = 8.0, 6.0
+
+SLOPE = math.tan(math.radians(DRAFT_DEG))
+
+
+@dataclass(frozen=True)
+class Breakout:
+    """Outline of a breakout with an AS7341.
+
+    Attributes
+    ----------
+    width_mm, height_mm : float
+        Size of the board.
+    window_mm : tuple of float
+        Centre of the chip's window, in mm from the lower left corner.
+    source : str
+        Maker's file with these figures.
+    """
+
+    width_mm: float
+    height_mm: float
+    window_mm: tuple[float, float]
+    source: str
+
+
+BREAKOUTS = {
+    "adafruit-4698": Breakout(
+        25.4, 17.78, (12.7, 9.18), "Adafruit_AS7341.brd, github.com/adafruit/Adafruit-AS7341-PCB"
+    ),
+    "sparkx-17719": Breakout(
+        31.75,
+        31.75,
+        (16.51, 17.18),
+        "Qwiic_Spectral_Sensor_AS7341.brd, github.com/sparkfunX/Qwiic_Spectral_Sensor-AS7341",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class StripShape:
+    """Dimensions of one strip, in mm.
+
+    Attributes
+    ----------
+    length_mm : float
+        Length on which a finger is measured: that of the air gap, between the caps.
+    breakout : str
+        Key of `BREAKOUTS`.
+    """
+
+    length_mm: float
+    breakout: str = "adafruit-4698"
+
+    def __post_init__(self):
+        if not has_moulds(self.length_mm):
+            low, high = LENGTHS_MM
+            raise SpotsError(
+                f"moulds are for strips of {low:g} to {high:g} mm, not {self.length_mm:g} mm"
+            )
+        if self.breakout not in BREAKOUTS:
+            raise SpotsError(
+                f"--breakout: there is no '{self.breakout}': "
+                f"{did_you_mean(self.breakout, BREAKOUTS)}"
+            )
+
+    @property
+    def board(self) -> Breakout:
+        """The breakout."""
+        return BREAKOUTS[self.breakout]
+
+    @property
+    def support_mm(self) -> float:
+        """Length of the support: the gap and the two covered ends."""
+        return self.length_mm + 2 * END_LENGTH
+
+    @property
+    def guide_mm(self) -> float:
+        """Length of a guide, which reaches through the wall of one cap."""
+        return self.support_mm + BEYOND
+
+    @property
+    def base_mm(self) -> float:
+        """Height of the strip's lower face above the table: the sensor cap reaches below it."""
+        return (
+            self.board.window_mm[1]
+            + CLEARANCE
+            + CAP_WALL
+            - GUIDE_THICKNESS / 2  # to the lower face
+        )
+
+    @property
+    def guide_mm3(self) -> float:
+        """Volume of a guide."""
+        return guide_mm3(self.guide_mm)
+
+    @property
+    def support_mm3(self) -> float:
+        """Volume of the support."""
+
+        def area(z: float) -> float:
+            below_top = STRIP_THICKNESS - z
+            width = STRIP_WIDTH - 2 * SLOPE * below_top
+            length = self.support_mm - 2 * SLOPE * below_top
+            if GUIDE_THICKNESS < z < STRIP_THICKNESS - GUIDE_THICKNESS:
+                z -= GUIDE_THICKNESS
+                return width * length - (GAP_WIDTH - 2 * SLOPE * z) * (
+                    self.length_mm - 2 * SLOPE * z
+                )
+            # The core of the upper pocket, on the lid, has clearance at both ends.
+            free = 2 * CLEARANCE if z > STRIP_THICKNESS / 2 else 0.0
+            return width * length - (GUIDE_WIDTH - 2 * SLOPE * min(z, below_top)) * (length - free)
+
+        edges = 0.0, GUIDE_THICKNESS, STRIP_THICKNESS - GUIDE_THICKNESS, STRIP_THICKNESS
+        return sum(_simpson(area, low, high) for low, high in zip(edges, edges[1:]))
+
+
+def has_moulds(length_mm: float) -> bool:
+    """Return whether there are moulds for a length in mm."""
+    low, high = LENGTHS_MM
+    return low <= length_mm <= high
+
+
+# A guide beyond the support: through the cap's wall and nose, to the chip or to the LED.
+BEYOND = SEPTUM + PARTS_HEIGHT - CHIP_HEIGHT - CHIP_GAP
+TEST_JIG = TEST_LENGTH - 2 * BEYOND  # the test piece reaches out of it at both ends
+
+
+def guide_mm3(length_mm: float) -> float:
+    """Return the volume of a guide in mm3, for its length in mm."""
+
+    def area(z: float) -> float:
+        return (GUIDE_WIDTH - 2 * SLOPE * z) * (length_mm - 2 * SLOPE * z)
+
+    return _simpson(area, 0.0, GUIDE_THICKNESS)
+
+
+def _simpson(area: Callable[[float], float], low: float, high: float) -> float:
+    """Return the integral of a quadratic `area`; Simpson's rule is exact for it."""
+    # Just inside, as the area jumps at a ledge.
+    inside = (high - low) * 1e-9
+    ends = area(low + inside) + area(high - inside)
+    return (ends + 4 * area((low + high) / 2)) * (high - low) / 6
