@@ -32,6 +32,9 @@ def demo(parser: Parser):
     )
     arguments.add_simulation(parser)
     _add_change(parser)
+    parser.add_argument(
+        "--rezero", action="store_true", help="re-zero the strip after its change; with --fast"
+    )
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
 
@@ -117,6 +120,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
         options.json,
         options.use or "strip",
         options.layout,
+        options.rezero,
     )
     if options.json:
         print(json.dumps(summary))
@@ -133,6 +137,8 @@ def _check(options: argparse.Namespace) -> None:
         raise SpotsError(
             "--page always runs in real time until Ctrl-C: leave out --seconds, --json and --fast"
         )
+    if options.rezero and (not options.fast or options.use == FIVEBAR):
+        raise SpotsError("--rezero needs simulated time and one strip: add --fast, without fivebar")
     if options.use == FIVEBAR and options.scenario:
         raise SpotsError("--use fivebar has a fixed scenario: leave out --scenario")
     if options.use == FIVEBAR and options.fast and options.seconds:

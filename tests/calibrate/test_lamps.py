@@ -18,7 +18,8 @@ from spots.link import lamps
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Touch
-from spots_sim.files import SensorFile, Surroundings, load
+from spots_sim.demo import demo
+from spots_sim.files import DATA, SensorFile, Surroundings, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.measurements import PLACES, Run, _position
 from spots_sim.rig import Rig
@@ -163,6 +164,16 @@ def test_a_board_that_misses_most_samples_finds_lamps(irradiance_uW_cm2):
     sensor = lit(irradiance_uW_cm2, 100.0, 1.0)
     found = found_hz(sensor, busy_us=lambda free_bytes: 6_000.0)
     assert found == (50 if irradiance_uW_cm2 else 0)
+
+
+@pytest.mark.parametrize("mains_hz", [50, 60])
+def test_an_application_runs_with_a_calibration_made_under_lamps(tmp_path, mains_hz):
+    path = tmp_path / "lamp.toml"
+    lamp = f"irradiance_uW_cm2 = 20\nflicker_percent = 100\nflicker_hz = {2 * mains_hz}\n"
+    default = (DATA / "sensors" / "default.toml").read_text(encoding="utf-8")
+    path.write_text(f"{default}\n[surroundings]\n{lamp}", encoding="utf-8")
+    figures = demo(str(path), None, 0, 5.0, True, True)
+    assert figures["position_rmse_um"] < 150
 
 
 class Stops(StagePresser):
