@@ -35,6 +35,7 @@ def demo(parser: Parser):
     parser.add_argument(
         "--rezero", action="store_true", help="re-zero the strip after its change; with --fast"
     )
+    parser.add_argument("--warm", action="store_true", help="start with a warm LED; with --fast")
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
 
@@ -121,6 +122,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
         options.use or "strip",
         options.layout,
         options.rezero,
+        options.warm,
     )
     if options.json:
         print(json.dumps(summary))
@@ -137,8 +139,10 @@ def _check(options: argparse.Namespace) -> None:
         raise SpotsError(
             "--page always runs in real time until Ctrl-C: leave out --seconds, --json and --fast"
         )
-    if options.rezero and (not options.fast or options.use == FIVEBAR):
-        raise SpotsError("--rezero needs simulated time and one strip: add --fast, without fivebar")
+    if (options.rezero or options.warm) and (not options.fast or options.use == FIVEBAR):
+        raise SpotsError(
+            "--rezero and --warm need simulated time and one strip: add --fast, without fivebar"
+        )
     if options.use == FIVEBAR and options.scenario:
         raise SpotsError("--use fivebar has a fixed scenario: leave out --scenario")
     if options.use == FIVEBAR and options.fast and options.seconds:

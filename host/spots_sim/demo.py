@@ -44,6 +44,7 @@ def demo(
     use: str = "strip",
     layout: str | None = None,
     rezeroed: bool = False,
+    warm: bool = False,
 ) -> dict:
     """Run the virtual board, show its readings, and return the figures of the run.
 
@@ -67,6 +68,8 @@ def demo(
         Key layout of the application `keyboard`: a path or a name.
     rezeroed : bool, optional
         Whether the strip was re-zeroed after its change; with `fast`.
+    warm : bool, optional
+        Whether the LED is warm at the start; with `fast`.
 
     Returns
     -------
@@ -90,7 +93,7 @@ def demo(
     file = load(ScenarioFile, scenario)
     truth = Scenario(file)
     if fast:
-        board, digest = open_fast(sensor, truth, seed, of_scenario(file, seed), rezeroed)
+        board, digest = open_fast(sensor, truth, seed, of_scenario(file, seed), rezeroed, warm)
         started_s = 0.0
     else:
         (board, started_s), digest = open_virtual(sensor, scenario, seed), None
@@ -166,6 +169,7 @@ def open_fast(
     seed: int,
     faults: Faults | None = None,
     rezeroed: bool = False,
+    warm: bool = False,
 ) -> tuple[Board, hashlib._Hash]:
     """Open a calibrated virtual board in simulated time, and hash all bytes that it sends.
 
@@ -181,6 +185,8 @@ def open_fast(
         Faults of the link, the I2C bus and the board.
     rezeroed : bool, optional
         Whether the strip was re-zeroed after its change.
+    warm : bool, optional
+        Whether the LED is warm at the start.
 
     Returns
     -------
@@ -196,7 +202,7 @@ def open_fast(
     """
     file = load(SensorFile, sensor)
     calibration = recalibrated(file) if rezeroed else calibrate(file)
-    bare = LockstepLink(file, truth, seed, faults=faults)
+    bare = LockstepLink(file, truth, seed, faults=faults, warm=warm)
     digest = hashlib.sha256()
     link = FaultyLink(bare, faults) if faults else bare
     board = Board(Tap(link, lambda data, now_s: digest.update(data)))

@@ -21,6 +21,7 @@ def typed(
     seed: int,
     sensor: str = "default",
     rezeroed: bool = False,
+    warm: bool = False,
 ) -> dict:
     """Type random digits on a virtual board in simulated time.
 
@@ -36,6 +37,8 @@ def typed(
         Sensor file: a path or a name.
     rezeroed : bool, optional
         Whether the strip was re-zeroed after the change of its sensor file.
+    warm : bool, optional
+        Whether the LED is warm at the start.
 
     Returns
     -------
@@ -45,7 +48,7 @@ def typed(
     length_mm = load(SensorFile, sensor).length_mm
     file = fast_typing(load_layout("digits"), words_per_min, touches, length_mm, seed)
     truth = Scenario(file)
-    board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed)
+    board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm)
     with board:
         return type_on_board(board, truth, 0.0, file.seconds - board.now_s(), True, "digits")
 
@@ -78,10 +81,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--sensor", default="default")
     parser.add_argument("--rezero", action="store_true", help="re-zero the strip after its change")
+    parser.add_argument("--warm", action="store_true", help="start with a warm LED")
     options = parser.parse_args()
     for speed in options.words_per_min:
         seeds = range(options.seeds)
-        strip = options.sensor, options.rezero
+        strip = options.sensor, options.rezero, options.warm
         runs = [typed(speed, options.touches, seed, *strip) for seed in seeds]
         print(f"{speed:g} words a minute: {added(runs)}", flush=True)
 

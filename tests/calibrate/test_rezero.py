@@ -580,17 +580,20 @@ def test_characterize_shows_the_damage_and_the_cure(sensor, change):
     assert found[3]["rms_ratio"] < 1.3
 
 
-@pytest.mark.parametrize("rezeroed", [False, True])
-def test_a_demo_runs_on_the_strip_before_or_after_its_re_zero(capsys, rezeroed):
-    words = ["demo", "--sensor", "real", "--fast", "--json", "--seconds", "6"]
-    assert cli.main(words + ["--rezero"] * rezeroed) == 0
-    rmse_um = json.loads(capsys.readouterr().out)["position_rmse_um"]
-    assert (rmse_um < 300) is rezeroed
+@pytest.mark.parametrize(
+    ("words", "least_um", "most_um"),
+    [([], 300, 600), (["--rezero"], 100, 200), (["--rezero", "--warm"], 0, 100)],
+)
+def test_a_demo_runs_on_the_strip_before_or_after_its_re_zero(capsys, words, least_um, most_um):
+    demo = ["demo", "--sensor", "real", "--fast", "--json", "--seconds", "6"]
+    assert cli.main([*demo, *words]) == 0
+    assert least_um < json.loads(capsys.readouterr().out)["position_rmse_um"] < most_um
 
 
 @pytest.mark.parametrize("words", [[], ["--fast", "--use", "fivebar"]])
-def test_a_demo_that_cannot_be_re_zeroed_says_why(capsys, words):
-    assert cli.main(["demo", "--rezero", *words]) == 2
+@pytest.mark.parametrize("option", ["--rezero", "--warm"])
+def test_a_demo_that_cannot_be_re_zeroed_says_why(capsys, option, words):
+    assert cli.main(["demo", option, *words]) == 2
     assert "add --fast, without fivebar" in capsys.readouterr().err
 
 
