@@ -77,6 +77,10 @@ def silent_bench(rig: Rig, presser: StagePresser) -> Bench:
         A calibrated strip.
     presser : StagePresser
         Presses the strip.
+
+    Returns
+    -------
+    Bench
     """
     guide = Guide(Console(file=io.StringIO()))
     return Bench(rig.stage.reader, presser, guide, rig.stage.length_um, _NOBODY)
