@@ -36,7 +36,7 @@ of the demo for {seconds:g} s; [controller.md](controller.md) explains its figur
 strip:
 
 ```sh
-python -m spots_sim.typing_speed {speeds} --sensor real --rezero --warm
+python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm
 spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --rezero --warm
 ```
 
