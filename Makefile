@@ -25,7 +25,7 @@ help:
 	@echo 'make erase  remove firmware, settings and calibration'
 	@echo 'make doctor what is wrong with a board, and what to do'
 	@echo 'make pictures  draw the pictures of the documents again'
-	@echo 'make paper  measure the figures of docs/paper.md and fivebar.md again'
+	@echo 'make paper  measure the figures of docs/paper.md, fivebar.md, applications.md again'
 	@echo 'make clean  remove .venv and all that was built'
 
 demo: .venv/demo
@@ -77,6 +77,7 @@ pictures: .venv/test browser
 paper: .venv/test
 	@$(BIN)/python docs/make/paper.py docs
 	@$(BIN)/python docs/make/linkage_page.py docs
+	@$(BIN)/python docs/make/applications_page.py docs
 
 clean:
 	rm -rf .venv build dist tests/wasm/node_modules tests/web/browser/node_modules

@@ -32,6 +32,10 @@ def demo(parser: Parser):
     )
     arguments.add_simulation(parser)
     _add_change(parser)
+    parser.add_argument(
+        "--rezero", action="store_true", help="re-zero the strip after its change; with --fast"
+    )
+    parser.add_argument("--warm", action="store_true", help="start with a warm LED; with --fast")
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
 
@@ -155,6 +159,8 @@ def _demonstrate(options: argparse.Namespace) -> None:
         options.json,
         options.use or "strip",
         options.layout,
+        options.rezero,
+        options.warm,
     )
     if options.json:
         print(json.dumps(summary))
@@ -170,6 +176,10 @@ def _check(options: argparse.Namespace) -> None:
     if options.page and (options.seconds or options.json or options.fast):
         raise SpotsError(
             "--page always runs in real time until Ctrl-C: leave out --seconds, --json and --fast"
+        )
+    if (options.rezero or options.warm) and (not options.fast or options.use == FIVEBAR):
+        raise SpotsError(
+            "--rezero and --warm need simulated time and one strip: add --fast, without fivebar"
         )
     if options.use == FIVEBAR and options.scenario:
         raise SpotsError("--use fivebar has a fixed scenario: leave out --scenario")

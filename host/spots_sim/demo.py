@@ -22,10 +22,11 @@ from .files import ScenarioFile, SensorFile, load
 from .link_wrapper import Tap
 from .linkage_demo import demonstrate, endless
 from .lockstep import LockstepLink
+from .rezeroed import recalibrated
 from .runtimes import headline
 from .scenario import Scenario
 from .score import Score
-from .stage import calibrate, set_led
+from .stage import calibrate, set_as_calibrated
 from .virtual import VIRTUAL, open_virtual
 
 FIVEBAR = "fivebar"
@@ -42,6 +43,8 @@ def demo(
     quiet: bool,
     use: str = "strip",
     layout: str | None = None,
+    rezeroed: bool = False,
+    warm: bool = False,
 ) -> dict:
     """Run the virtual board, show its readings, and return the results of the run.
 
@@ -63,6 +66,10 @@ def demo(
         Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
     layout : str, optional
         Key layout of the application `keyboard`: a path or a name.
+    rezeroed : bool, optional
+        Whether the strip was re-zeroed after its change; with `fast`.
+    warm : bool, optional
+        Whether the LED is warm at the start; with `fast`.
 
     Returns
     -------
@@ -86,7 +93,7 @@ def demo(
     file = load(ScenarioFile, scenario)
     truth = Scenario(file)
     if fast:
-        board, digest = open_fast(sensor, truth, seed, of_scenario(file, seed))
+        board, digest = open_fast(sensor, truth, seed, of_scenario(file, seed), rezeroed, warm)
         started_s = 0.0
     else:
         (board, started_s), digest = open_virtual(sensor, scenario, seed), None
@@ -157,7 +164,12 @@ USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dic
 
 
 def open_fast(
-    sensor: str, truth: Scenario, seed: int, faults: Faults | None = None
+    sensor: str,
+    truth: Scenario,
+    seed: int,
+    faults: Faults | None = None,
+    rezeroed: bool = False,
+    warm: bool = False,
 ) -> tuple[Board, hashlib._Hash]:
     """Open a calibrated virtual board in simulated time, and hash all bytes that it sends.
 
@@ -171,6 +183,10 @@ def open_fast(
         Random seed of the noise.
     faults : Faults, optional
         Faults of the link, the I2C bus and the board.
+    rezeroed : bool, optional
+        Whether the strip was re-zeroed after its change.
+    warm : bool, optional
+        Whether the LED is warm at the start.
 
     Returns
     -------
@@ -185,13 +201,13 @@ def open_fast(
         If the sensor file is missing or invalid.
     """
     file = load(SensorFile, sensor)
-    calibration = calibrate(file)
-    bare = LockstepLink(file, truth, seed, faults=faults)
+    calibration = recalibrated(file) if rezeroed else calibrate(file)
+    bare = LockstepLink(file, truth, seed, faults=faults, warm=warm)
     digest = hashlib.sha256()
     link = FaultyLink(bare, faults) if faults else bare
     board = Board(Tap(link, lambda data, now_s: digest.update(data)))
     try:
-        set_led(board, file)
+        set_as_calibrated(board, file)
         prepare(board, calibration)
     except BaseException:
         board.close()

@@ -14,6 +14,7 @@ from spots.errors import SpotsError, missing
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _GREY = "#555555"
+_LEGEND = 0.25  # space above the curves for a legend, as a share of their height
 _DPI = 110
 
 
@@ -184,13 +185,14 @@ def _ratio_name(run) -> str:
 
 
 def _position(run):
-    series, found = run.series["position"], run.summary["position"]
+    series = run.series["position"]
     x_mm, response = series["along_um"] / 1000, series["log_ratio"]
     slope, zero = np.polyfit(x_mm, response, 1)
     figure, (top, bottom) = panels(rows=2, height=5.5, sharex=True, height_ratios=(2, 1))
     line(top, 0, x_mm, response, "measured", linestyle="none")
     top.plot(x_mm, zero + slope * x_mm, color=_COLOURS[1], label="straight line", zorder=1)
-    title = f"The log ratio is nearly linear in the position: R² = {found['r2']:.7f}"
+    r2 = np.corrcoef(x_mm, response)[0, 1] ** 2
+    title = f"The log ratio is nearly linear in the position: R² = {r2:.6f}"
     label(top, title, "", _ratio_name(run))
     legend(top)
     residual_um = 1000 * (response - zero - slope * x_mm) / slope
@@ -300,7 +302,9 @@ def _bending(run, reading: str):
         line(left, i, x_um / 1000, error_um, f"{degrees}°", linewidth=1)
     left.axhline(0, color=_GREY, linewidth=1)
     label(left, "Errors of the bent strip", "position (mm)", "mean error (µm)")
-    legend(left, title="bend", ncols=3)
+    low_um, high_um = left.get_ylim()
+    left.set_ylim(low_um, high_um + _LEGEND * (high_um - low_um))
+    legend(left, title="bend", ncols=3, loc="upper left")
     _bars(right, {degrees: found[2] for degrees, found in series.items()})
     title = f"Bent, calibrated straight, {reading}"
     label(right, title, "bend (°)", "mean absolute error (µm)")

@@ -45,6 +45,8 @@ class LockstepLink:
         ``busy_us(free_bytes) -> float`` returns the processor time of one loop pass in us, for a
         number of free bytes in the heap. It is added at each read of registers, on MicroPython
         only. By default the processor takes no time.
+    warm : bool, optional
+        Whether the LED has its final temperature when it is first switched on.
 
     Attributes
     ----------
@@ -64,9 +66,10 @@ class LockstepLink:
         board: str = "virtual",
         faults: Faults | None = None,
         busy_us: Callable[[int], float] | None = None,
+        warm: bool = False,
     ):
         self.clock = SimulatedClock(1e6 * started_s)
-        self.chip = chip(sensor, scenario, seed)
+        self.chip = chip(sensor, scenario, seed, warm)
         bus = I2CBus(self.chip, self.clock)
         if faults:
             bus = FaultyBus(bus, faults)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,10 @@ from spots.calibrate.presses import FIRM_MN, MARKS
 from spots.calibrate.rezero import rezero
 from spots.calibrate.steps import DARK_S
 from spots.errors import SpotsError
+from spots_device.exposure import DEFAULT_US
 
 from .change import Change
+from .files import SensorFile
 from .rig import Rig
 from .stage_presser import StagePresser
 
@@ -66,6 +69,38 @@ class _ShakyPresser(StagePresser):
         self._stage.press(wanted.place_um + off_um, wanted.force_mN)
 
 
+def silent_bench(rig: Rig, presser: StagePresser) -> Bench:
+    """Return a bench that prints nothing, for a re-zero of a simulated strip.
+
+    Parameters
+    ----------
+    rig : Rig
+        A calibrated strip.
+    presser : StagePresser
+        Presses the strip.
+
+    Returns
+    -------
+    Bench
+    """
+    guide = Guide(Console(file=io.StringIO()))
+    return Bench(rig.stage.reader, presser, guide, rig.stage.length_um, _NOBODY)
+
+
+@lru_cache(maxsize=8)
+def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
+    """Calibrate a simulated sensor, change and re-zero it; return the calibration lines.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor's readings do not allow a calibration.
+    """
+    with Rig(sensor, 0, DEFAULT_US, 1) as rig:
+        age(rig, sensor.change, Hand(len(MARKS)), 0)
+        return rig.shifted_lines
+
+
 def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     """Change a calibrated strip, then re-zero it; return a description of the drift.
 
@@ -89,10 +124,8 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
         rig.stage.held.changed = change
         return None
     rig.stage.held.tremor = _TREMOR
-    guide = Guide(Console(file=io.StringIO()))
     presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
-    reader = rig.stage.reader
-    bench = Bench(reader, presser, guide, rig.stage.length_um, _NOBODY)
+    bench, reader = silent_bench(rig, presser), rig.stage.reader
     places_um = [share * rig.stage.length_um for share in MARKS]
     reader.set_up(dark_s=DARK_S)
     logs = rig.stage.read(places_um, [FIRM_MN], bench.mark_samples).logs

@@ -71,6 +71,11 @@ class Rig:
         return self.stage.reader.conditions
 
     @property
+    def shifted_lines(self) -> tuple[str, ...]:
+        """Lines of the calibration on the board, with the shift of `shift`."""
+        return tuple(shifted(self.lines, *self._shift)) if self._shift else self.lines
+
+    @property
     def reading_us(self) -> int:
         """Duration of one reading in us."""
         return self.conditions.exposure_us * self.average
@@ -108,7 +113,7 @@ class Rig:
     def _use(self) -> None:
         check_light(self.along[0], self._pressed)
         self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
-        upload(self.board, shifted(self.lines, *self._shift) if self._shift else self.lines)
+        upload(self.board, self.shifted_lines)
         self.board.command(f"set average={self.average}")
         self._dark = np.array(self._dark_frame()) / DARK_SAMPLES
         self.board.command("stream touch spectrum")

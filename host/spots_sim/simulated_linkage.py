@@ -11,20 +11,24 @@ from typing import NamedTuple
 import numpy as np
 
 from spots.calibrate.calibration_file import CalibrationFile, now
-from spots.calibrate.joint import fit_joint
+from spots.calibrate.joint import fit_joint, joint_marks
+from spots.calibrate.rezero import rezero
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.linkage.digital_twin import readings
 from spots.linkage.encoder import Encoder
 from spots.linkage.fivebar import Linkage
+from spots_device import decode
 
 from .files import LinkageFile, PathFile, SensorFile
 from .lockstep import LockstepLink
 from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
+from .rezeroed import silent_bench
 from .rig import Rig
-from .stage import set_led
+from .stage import WARM_S, set_as_calibrated
+from .stage_presser import StagePresser
 
 PATH, EXPOSURE_US = "sust", 30_000  # defaults
 START_S = 2.0  # start of a motion; by then the boards are open and stream
@@ -45,19 +49,22 @@ class Turned(NamedTuple):
         1 if the angle was reached from below, -1 if from above.
     position_um, position_sigma_um : float
         Mean and standard deviation of the measured positions, in um.
+    counts : numpy.ndarray, shape (6,)
+        Mean dark-subtracted counts.
     """
 
     angle_deg: float
     direction: int
     position_um: float
     position_sigma_um: float
+    counts: np.ndarray
 
 
 @lru_cache(maxsize=16)
 def calibrated(
-    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int
+    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, then its joint.
+    """Calibrate a simulated strip, then its joint; re-zero it after the change of its sensor file.
 
     Parameters
     ----------
@@ -69,6 +76,8 @@ def calibrated(
         Random seed of the noise.
     exposure_us : int
         Integration time in us.
+    rezeroed : bool, optional
+        Whether the stops of the joint are pressed after the change.
 
     Returns
     -------
@@ -90,14 +99,28 @@ def calibrated(
         for angle, way, moment in zip(sweep.tolist(), ways.tolist(), held.tolist()):
             (press,) = scenario.presses(moment)
             rig.stage.held.bend_deg = angle
-            touches, _ = rig.readings(1000 * press.position_mm, press.force_mN, _WINDOW)
+            touches, counts = rig.readings(1000 * press.position_mm, press.force_mN, _WINDOW)
             places_um = [touch.position_um for touch in touches]
             points.append(
-                Turned(angle, way, float(np.mean(places_um)), float(np.std(places_um, ddof=1)))
+                Turned(
+                    angle,
+                    way,
+                    float(np.mean(places_um)),
+                    float(np.std(places_um, ddof=1)),
+                    counts.mean(axis=0),
+                )
             )
-        conditions = rig.conditions._asdict()
-        joint = fit_joint(points)
-        return CalibrationFile(date=now(), **conditions, lines=rig.lines, joint=joint)
+        made = CalibrationFile(
+            date=now(),
+            **rig.conditions._asdict(),
+            lines=rig.lines,
+            joint=fit_joint(points),
+            joint_marks=joint_marks(points),
+        )
+        if rezeroed:
+            rig.stage.held.changed = sensor.change
+            made = rezero(silent_bench(rig, StagePresser(rig.stage)), made, joint=True)
+        return made
 
 
 class Simulation:
@@ -112,13 +135,17 @@ class Simulation:
     linkage : LinkageFile
         Nominal linkage and its errors.
     motion : Motion
-        Motion of the end point; it must begin at `START_S`.
+        Motion of the end point; it must begin at `start_s` of the sensor.
     seed : int
         Random seed. The same seed gives the same two strips.
     exposure_us : int
         Integration time of both strips, in us.
     run : int
         Number of the run. Runs with the same seed have the same strips, but different noise.
+    rezeroed : bool, optional
+        Whether the strips were re-zeroed after the change of the sensor file.
+    misfits : bool, optional
+        Whether readings that fit no press of the calibration are trusted.
 
     Attributes
     ----------
@@ -138,20 +165,24 @@ class Simulation:
         seed: int,
         exposure_us: int,
         run: int = 0,
+        rezeroed: bool = False,
+        misfits: bool = False,
     ):
         self.mechanism = Mechanism(linkage, sensor)
         self.motion = motion
+        self._misfits = decode.MISFIT if misfits else 0
         scenarios = self.mechanism.drive(motion)
         noise = _seeds(seed, run + 1)
-        self.strips = _strips(sensor, linkage, seed, exposure_us)
+        self.strips = _strips(sensor, linkage, seed, exposure_us, rezeroed)
+        on_s = start_s(sensor) - START_S
         with ExitStack() as opened:
             self.boards: list[Board] = []
             for i, (strip, scenario, s) in enumerate(zip(self.strips, scenarios, noise)):
                 # Real boards do not start at the same moment, so their exposures are shifted.
-                on_s = _APART * i * exposure_us * 1e-6
-                link = LockstepLink(sensor, scenario, s, started_s=on_s)
+                started_s = on_s + _APART * i * exposure_us * 1e-6
+                link = LockstepLink(sensor, scenario, s, started_s=started_s)
                 self.boards.append(opened.enter_context(Board(link)))
-                set_led(self.boards[-1], sensor)
+                set_as_calibrated(self.boards[-1], sensor)
                 prepare(self.boards[-1], strip.lines)
             self._opened = opened.pop_all()
 
@@ -179,7 +210,8 @@ class Simulation:
     def readings(self) -> Iterator[tuple[int, Touch]]:
         """Yield (number of the joint, reading) until the end of the motion."""
         left_s = self.motion.seconds - max(board.now_s() for board in self.boards)
-        return readings(self.boards, left_s)
+        for joint, touch in readings(self.boards, left_s):
+            yield joint, touch._replace(flags=touch.flags & ~self._misfits)
 
 
 class Endless:
@@ -234,7 +266,7 @@ class Endless:
         )
         board = Board(PacedLink(link, self._epoch_s))
         try:
-            set_led(board, self._sensor)
+            set_as_calibrated(board, self._sensor)
             prepare(board, self._strips[joint].lines)
         except BaseException:
             board.close()
@@ -242,10 +274,15 @@ class Endless:
         return board
 
 
+def start_s(sensor: SensorFile) -> float:
+    """Return the time in s at which a motion begins: LEDs that warm up are warm by then."""
+    return START_S + (WARM_S if sensor.temperature.led_K_per_mA else 0.0)
+
+
 def _strips(
-    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int
+    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> list[CalibrationFile]:
-    return [calibrated(sensor, linkage, s, exposure_us) for s in _seeds(seed, 0)]
+    return [calibrated(sensor, linkage, s, exposure_us, rezeroed) for s in _seeds(seed, 0)]
 
 
 def _seeds(seed: int, what: int) -> list[int]:
@@ -261,6 +298,7 @@ def visited(
     seed: int,
     exposure_us: int,
     run: int = 0,
+    **condition: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stop the end point at each position and take one reading of each joint.
 
@@ -278,6 +316,8 @@ def visited(
         Integration time of both strips, in us.
     run : int
         Number of the run. Runs with the same seed have the same strips, but different noise.
+    **condition : bool
+        ``rezeroed`` and ``misfits``, see `Simulation`.
 
     Returns
     -------
@@ -285,13 +325,15 @@ def visited(
         Measured joint angles and their standard errors in rad. The angles are corrected for
         backlash and counted from the zero of each joint's calibration.
     """
-    motion = dwelling(x_mm, y_mm, START_S, 2.5e-6 * exposure_us, _MOVE_S)
+    motion = dwelling(x_mm, y_mm, start_s(sensor), 2.5e-6 * exposure_us, _MOVE_S)
     found = np.full((2, 2, len(x_mm)), np.nan)
-    with Simulation(sensor, linkage, motion, seed, exposure_us, run) as simulation:
+    with Simulation(sensor, linkage, motion, seed, exposure_us, run, **condition) as simulation:
         encoders = simulation.encoders((0.0, 0.0))
         half_s = 0.5e-6 * exposure_us
         for joint, touch in simulation.readings():
             angle = encoders[joint].take(touch)
+            if angle is None:
+                continue
             # Only readings whose whole exposure lies within a stop.
             i = int(np.searchsorted(motion.time_s, touch.time_s - half_s))
             if i % 2 and i < len(motion.time_s) and touch.time_s + half_s <= motion.time_s[i]:

@@ -20,7 +20,7 @@ PLACES = 33
 FORCES = 30
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
-_WARM_S = 120.0  # the LED is warm before the first press
+WARM_S = 120.0  # the LED is warm before the first press
 _OSCILLATOR_S = 5.0  # time in which a board measures its sensor's oscillator
 _SEARCH_TIMEOUT_S = 600.0
 
@@ -42,7 +42,7 @@ class Stage:
     def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
         self.sensor = sensor
         self.held = Held()
-        self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=_WARM_S))
+        self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=WARM_S))
         if sensor.led.wired != "ldr":
             self.board.command("set led=" + sensor.led.wired)
         if sensor.mains_hz:
@@ -213,16 +213,18 @@ def check_light(along: Presses, pressed: Presses) -> None:
             raise SpotsError(f"the press at {where_mm:g} mm is {trouble}")
 
 
-def set_led(board: Board, sensor: SensorFile) -> None:
-    """Set the wiring of the LED on a board, and the dark frame that `calibrate` took.
+def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
+    """Set lamps and LED on a board as `calibrate` did, and the LED's dark frame if it took one.
 
     Parameters
     ----------
     board : Board
         Board to change.
     sensor : SensorFile
-        Sensor file of the strip, with the wiring of its LED.
+        Sensor file of the strip, with the lamps and the wiring of its LED.
     """
+    if sensor.mains_hz:
+        board.command(f"set mains_hz={sensor.mains_hz}")
     if sensor.led.wired != "ldr":
         board.command("set " + _calibrated(sensor)[1])
 

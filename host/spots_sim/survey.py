@@ -13,7 +13,7 @@ from spots.linkage.fivebar import Linkage
 
 from .files import LinkageFile, PathFile, SensorFile
 from .mechanism import Mechanism, Motion, guided
-from .simulated_linkage import EXPOSURE_US, START_S, Simulation, visited
+from .simulated_linkage import EXPOSURE_US, Simulation, start_s, visited
 
 # Smallest angle between the outer bars; the usual rule for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
@@ -84,6 +84,7 @@ def survey(
     seed: int = 0,
     exposure_us: int = 100_000,
     pitch_mm: float = 10.0,
+    **condition: bool,
 ) -> Survey:
     """Calibrate a linkage at some positions, then measure its error on a grid over its workspace.
 
@@ -99,6 +100,8 @@ def survey(
         Integration time in us; a reading is one exposure.
     pitch_mm : float
         Distance between two positions of the grid, in mm.
+    **condition : bool
+        ``rezeroed`` and ``misfits``, see `simulated_linkage.Simulation`.
 
     Returns
     -------
@@ -117,7 +120,7 @@ def survey(
     # The calibration uses other positions than the grid.
     few = working(given, mechanism, *_grid(given, pitch_mm, rng, jitter_mm=pitch_mm / 2))
     few = [axis[:CALIBRATION_PLACES] for axis in few]
-    angles, sigmas = visited(sensor, linkage, *few, seed, exposure_us)
+    few, angles, sigmas = _read(sensor, linkage, few, seed, exposure_us, 0, **condition)
     seen = kinematics.framed(_GRID, *few)
     found = kinematics.calibrate(
         angles,
@@ -127,7 +130,9 @@ def survey(
         place_sigma_mm=PLACE_SIGMA_MM,
         offset_rad=np.radians(linkage.lowest_deg),
     )
-    angles, sigmas = visited(sensor, linkage, x_mm, y_mm, seed, exposure_us, run=1)
+    (x_mm, y_mm), angles, sigmas = _read(
+        sensor, linkage, (x_mm, y_mm), seed, exposure_us, 1, **condition
+    )
     theta = angles + np.reshape(mechanism.zero_rad, (2, 1))
     noise_mm = _expected(given, theta, sigmas, rng)
     return Survey(
@@ -197,6 +202,7 @@ def follow(
     seed: int = 0,
     exposure_us: int = EXPOSURE_US,
     report=lambda terminal: None,
+    **condition: bool,
 ) -> PathRun:
     """Guide the end point of a simulated linkage along a path, and estimate it with a twin.
 
@@ -214,6 +220,8 @@ def follow(
         Integration time of both strips, in us.
     report : callable
         ``report(terminal)`` is called with each estimate.
+    **condition : bool
+        ``rezeroed`` and ``misfits``, see `simulated_linkage.Simulation`.
 
     Returns
     -------
@@ -225,13 +233,14 @@ def follow(
     SpotsError
         If the linkage cannot follow the path, or the path ends before two estimates.
     """
-    motion = guided(path, START_S)
-    with Simulation(sensor, linkage, motion, seed, exposure_us) as simulation:
+    begin_s = start_s(sensor)
+    motion = guided(path, begin_s)
+    with Simulation(sensor, linkage, motion, seed, exposure_us, **condition) as simulation:
         true = Linkage(simulation.mechanism.bar_mm, simulation.mechanism.base_mm)
         twin = Twin(true, simulation.encoders())
         terminals = []
         for terminal in twin.follow(simulation.readings()):
-            if START_S <= terminal.time_s <= motion.seconds:
+            if begin_s <= terminal.time_s <= motion.seconds:
                 terminals.append(terminal)
                 report(terminal)
         lost = sum(board.stats.lost for board in simulation.boards)
@@ -287,6 +296,16 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
     if jitter_mm:
         x_mm, y_mm = (axis + rng.uniform(-jitter_mm, jitter_mm, len(axis)) for axis in (x_mm, y_mm))
     return x_mm, y_mm
+
+
+def _read(sensor, linkage, places, *arguments, **condition):
+    """Return places (x, y), angles and their errors as `visited`, where both joints had a reading.
+
+    While the LED is off for a dark frame, a joint has none.
+    """
+    angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
+    read = np.isfinite(angles).all(axis=0)
+    return [axis[read] for axis in places], angles[:, read], sigmas[:, read]
 
 
 def _deviation(found, truth) -> Deviation:

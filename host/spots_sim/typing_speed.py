@@ -15,7 +15,14 @@ from .typist import fast_typing
 _COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
 
 
-def typed(words_per_min: float, touches: int, seed: int, sensor: str = "default") -> dict:
+def typed(
+    words_per_min: float,
+    touches: int,
+    seed: int,
+    sensor: str = "default",
+    rezeroed: bool = False,
+    warm: bool = False,
+) -> dict:
     """Type random digits on a virtual board in simulated time.
 
     Parameters
@@ -28,6 +35,10 @@ def typed(words_per_min: float, touches: int, seed: int, sensor: str = "default"
         Random seed of the text, the touches and the noise.
     sensor : str, optional
         Sensor file: a path or a name.
+    rezeroed : bool, optional
+        Whether the strip was re-zeroed after the change of its sensor file.
+    warm : bool, optional
+        Whether the LED is warm at the start.
 
     Returns
     -------
@@ -37,7 +48,7 @@ def typed(words_per_min: float, touches: int, seed: int, sensor: str = "default"
     length_mm = load(SensorFile, sensor).length_mm
     file = fast_typing(load_layout("digits"), words_per_min, touches, length_mm, seed)
     truth = Scenario(file)
-    board, _ = open_fast(sensor, truth, seed)
+    board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm)
     with board:
         return type_on_board(board, truth, 0.0, file.seconds - board.now_s(), True, "digits")
 
@@ -69,10 +80,13 @@ def main() -> None:
     parser.add_argument("--touches", type=int, default=150, help="touches of each run (150)")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--sensor", default="default")
+    parser.add_argument("--rezero", action="store_true", help="re-zero the strip after its change")
+    parser.add_argument("--warm", action="store_true", help="start with a warm LED")
     options = parser.parse_args()
     for speed in options.words_per_min:
         seeds = range(options.seeds)
-        runs = [typed(speed, options.touches, seed, options.sensor) for seed in seeds]
+        strip = options.sensor, options.rezero, options.warm
+        runs = [typed(speed, options.touches, seed, *strip) for seed in seeds]
         print(f"{speed:g} words a minute: {added(runs)}", flush=True)
 
 

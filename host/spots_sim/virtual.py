@@ -30,7 +30,7 @@ from spots.link.serial_link import SerialLink
 from .files import ScenarioFile, SensorFile, load
 from .linkage_demo import endless, run
 from .runtimes import is_cpython
-from .stage import Stage, calibrate, set_led
+from .stage import Stage, calibrate, set_as_calibrated
 from .stage_presser import StagePresser
 from .vm import micropython_command
 
@@ -217,7 +217,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         raise
     board.when_closed(end)
     try:
-        set_led(board, file)
+        set_as_calibrated(board, file)
         prepare(board, calibration)
     except BaseException:
         board.close()

@@ -55,15 +55,18 @@ class World:
         Fingers, strain and ambient light over time.
     rng : numpy.random.Generator
         Generator of the LED's noise.
+    warm : bool, optional
+        Whether the LED has its final temperature when it is first switched on.
     """
 
-    def __init__(self, sensor: SensorFile, scenario, rng):
+    def __init__(self, sensor: SensorFile, scenario, rng, warm: bool = False):
         self._sensor = sensor
         self._scenario = scenario
         self._rng = rng
         self._optics = Optics(sensor)
         self._led_K = 0.0  # at the time `_led_us`
         self._led_us = 0.0
+        self._warm_start = warm
         self._optics_at = lru_cache(_KEPT)(partial(Optics, sensor))
         self._pin_on = False
 
@@ -150,6 +153,8 @@ class World:
         # The LED approaches the temperature of its present power, even between two calls.
         warmth = self._sensor.temperature
         in_the_end_K = warmth.led_K_per_mA * led_mA
+        if self._warm_start and in_the_end_K:
+            self._led_K, self._warm_start = in_the_end_K, False
         share = math.exp(-max(end_us - self._led_us, 0.0) * 1e-6 / warmth.led_warm_up_s)
         self._led_K = in_the_end_K + share * (self._led_K - in_the_end_K)
         self._led_us = end_us
@@ -161,7 +166,7 @@ class World:
         return 1 + warm + white * self._rng.standard_normal()
 
 
-def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
+def chip(sensor: SensorFile, scenario, seed: int, warm: bool = False) -> AS7341:
     """Return a simulated AS7341 that receives the light of a strip.
 
     Parameters
@@ -172,6 +177,8 @@ def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
         Fingers, strain and ambient light over time.
     seed : int
         Random seed of the noise.
+    warm : bool, optional
+        Whether the LED has its final temperature when it is first switched on.
 
     Returns
     -------
@@ -180,7 +187,7 @@ def chip(sensor: SensorFile, scenario, seed: int) -> AS7341:
     rng = np.random.default_rng(seed)
     c = sensor.converter
     return AS7341(
-        World(sensor, scenario, rng),
+        World(sensor, scenario, rng, warm),
         ChipNoise(
             c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x, c.ratio_noise_ppm
         ),

@@ -77,6 +77,16 @@ def test_no_title_runs_out_of_its_figure(run, responses):
             assert box.x1 <= figure.bbox.x1, title
 
 
+def test_the_straightness_of_the_response_is_that_of_the_curve_below_it(run):
+    position = run.series["position"]
+    position["log_ratio"] = position["x_um"] / 1e5 + (position["x_um"] / 1e5) ** 2
+    residual = position["log_ratio"] - np.polyval(
+        np.polyfit(position["x_um"], position["log_ratio"], 1), position["x_um"]
+    )
+    r2 = 1 - np.var(residual) / np.var(position["log_ratio"])
+    assert f"R² = {r2:.6f}" in figures._position(run).axes[0].get_title(loc="left")
+
+
 def test_strips_of_the_same_dye_share_one_response(responses):
     assert departure_um(responses["length"]) < 250
 

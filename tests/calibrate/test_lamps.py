@@ -1,23 +1,41 @@
-"""Lamps on the mains: exposures of whole half periods, by the board's clock."""
+"""Lamps on the mains: how they are found; exposures of whole half periods, by the board's clock."""
+
+import argparse
+import io
 
 import numpy as np
 import pytest
 from msgspec import structs
+from rich.console import Console
 
+from spots import SpotsError
+from spots.calibrate import steps
+from spots.calibrate.bench import Bench
+from spots.calibrate.guide import Guide
+from spots.calibrate.session import Session
+from spots.deploy.doctor import examine_board
+from spots.link import lamps
+from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Touch
-from spots_sim.files import SensorFile, Surroundings, load
+from spots_sim.demo import demo
+from spots_sim.files import DATA, SensorFile, Surroundings, load
+from spots_sim.lockstep import LockstepLink
 from spots_sim.measurements import PLACES, Run, _position
 from spots_sim.rig import Rig
-from spots_sim.stage import Stage, calibrate
+from spots_sim.scenario import Held, Press
+from spots_sim.stage import NEAR_UM, Stage, calibrate
+from spots_sim.stage_presser import StagePresser
+
+SETTINGS = "exposure_us", "average", "gain", "led_mA", "led", "mains_hz", "plan"
 
 
-def lit(irradiance_uW_cm2, flicker_hz, clock_error_percent):
-    sensor = load(SensorFile, "default")
+def lit(irradiance_uW_cm2, flicker_hz, clock_error_percent, percent=100.0, sensor="default"):
+    sensor = load(SensorFile, sensor)
     return structs.replace(
         sensor,
         surroundings=Surroundings(
-            irradiance_uW_cm2=irradiance_uW_cm2, flicker_percent=100.0, flicker_hz=flicker_hz
+            irradiance_uW_cm2=irradiance_uW_cm2, flicker_percent=percent, flicker_hz=flicker_hz
         ),
         converter=structs.replace(sensor.converter, clock_error_percent=clock_error_percent),
     )
@@ -86,3 +104,125 @@ def test_force_and_position_hold_at_other_exposures_under_lamps(settings, exposu
             assert all(f.trusted for f in held)
             assert np.mean([f.position_um for f in held]) == pytest.approx(x_um, abs=60)
             assert np.mean([f.force_mN for f in held]) == pytest.approx(force_mN, rel=0.02)
+
+
+def found_hz(sensor, settings="average=2", press=None, busy_us=None):
+    """Return the mains frequency that a new board finds; its settings must not change."""
+    held = Held()
+    held.press = press
+    with Board(LockstepLink(sensor, held, seed=1, busy_us=busy_us)) as board:
+        board.command("set " + settings)
+        before = board.command("get")
+        found = lamps.mains_hz(board)
+        after = board.command("get")
+        assert [after[name] for name in SETTINGS] == [before[name] for name in SETTINGS]
+        return found
+
+
+@pytest.mark.parametrize("clock_error_percent", [-3.0, 0.0, 3.0])
+@pytest.mark.parametrize("mains_hz", [50, 60])
+@pytest.mark.parametrize(("irradiance_uW_cm2", "percent"), [(20.0, 10.0), (150.0, 100.0)])
+def test_lamps_are_found_by_the_flicker_of_the_counts(
+    irradiance_uW_cm2, percent, mains_hz, clock_error_percent
+):
+    sensor = lit(irradiance_uW_cm2, 2.0 * mains_hz, clock_error_percent, percent)
+    assert found_hz(sensor) == mains_hz
+
+
+@pytest.mark.parametrize("flicker_hz", [99.2, 120.8])
+def test_lamps_are_found_on_a_mains_that_deviates(flicker_hz):
+    assert found_hz(lit(150.0, flicker_hz, 2.0, 10.0)) == round(flicker_hz / 20) * 10
+
+
+@pytest.mark.parametrize("kind", ["gpio", "always"])
+def test_lamps_are_found_with_an_led_that_has_no_current_to_set(kind):
+    sensor = lit(20.0, 120.0, 1.0, 10.0, sensor=kind)
+    assert found_hz(sensor, "led=" + kind) == 60
+
+
+def test_lamps_are_found_whatever_is_set_and_under_a_press():
+    press = Press(NEAR_UM / 1000, 8_000, 4.0)
+    assert found_hz(lit(20.0, 100.0, 1.0, 10.0), "mains_hz=60 gain=10", press) == 50
+
+
+@pytest.mark.parametrize("clock_error_percent", [-3.0, 3.0])
+@pytest.mark.parametrize("irradiance_uW_cm2", [0.0, 20.0, 150.0])
+def test_no_lamp_and_a_lamp_that_does_not_flicker_are_not_found(
+    irradiance_uW_cm2, clock_error_percent
+):
+    assert found_hz(lit(irradiance_uW_cm2, 100.0, clock_error_percent, 0.0)) == 0
+
+
+# 259.7 and 979 Hz look like 100 Hz at one of the two exposures, and 479.7 Hz like 120 Hz.
+@pytest.mark.parametrize("flicker_hz", [50.0, 110.0, 259.7, 300.0, 479.7, 979.0])
+def test_a_flicker_of_another_frequency_is_not_found(flicker_hz):
+    assert found_hz(lit(150.0, flicker_hz, 0.0)) == 0
+
+
+@pytest.mark.parametrize("irradiance_uW_cm2", [0.0, 150.0])
+def test_a_board_that_misses_most_samples_finds_lamps(irradiance_uW_cm2):
+    sensor = lit(irradiance_uW_cm2, 100.0, 1.0)
+    found = found_hz(sensor, busy_us=lambda free_bytes: 6_000.0)
+    assert found == (50 if irradiance_uW_cm2 else 0)
+
+
+@pytest.mark.parametrize("mains_hz", [50, 60])
+def test_an_application_runs_with_a_calibration_made_under_lamps(tmp_path, mains_hz):
+    path = tmp_path / "lamp.toml"
+    lamp = f"irradiance_uW_cm2 = 20\nflicker_percent = 100\nflicker_hz = {2 * mains_hz}\n"
+    default = (DATA / "sensors" / "default.toml").read_text(encoding="utf-8")
+    path.write_text(f"{default}\n[surroundings]\n{lamp}", encoding="utf-8")
+    figures = demo(str(path), None, 0, 5.0, True, True)
+    assert figures["position_rmse_um"] < 150
+
+
+class Stops(StagePresser):
+    """Refuses the first press of a session, when the settings of the lamps are known."""
+
+    def press(self, wanted):
+        raise SpotsError("the session ends here")
+
+
+@pytest.mark.parametrize(
+    ("mains_hz", "irradiance_uW_cm2", "becomes"),
+    [(0, 20.0, 60), (0, 0.0, 0), (50, 20.0, 50)],
+)
+def test_a_session_begins_with_the_lamps_unless_they_were_set(
+    tmp_path, mains_hz, irradiance_uW_cm2, becomes
+):
+    shown = io.StringIO()
+    guide = Guide(Console(file=shown, width=200))
+    with Stage(lit(irradiance_uW_cm2, 120.0, 2.0, 10.0), seed=1) as stage:
+        stage.board.command(f"set mains_hz={mains_hz} exposure_us=10000")
+        stage.reader.set_up()
+        bench = Bench(stage.reader, Stops(stage), guide, stage.length_um, tmp_path / "a.toml")
+        options = argparse.Namespace(plan=None, keep_settings=False)
+        with pytest.raises(SpotsError, match="ends here"):
+            steps.calibrate(bench, Session(tmp_path / "a.jsonl"), "position", 17, None, options)
+        exposure_us = 8333 if becomes == 60 else 10_000
+        assert stage.reader.conditions.exposure_us == exposure_us
+        if becomes != mains_hz:
+            assert "lamps flicker at 120 Hz: mains_hz=60" in shown.getvalue()
+            stage.board.command("reboot")  # the session continues with the same exposure
+            list(stage.board.frames(0.5))
+        state = stage.board.command("get")
+        assert (state["mains_hz"], state["exposure_us"]) == (becomes, exposure_us)
+
+
+@pytest.mark.parametrize(
+    ("mains_hz", "irradiance_uW_cm2", "ok", "text"),
+    [
+        (50, 20.0, True, "lamps flicker at 100 Hz: mains_hz=50"),
+        (0, 20.0, False, "100 Hz: run 'spots command set mains_hz=50', then 'spots command save'"),
+        (60, 20.0, False, "100 Hz: run 'spots command set mains_hz=50', then 'spots command save'"),
+        (0, 0.0, True, "no lamp flickers: mains_hz=0"),
+    ],
+)
+def test_doctor_compares_the_lamps_with_the_setting(mains_hz, irradiance_uW_cm2, ok, text):
+    with Stage(lit(irradiance_uW_cm2, 100.0, 2.0, 10.0), seed=1) as stage:
+        stage.board.command(f"set mains_hz={mains_hz}")
+        stage.press(NEAR_UM, 8_000)
+        (found,) = [one for one in examine_board(stage.board) if one.check == "lamps"]
+        assert stage.board.command("get")["mains_hz"] == mains_hz
+    assert found.ok is ok
+    assert text in found.text

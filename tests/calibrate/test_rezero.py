@@ -315,6 +315,13 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
         rezero(strip.bench, made)
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_tremor_of_a_finger_does_not_refuse_a_mark_at_a_long_exposure(seed):
+    real = load(SensorFile, "real")
+    with Rig(real, seed, 100_000, 1) as rig:  # about 10 Hz, the frequency of the tremor
+        assert age(rig, real.change, Hand(marks=3), seed).startswith("dye 1.")
+
+
 def test_a_mark_that_is_released_too_early_is_asked_for_again(made, sensor, tmp_path):
     class Hasty(StagePresser):
         presses = 0
@@ -574,6 +581,23 @@ def test_characterize_shows_the_damage_and_the_cure(sensor, change):
     assert found[3]["accuracy_um"] < 1.35 * 37
     assert found[3]["untrusted_percent"] <= 1
     assert found[3]["rms_ratio"] < 1.3
+
+
+@pytest.mark.parametrize(
+    ("words", "least_um", "most_um"),
+    [([], 300, 600), (["--rezero"], 100, 200), (["--rezero", "--warm"], 0, 100)],
+)
+def test_a_demo_runs_on_the_strip_before_or_after_its_re_zero(capsys, words, least_um, most_um):
+    demo = ["demo", "--sensor", "real", "--fast", "--json", "--seconds", "6"]
+    assert cli.main([*demo, *words]) == 0
+    assert least_um < json.loads(capsys.readouterr().out)["position_rmse_um"] < most_um
+
+
+@pytest.mark.parametrize("words", [[], ["--fast", "--use", "fivebar"]])
+@pytest.mark.parametrize("option", ["--rezero", "--warm"])
+def test_a_demo_that_cannot_be_re_zeroed_says_why(capsys, option, words):
+    assert cli.main(["demo", option, *words]) == 2
+    assert "add --fast, without fivebar" in capsys.readouterr().err
 
 
 def test_strains_are_calibrated_on_the_strip_as_it_was(sensor):

@@ -1,21 +1,29 @@
 """A strip that gives only untrusted readings: every application reports it within a second."""
 
+import io
+import re
+
 import pytest
+from rich.console import Console
 
 from spots.controller import controller
 from spots.controller.controller_settings import load as load_settings
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load
 from spots.link.board import Board
-from spots.link.connect import prepare
+from spots.link.connect import prepare, upload
 from spots.link.frames import Touch
 from spots.link.untrusted import Untrusted
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
+from spots.terminal import monitor
+from spots.terminal.monitor import watch
 from spots.wearable.wearable import Mapping, play
 from spots_device.decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
+from spots_sim.change import Change
 from spots_sim.files import Finger, ScenarioFile
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
+from spots_sim.stage import Stage
 
 TWO_S = 2.0  # two fingers come down at this time, and stay
 WITHIN_S = 1.0
@@ -94,6 +102,54 @@ def test_one_good_reading_ends_it_and_nothing_is_said_of_a_strip_that_nobody_tou
     assert untrusted.sentence
     untrusted.take(reading(good), 4.0)
     assert untrusted.sentence == ""
+
+
+def test_short_presses_that_do_not_fit_are_reported_until_one_is_trusted(sensor, calibration):
+    untrusted, said = Untrusted(), []
+    with Stage(sensor) as stage:
+        upload(stage.board, calibration)
+        stage.board.command("dark", timeout_s=5)
+        stage.board.command("stream touch")
+        for die_nm in (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0):
+            stage.held.changed = Change(die_nm=die_nm)
+            stage.press(40_000, 3000)
+            for _ in ("pressed", "released"):
+                for touch in stage.board.touches(0.2):
+                    untrusted.take(touch, stage.board.now_s())
+                stage.release()
+                said.append("re-zero is advised" in untrusted.sentence)
+    assert said[:2] == [False, False]
+    assert said[-4:] == [True, True, False, False]
+    assert said == sorted(said[:-2]) + [False, False]
+
+
+def test_a_lamp_that_is_switched_now_and_then_is_not_reported():
+    untrusted = Untrusted()
+    for i in range(1000):
+        untrusted.take(reading(MISFIT if i % 50 < 30 else 0), 0.01 * i)
+        assert untrusted.sentence == ""
+
+
+def test_monitor_advises_a_re_zero_within_a_second(sensor, calibration, capsys):
+    with Board(LockstepLink(sensor, Scenario(TWO), 0)) as board:
+        prepare(board, calibration)
+        watch(board, TWO_S + BEGUN_S - board.now_s(), quiet=False)
+        assert capsys.readouterr().err == ""
+        watch(board, TWO_S + WITHIN_S - board.now_s(), quiet=False)
+        assert "re-zero is advised: spots rezero" in capsys.readouterr().err
+        watch(board, WITHIN_S, quiet=True)
+        assert capsys.readouterr().err == ""
+
+
+def test_the_picture_of_monitor_advises_a_re_zero(sensor, calibration, monkeypatch):
+    screen = Console(file=io.StringIO(), force_terminal=True, width=100)
+    monkeypatch.setattr(monitor, "Console", lambda: screen)
+    with Board(LockstepLink(sensor, Scenario(TWO), 0)) as board:
+        prepare(board, calibration)
+        watch(board, TWO_S + BEGUN_S - board.now_s(), quiet=False)
+        assert "untrusted" not in screen.file.getvalue()
+        watch(board, TWO_S + WITHIN_S + 0.2 - board.now_s(), quiet=False)
+        assert "re-zero is advised: spots rezero" in re.sub(r"\s*│\s*", " ", screen.file.getvalue())
 
 
 def test_a_slow_board_is_reported_within_a_second_too():

@@ -61,16 +61,31 @@ def test_every_picture_is_drawn(files, found, run, tmp_path):
 
 def test_the_page_tells_what_was_measured(files, found, run):
     sensor, linkage, _ = files
-    text = page.document([found], {30_000: [run]}, linkage, Mechanism(linkage, sensor))
+    surveys = {"ideal": [found], "real": [found]}
+    runs = {"ideal": {30_000: [run]}, "real": {30_000: [run]}}
+    text = page.document(surveys, runs, linkage, Mechanism(linkage, sensor))
     for name in ("angles", "deviation", "sust"):
         assert f"(fivebar/{name}.png)" in text
     for part in (found.given, found.calibrated):
         assert f"{part.max_mm:.3f} to {part.max_mm:.3f}" in text
     figures = run.summary()
     mean = figures["error_mm"]["mean"]
-    assert f"| 30 ms | {figures['rate_hz']:.0f} | {mean:.3f} to {mean:.3f} |" in text
+    for strips in surveys:
+        assert f"| {strips} | 30 ms | {figures['rate_hz']:.0f} | {mean:.3f} to {mean:.3f} |" in text
     assert f"| base (mm) | 80 | 80.72 | {found.kinematics.values['base_mm']:.2f} |" in text
     assert not re.search(r"\{|nan", text)
+
+
+def test_a_real_linkage_is_right_again_after_a_re_zero_of_its_joints(files):
+    _, linkage, path = files
+    last = msgspec.structs.replace(path, stroke=path.stroke[-1:])
+    real = load(SensorFile, "real")
+    drifted, rezeroed = (
+        follow(real, linkage, last, 0, 30_000, **condition).summary()["error_mm"]["mean"]
+        for condition in ({"misfits": True}, {"rezeroed": True})
+    )
+    assert drifted > 1
+    assert rezeroed < 0.2
 
 
 def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, found):

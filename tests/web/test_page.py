@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 
@@ -16,7 +17,9 @@ from spots.link.timeouts import CONNECTED, LOST, REFUSED, SEARCHING, STALLED
 from spots.recording.replay import open_recording
 from spots.web import board_feed as reader
 from spots.web.board_feed import BoardReader
+from spots.web.feel import _message
 from spots.web.state import PageState
+from spots_device.decode import LED_OFF, TOUCHING
 from spots_sim.demo import open_fast
 from spots_sim.files import Finger, ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
@@ -188,13 +191,25 @@ def test_the_page_of_an_uncalibrated_board_ends_with_the_next_step(sensor, serve
         one.close()
 
 
+def test_a_touch_without_a_position_shows_no_position(serve, open_page):
+    state, dark = PageState(), Touch(0, 0, 0, TOUCHING | LED_OFF, 0, 0, math.nan, math.nan, 0.0)
+    state.put("board", {"state": "connected", "length_um": 85_000})
+    page = open_page(serve(state).url)
+    state.put("touch", _message(dark, 0.0))
+    expect(page.locator(".words")).to_have_text("LED off", timeout=LONG_MS)
+    expect(page.locator(".figure b").first).to_have_text(re.compile(r"^\Dmm$"))
+    expect(page.locator(".press")).not_to_have_class(re.compile(r"\bon\b"))
+
+
 def test_untrusted_readings_have_a_next_step_until_they_are_trusted(bench, serve, open_page):
     both = [
         Finger(points=[(t, mm, 3000 * (1 < t < 4)) for t in (1, 1.1, 3.9, 4)]) for mm in (15, 70)
     ]
-    page = open_page(serve(bench(Scenario(ScenarioFile(seconds=60, touch=both))).state).url)
+    one = Finger(points=[(t, 40.0, 3000 * (6 < t < 9)) for t in (6, 6.1, 8.9, 9)])
+    scenario = Scenario(ScenarioFile(seconds=60, touch=[*both, one]))
+    page = open_page(serve(bench(scenario).state).url)
     step = page.locator("#next")
-    expect(step).to_have_text(re.compile(r"^every reading is untrusted.*; next: "), timeout=LONG_MS)
+    expect(step).to_have_text(re.compile(r"^every reading.*re-zero is advised: "), timeout=LONG_MS)
     expect(step).to_be_hidden(timeout=LONG_MS)
 
 

@@ -20,6 +20,8 @@ _WINDOW_S = 0.24
 _MARK_S = 1.5
 _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
+# Of a mark, which only needs the colour. With 100 ms, the tremor of a finger looks like slow drift.
+_MARK_DRIFT_MAX = 0.05
 _TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
 _SIGMAS = 5.0
 _OUTLIER = 0.3  # log2: largest difference from the light that the neighbours suggest
@@ -99,10 +101,10 @@ class Bench:
         for _ in range(_TRIES):
             self.presser.press(wanted)
             try:
-                reading = self._held(noise, any_light=wanted.kind == "choose")
+                reading = self._held(noise, wanted.kind)
                 if wanted.kind == "mark":
                     reading = self.reader.read(self.mark_samples)
-                    _check_steady(reading, noise, self.window)
+                    _check_steady(reading, noise, self.window, wanted.kind)
                 judge(reading)
                 return reading
             except BadPressError as bad:
@@ -133,8 +135,8 @@ class Bench:
     def _samples(self, seconds: float) -> int:
         return max(_WINDOW_MIN, round(seconds * 1e6 / self.reader.info["exposure_us"]))
 
-    def _held(self, noise: Noise | None, any_light: bool) -> Reading:
-        """Return the first reading of a steady press, or raise `BadPressError`."""
+    def _held(self, noise: Noise | None, kind: str) -> Reading:
+        """Return the first reading of a steady press of a kind, or raise `BadPressError`."""
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason, steady = "no press is seen", 0
         while steady < self.presser.steady:
@@ -142,12 +144,13 @@ class Bench:
                 raise BadPressError(reason)
             reading, trouble = self.reader.read(self.window), None
             try:
-                _check_steady(reading, noise, self.window)
+                _check_steady(reading, noise, self.window, kind)
                 steady += 1
             except BadPressError as bad:
                 reason = trouble = str(bad)
                 steady = 0
             self.guide.watch(reading, trouble, steady / self.presser.steady)
+        any_light = kind == "choose"
         if reading.saturated and not any_light:
             raise BadPressError("a channel is saturated: press less, or lower gain or LED current")
         if reading.dark and not any_light:
@@ -155,7 +158,7 @@ class Bench:
         return reading
 
 
-def _check_steady(reading: Reading, noise: Noise | None, window: int) -> None:
+def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
     """Raise `BadPressError` if brightness or colour change during a reading."""
     if (reading.counts < 1).all():
         raise BadPressError("no press is seen")
@@ -165,7 +168,8 @@ def _check_steady(reading: Reading, noise: Noise | None, window: int) -> None:
         expected = noise.variance(np.maximum(reading.counts, 0))
     total = max(reading.counts.sum(), 1.0)
     sigma = np.sqrt(4 * expected.sum() / window) / total / np.log(2)
-    if abs(reading.drift) > _DRIFT_MAX + _SIGMAS * sigma:
+    drift_max = _MARK_DRIFT_MAX if kind == "mark" else _DRIFT_MAX
+    if abs(reading.drift) > drift_max + _SIGMAS * sigma:
         raise BadPressError("the light changes: hold still")
     if not reading.saturated and np.mean(reading.variance / expected) > _TREMBLE_MAX:
         raise BadPressError("the colour fluctuates: hold still")

@@ -13,6 +13,7 @@ from spots_device.exposure import full_scale, registers
 from spots_device.settings import checksum
 
 from ..errors import SpotsError
+from ..link import lamps
 from . import calibration_file as file
 from .bench import Bench, judge_force, judge_place
 from .choose import choose, passes
@@ -126,10 +127,21 @@ class _Steps:
         if wanted_plan:
             reader.set_up("plan=" + options.plan)
         if not session.points and not options.keep_settings:
+            self._mains()
             self._auto()
         # Of an LED that is always on, each plan would need a dark frame of its own.
         if not wanted_plan and reader.info.get("led") != "always":
             self._choose()
+
+    def _mains(self) -> None:
+        reader, guide = self.bench.reader, self.bench.guide
+        if reader.info.get("mains_hz") != 0:  # set by hand, or an older firmware
+            return
+        guide.say("lamps: touch nothing")
+        if mains_hz := lamps.mains_hz(reader.board):
+            reader.set_up(f"mains_hz={mains_hz}")
+            reader.board.command("save")  # an exposure of a session can only be set again with it
+            guide.say(f"lamps flicker at {2 * mains_hz} Hz: mains_hz={mains_hz}")
 
     def _auto(self) -> None:
         bench = self.bench

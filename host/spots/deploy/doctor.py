@@ -11,6 +11,7 @@ from typing import NamedTuple
 from spots_device import __version__, decode
 
 from ..errors import SpotsError, printable
+from ..link import lamps
 from ..link.board import Board
 from ..link.calibrated import next_step
 from ..link.connect import open as open_board
@@ -122,6 +123,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
         yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
     else:
         yield from _light(board, state, reading_s)
+    yield from _lamps(board, state)
     board.command("stream off")
     share = missed / (missed + count * state["average"])
     yield _missed(state["exposure_us"], share) if share > _MISSED else _rate(spectra, reading_s)
@@ -194,6 +196,17 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
     least = map(min, zip(*counts))
     fits = not all(spectrum.flags & decode.MISFIT for spectrum in samples)
     return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, counts)), fits
+
+
+def _lamps(board: Board, state: Get) -> Iterator[Finding]:
+    mains_hz = state.get("mains_hz")
+    if mains_hz is None:  # an older firmware
+        return
+    found_hz = lamps.mains_hz(board)
+    text = f"lamps flicker at {2 * found_hz} Hz: " if found_hz else "no lamp flickers: "
+    ok = found_hz in (0, mains_hz)
+    advice = f"run 'spots command set mains_hz={found_hz}', then 'spots command save'"
+    yield Finding("lamps", ok, text + (f"mains_hz={mains_hz}" if ok else advice))
 
 
 def _missed(exposure_us: int, share: float) -> Finding:

@@ -29,7 +29,8 @@ _CAUSES = {
 class Untrusted:
     """Detects when all readings of a strip have been untrusted for most of a second.
 
-    A reading without such a flag, for example of an untouched strip, resets the detection.
+    Presses that do not fit are added up, because a key is pressed for a shorter time. The sentence
+    then stays until a press is trusted. Any other cause ends with a reading without it.
 
     Attributes
     ----------
@@ -39,7 +40,9 @@ class Untrusted:
 
     def __init__(self):
         self.sentence = ""
-        self._since_s: float | None = None
+        self._lasted_s = 0.0
+        self._last_s: float | None = None  # of the last reading, if it was untrusted
+        self._misfit_press = False
 
     def take(self, touch: Touch, now_s: float) -> None:
         """Take a reading and update `sentence`.
@@ -51,13 +54,18 @@ class Untrusted:
         now_s : float
             Time at which the reading arrived, in seconds of the link's clock.
         """
-        cause = next((text for flag, text in _CAUSES.items() if touch.flags & flag), None)
-        if cause is None:
-            self.sentence, self._since_s = "", None
-        elif self._since_s is None:
-            self._since_s = now_s
-        elif now_s - self._since_s >= _UNTRUSTED_S:
-            self.sentence = f"every reading is untrusted, because {cause}"
+        flag = next((flag for flag in _CAUSES if touch.flags & flag), None)
+        if flag is None:
+            self._last_s = None
+            if touch.touching or not self._misfit_press:
+                self.sentence, self._lasted_s, self._misfit_press = "", 0.0, False
+            return
+        if self._last_s is not None:
+            self._lasted_s += now_s - self._last_s
+        self._last_s = now_s
+        self._misfit_press = touch.touching and flag == decode.MISFIT
+        if self._lasted_s >= _UNTRUSTED_S:
+            self.sentence = f"every reading is untrusted, because {_CAUSES[flag]}"
 
     def warn(self, touch: Touch, now_s: float) -> None:
         """Take a reading, and print `sentence` on stderr when readings become untrusted.

@@ -6,7 +6,9 @@ from contextlib import nullcontext
 from rich.console import Console
 
 from ..link.board import Board
+from ..link.calibrated import next_step
 from ..link.frames import Touch
+from ..link.untrusted import Untrusted
 from .view import Judge, Pace, StripView, live, plain
 
 PLAIN_LINES_PER_S = 4
@@ -36,7 +38,9 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
     console = Console()
     drawing = console.is_terminal and not quiet
     board.command("stream touch spectrum" if drawing else "stream touch")
-    view = StripView(board.command("hello"), board.port)
+    info = board.command("hello")
+    view, untrusted = StripView(info, board.port), Untrusted()
+    advising = not quiet and not next_step(info)  # else the next step is known
     started_s = board.now_s()
     pace = Pace() if drawing else Pace(PLAIN_LINES_PER_S)
     board.patience_s = math.inf
@@ -54,6 +58,9 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
             for frame in board.frames(seconds):
                 now_s = board.now_s()
                 view.take(frame)
+                if isinstance(frame, Touch) and advising:
+                    (untrusted.take if drawing else untrusted.warn)(frame, now_s)
+                    view.advice = untrusted.sentence
                 if isinstance(frame, Touch) and judge is not None:
                     judge.take(frame, now_s)
                 if drawing and pace.due(now_s):

@@ -70,10 +70,12 @@ class StripView:
     ----------
     state : str
         State of the link, see `link.board.Board.state`. It is shown unless it is ``connected``.
+    advice : str
+        Sentence that is shown below the picture.
     """
 
     def __init__(self, info: dict, port: str):
-        self.state = CONNECTED
+        self.state, self.advice = CONNECTED, ""
         self._info = info
         self._port = port
         self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
@@ -110,6 +112,8 @@ class StripView:
         parts += [self._bars(), Text(), *map(_row, (link, *judged["rows"]))]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
+        if self.advice:
+            parts.append(Text(self.advice, style="yellow"))
         title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
         return Panel(
             Group(*parts), title=Text(printable(title)), width=strip_columns() + 16, padding=(1, 2)

@@ -11,9 +11,9 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
-// Whether a reading has a position.
+// Whether a reading has a position. It is null without a calibration, and while the LED is off.
 export function placed(touch) {
-  return Boolean(touch?.touching) && !touch.flags.includes("not calibrated");
+  return Boolean(touch?.touching) && touch.position_um !== null;
 }
 
 // Rows of <dt> and <dd> from pairs of name and value; a pair without a value is omitted.

@@ -1,5 +1,5 @@
 // The keys of the layout, the pressed keys, and the last keys and gestures.
-import { make } from "../dom.js";
+import { make, placed } from "../dom.js";
 
 const SHORTEST_S = 0.15, TAPE = 12;
 
@@ -48,7 +48,7 @@ export function keyboard(root) {
     const down = new Set((state.keys?.down ?? []).map((one) => `${one.layer}/${one.index}`));
     for (const [key, until_s] of lit) if (now_s > until_s) lit.delete(key);
     const touch = state.touch;
-    const share = touch?.touching ? touch.position_um / state.board.length_um : -1;
+    const share = placed(touch) ? touch.position_um / state.board.length_um : -1;
     keys.forEach(({ low, high, key }, i) => {
       const id = `${shown}/${i}`;
       key.classList.toggle("lit", down.has(id) || lit.has(id));

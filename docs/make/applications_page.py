@@ -1,0 +1,100 @@
+"""Writes docs/applications.md: keyboard and controller, on the ideal and on the real strip."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from spots import atomic
+from spots_sim.demo import demo
+from spots_sim.typing_speed import added, typed
+
+# Name of the column, sensor file, and whether it is re-zeroed after its change, and its LED warm.
+STRIPS = (
+    ("ideal strip", "default", False, False),
+    ("real strip, not re-zeroed", "real", False, True),
+    ("real strip, re-zeroed", "real", True, True),
+    ("real strip, re-zeroed, LED cold", "real", True, False),
+)
+WORDS_PER_MIN = (40, 60, 80, 100)
+SEEDS = range(5)
+TOUCHES = 150
+_SECONDS = 10.0
+_TEXT = """# Typing and controller, on the ideal and on the real strip
+
+`make paper` writes this document, and measures all numbers. The ideal strip is the simulated sensor
+file `default`, as it was at its calibration. The real strip is the file `real`: it has aged and
+warmed up since its calibration, and is under a lamp ([drift.md](drift.md)). A re-zero pressed each
+mark once, with a warm LED. The last column shows the first seconds or minutes after power-on, while
+the LED still warms.
+
+Ten keys on a strip, exposures of 10 ms, {seeds} seeds of {touches} touches at each speed; fingers
+as published ([typist.py](../host/spots_sim/typist.py)). Errors are wrong, missed and extra keys as
+a share of touches. "No finger" are pressed keys that no finger was on. Latency is from the first
+light to the press of right keys; p99 is that of the worst seed. The controller follows the fingers
+of the demo for {seconds:g} s; [controller.md](controller.md) explains its figures. Runs of the real
+strip:
+
+```sh
+python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm
+spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --rezero --warm
+```
+
+"""
+
+
+def measured() -> list[tuple[str, list[str]]]:
+    """Return the rows of the table: what was measured, and its value for each of `STRIPS`."""
+    rows = []
+    for speed in WORDS_PER_MIN:
+        print(f"typing, {speed} words a minute ...", file=sys.stderr)
+        runs = [
+            added([typed(speed, TOUCHES, seed, *strip) for seed in SEEDS]) for _, *strip in STRIPS
+        ]
+        rows.append((f"{speed} words a minute: errors, no finger", [_typing(run) for run in runs]))
+        rows.append((f"{speed} words a minute: latency p50, p99", [_latency(run) for run in runs]))
+    print("controller ...", file=sys.stderr)
+    played = [
+        demo(sensor, None, 0, _SECONDS, True, True, "controller", None, *strip)
+        for _, sensor, *strip in STRIPS
+    ]
+    for what, name in (
+        ("controller: X, rms error", "x_rms_percent"),
+        ("controller: largest unexplained jump", "largest_unexplained_jump_percent"),
+    ):
+        rows.append((what, [f"{run[name]:.1f} %" for run in played]))
+    rows.append(("controller: states sent", [str(run["states"]) for run in played]))
+    return rows
+
+
+def document(rows: list[tuple[str, list[str]]]) -> str:
+    """Return the text of docs/applications.md, with the rows that `measured` returned."""
+    text = _TEXT.format(
+        seeds=len(SEEDS),
+        touches=TOUCHES,
+        seconds=_SECONDS,
+        speeds=" ".join(map(str, WORDS_PER_MIN)),
+    )
+    names = [name for name, *_ in STRIPS]
+    for cells in (["", *names], ["---"] * (1 + len(names)), *([what, *of] for what, of in rows)):
+        text += "| " + " | ".join(cells) + " |\n"
+    return text
+
+
+def _typing(run: dict) -> str:
+    return f"{run['error_percent']:.1f} %, {100 * run['no_finger'] / run['touches']:.1f} %"
+
+
+def _latency(run: dict) -> str:
+    return "{p50:.0f} ms, {p99:.0f} ms".format(**run["latency_ms"]) if run["right"] else ""
+
+
+def main(docs: Path) -> None:
+    """Measure, then write applications.md into the folder of the documents."""
+    page = docs / "applications.md"
+    atomic.write_text(document(measured()), page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

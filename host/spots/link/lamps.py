@@ -1,0 +1,93 @@
+"""Finds the mains frequency of flickering lamps in the counts of a board."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from spots_device.decode import LED_OFF
+
+from .board import Board
+
+# So short that no flicker of lamps averages out. A flicker of another frequency may look like 100
+# or 120 Hz at one of these rates of samples, but not at both.
+_EXPOSURES_US = 2_780, 3_200
+_SECONDS = 0.5  # at each exposure
+_MAINS_HZ = 50, 60
+_OFF_HZ = np.linspace(-1, 1, 5)  # twice the deviation of the mains, which is within 1 %
+# Power of the flicker over that of the noise. Noise alone exceeds it in one of 10^7 measurements.
+_LEAST = 20.0
+_SAMPLES_MIN = 30
+_ROUNDING = 1 / 12  # variance of a count
+
+
+def mains_hz(board: Board) -> int:
+    """Measure for a second which mains frequency the lamps around a strip have.
+
+    The board has the same settings before and after it. The LED is off meanwhile, if its current
+    is a setting.
+
+    Parameters
+    ----------
+    board : Board
+        Board with the setting ``mains_hz``.
+
+    Returns
+    -------
+    int
+        Value of the setting ``mains_hz``: 50 or 60, or 0 without flicker at twice this frequency.
+
+    Raises
+    ------
+    SpotsError
+        If the board is disconnected or refuses a command.
+    """
+    state: Mapping[str, Any] = board.command("get")
+    changed = {"average": 1, "mains_hz": 0} | ({"led_mA": 0} if state["led"] == "ldr" else {})
+    before: dict[str, int] = {name: state[name] for name in ("exposure_us", *changed)}
+    try:
+        found = [_strongest(*_light(board, us, changed)) for us in _EXPOSURES_US]
+    finally:
+        board.set(**before)
+    return found[0] if found[0] == found[1] else 0
+
+
+def _light(
+    board: Board, exposure_us: int, settings: Mapping[str, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return board times in s and sums of all channels, shape (n,), of samples at these settings.
+
+    Only samples count in which the LED is in its usual state: not those of a dark frame.
+    """
+    board.set(exposure_us=exposure_us, **settings)
+    begun_s = board.now_s() + 1e-6 * exposure_us
+    dark = "led_mA" in settings
+    spectra = [
+        spectrum
+        for spectrum in board.spectra(_SECONDS)
+        if (spectrum.time_s or 0.0) >= begun_s and bool(spectrum.flags & LED_OFF) == dark
+    ]
+    passed_us = [(spectrum.t_us - spectra[0].t_us) % (1 << 32) for spectrum in spectra]
+    return 1e-6 * np.array(passed_us), np.array([sum(spectrum.counts) for spectrum in spectra])
+
+
+def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
+    """Return the mains frequency in Hz whose lamps have the strongest flicker; 0 if none has."""
+    if len(light) < _SAMPLES_MIN:
+        return 0
+    powers = {hz: max(_power(time_s, light, 2 * hz + off) for off in _OFF_HZ) for hz in _MAINS_HZ}
+    strongest = max(powers, key=powers.__getitem__)
+    return strongest if powers[strongest] > _LEAST else 0
+
+
+def _power(time_s: np.ndarray, light: np.ndarray, hz: float) -> float:
+    """Return the power of a sine of a frequency in the light, relative to the noise."""
+    phase = 2 * np.pi * hz * time_s
+    waves = np.stack([np.ones_like(time_s), time_s, np.cos(phase), np.sin(phase)], axis=1)
+    with_sine, without = (
+        light - part @ np.linalg.lstsq(part, light, rcond=None)[0] for part in (waves, waves[:, :2])
+    )
+    noise = max(with_sine @ with_sine / (len(light) - 4), _ROUNDING)
+    return float((without @ without - with_sine @ with_sine) / 2 / noise)
