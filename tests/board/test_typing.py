@@ -107,7 +107,7 @@ def tapped(x_mm, start_s, held_s=0.1, rise_s=0.02, force_mN=1500, slip_mm=0.0):
 
 def test_a_thousand_random_taps_on_ten_keys(play):
     """At least 999 of them right, none doubled, none stuck, two samples from touch to key."""
-    somebody = typist(5, pause_s=(0.08, 0.5))
+    somebody = typist(5, pause_s=(0.08, 0.2))
     text = "".join(np.random.default_rng(6).choice(list(DIGITS), 1000))
     somebody.type(text)
     typed = play(somebody.touches)

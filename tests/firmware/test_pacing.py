@@ -155,7 +155,7 @@ def test_what_the_chip_made_was_taken_or_missed(nominal_us, busy_us, error_perce
     run.restart(nominal_us, nominal_us * rate)
     rng = random.Random(1)
     first, taken, before = None, 0, 0
-    while run.taken < 10_000:
+    while run.taken < 4_000:
         run.poll(late_us=rng.choice([0] * 199 + [15_000]))
         run.now += busy_us
         if first is None and len(run.samples) > 20:

@@ -8,18 +8,15 @@ from smallint import SmallInt
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SUBTRACTED, Decode
 from spots_device.second import locate, power
-from spots_sim.files import SensorFile, load
 from spots_sim.optics import Optics
-from spots_sim.stage import calibrate
 
 DECAY = 288
 
 
 @pytest.fixture(scope="module")
-def feel():
+def feel(sensor, calibration):
     """Return a function from fingers (place in mm, share of full contact) to what the board has."""
-    sensor = load(SensorFile, "default")
-    calibration = Calibration(calibrate(sensor))
+    calibration = Calibration(calibration)
     optics, made = Optics(sensor), calibration.conditions
     columns = [optics.names.index(diode) for diode in made.plan]
     scale = optics.source_uW_cm2(made.led_mA) * made.exposure_us / 1000 * 2.0 ** (made.gain - 1)
