@@ -590,8 +590,8 @@ class Board:
     def _checked(self, reply: Text | None) -> Hello:
         if reply is None:
             raise SpotsError(
-                f"the device on {self.port} does not answer 'hello': it is no SPOTS board, or its "
-                "firmware does not run; name another port, or flash the board"
+                f"the device on {self.port} does not answer 'hello': it is not a SPOTS board, or "
+                "its firmware does not run; name another port, or flash the board"
             )
         version = reply.content.get("protocol")
         if version != PROTOCOL:

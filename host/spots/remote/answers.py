@@ -75,7 +75,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Answer the queries `asked` with a reply to `command`; return whether the board replied."""
+        """Answer `asked`, queries for `command`, with the board's reply; return if there is one."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None
