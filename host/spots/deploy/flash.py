@@ -95,7 +95,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Raise an error if a board cannot run the files that were built for another kind of board.
+    """Raise SpotsError if a board cannot run the files that are to be copied.
 
     Parameters
     ----------

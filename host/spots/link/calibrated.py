@@ -34,7 +34,7 @@ def hello_calibrated(board: Board) -> Hello:
 
 
 def next_step(info: Hello) -> str | None:
-    """Return advice for a board whose ``hello`` shows no calibration; None if it has one."""
+    """Return advice if a board's ``hello`` shows no calibration, else None."""
     return None if info.get("length_um") else "next: spots calibrate position"
 
 
