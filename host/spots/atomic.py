@@ -137,7 +137,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the mode of the file at `path`, or None without a file; `new` forbids a file."""
+    """Return the mode of the file at `path`, None if it is absent; if `new`, it must be absent."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:

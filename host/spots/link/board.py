@@ -82,7 +82,7 @@ class Board:
     Raises
     ------
     SpotsError
-        If no board answers, or its protocol version is another one.
+        If no board answers, or the board has another protocol version.
 
     Examples
     --------
@@ -146,7 +146,7 @@ class Board:
         """State of the connection: ``connected``, or the reason why no readings arrive.
 
         ``stalled``: the port exists, but the board or its sensor sends nothing. ``lost``: the board
-        is unplugged, and its port is searched. ``refused``: another board is on the port.
+        is unplugged, and its port is searched for. ``refused``: another board is on the port.
         ``closed``: the program has closed the board.
         """
         return "closed" if self._closed else self._loss.state(self.now_s())

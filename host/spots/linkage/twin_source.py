@@ -58,7 +58,7 @@ class Source:
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each board must belong to its joint's calibration, which is uploaded to it.
+    Each board must belong to its joint's calibration, which is uploaded to that board.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ def serve_command(options: argparse.Namespace) -> None:
     if options.record_to is not None:
         if options.linkage is not None or any(map(is_recording, ports)):
             raise SpotsError(
-                "--record-to needs a single real board: do not use it with --linkage or a recording"
+                "--record-to works with one board: do not use it with --linkage or a recording"
             )
         recordings = Recordings(Path(options.record_to), state)
     if options.linkage is None:
