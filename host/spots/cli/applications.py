@@ -71,7 +71,7 @@ def twin(parser: Parser):
     parser.flag("--json", "print one JSON object per line")
     arguments.add_ports(parser)
     parser.option(
-        "--record", "FILE.spots", "record; once for each board", action="append", default=[]
+        "--record", "FILE.spots", "new recording; once for each board", action="append", default=[]
     )
     group = parser.add_argument_group("calibrate a linkage")
     group.add_argument("--measure", metavar="POINTS.csv", help="measure positions of the end point")

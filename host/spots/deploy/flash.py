@@ -130,7 +130,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         for header in headers:
             if header.version != version:
                 raise SpotsError(
-                    f"{runs} that loads .mpy version {version}, but mpy-cross makes version  "
+                    f"{runs} that loads .mpy version {version}, but mpy-cross makes version "
                     f"{header.version}: install the newest MicroPython on it"
                 )
         # Bytecode runs on any chip, but the pins would be those of another board.

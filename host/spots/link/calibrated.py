@@ -65,7 +65,7 @@ def hello_often(
     every_s = info["exposure_us"] * info["average"] * 1e-6
     if every_s > within_s:
         raise SpotsError(
-            f"the board takes a reading every {every_s:g} s, and this application needs one every "
+            f"the board takes a reading every {every_s:g} s, but this application needs one every "
             f"{within_s:g} s: {remedy}"
         )
     return info

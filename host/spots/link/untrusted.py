@@ -19,7 +19,7 @@ _CAUSES = {
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
     ),
     decode.LED_OFF: (
-        "the board keeps measuring its dark frame; next: lift all fingers, keep the light steady"
+        "the board keeps measuring its dark frame; next: lift all fingers and keep the light steady"
     ),
     decode.MISFIT: (
         "the spectrum is not that of one press; next: lift all fingers and wipe the strip; if "
