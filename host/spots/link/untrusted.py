@@ -22,7 +22,7 @@ _CAUSES = {
         "the board keeps measuring its dark frame; next: lift all fingers and keep the light steady"
     ),
     decode.MISFIT: (
-        "the spectrum is not that of one press; next: lift all fingers and wipe the strip; if "
+        "the spectrum does not fit one press; next: lift all fingers and wipe the strip; if "
         "that changes nothing, re-zero the strip: spots rezero"
     ),
 }
