@@ -31,7 +31,7 @@ _CAUSES = {
 class Untrusted:
     """Detects when all readings of a strip have been untrusted for most of a second.
 
-    A reading without such a flag, for example of an untouched strip, resets the detection.
+    A reading without a fault flag, for example of an untouched strip, resets the detection.
 
     Attributes
     ----------
