@@ -159,7 +159,7 @@ def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], N
     parent : Path
         Folder to search.
     is_kind : callable
-        ``is_kind(entry, follow_symlinks=False)``: whether an `os.DirEntry` is a file or a folder.
+        ``is_kind(entry, follow_symlinks=False)`` tests whether to remove an `os.DirEntry`.
     remove : callable
         ``remove(path)`` removes a file or a folder.
     """

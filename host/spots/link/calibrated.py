@@ -59,7 +59,7 @@ def hello_often(
     Raises
     ------
     SpotsError
-        If the board is slower, or has no calibration for its present settings.
+        If the board is too slow, or has no calibration for its present settings.
     """
     info = hello_calibrated(board)
     every_s = info["exposure_us"] * info["average"] * 1e-6
