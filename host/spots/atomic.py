@@ -152,7 +152,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the mode of the file at `path`, or None without a file; `new` forbids a file."""
+    """Return the mode of the file at `path`, None if it is absent; if `new`, it must be absent."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:
@@ -174,7 +174,7 @@ def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], N
     parent : Path
         Folder to search.
     is_kind : callable
-        ``is_kind(entry, follow_symlinks=False)``: whether an `os.DirEntry` is a file or a folder.
+        ``is_kind(entry, follow_symlinks=False)`` tests whether to remove an `os.DirEntry`.
     remove : callable
         ``remove(path)`` removes a file or a folder.
     """

@@ -59,7 +59,7 @@ class _Section:
         self._act()
 
     def handle(self, number: int, frame=None) -> None:
-        """Act on the signal `number` now or at the end of the section; a handler of `signal`."""
+        """Signal handler: act on the signal `number` now, or at the end of the section."""
         if self.ended_by is not None:
             return  # the process is ending: a SIGCONT now must not raise a second exception
         if number not in self._pending:
@@ -127,9 +127,9 @@ def released_by_signals() -> Iterator[None]:
     """Run a block in which a signal first releases all open outputs, and then takes effect.
 
     A signal that ends the process raises KeyboardInterrupt or SystemExit in the block. After the
-    block the process ends by that signal, unless the block caught the exception. A signal that
-    stops the process stops it at once. Ignored signals stay ignored (nohup). For the main thread
-    only, because Python delivers signals there.
+    block the process ends by that signal, unless the block caught the exception. A stop signal
+    (Ctrl-Z) stops the process inside the block. Ignored signals stay ignored (nohup). Call this in
+    the main thread only, because Python delivers signals there.
     """
     # A handler set by C code (None) could not be restored.
     numbers = _ENDING + _STOPPING + _CONTINUING

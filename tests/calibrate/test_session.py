@@ -291,8 +291,8 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["strain"], "give --strain-percent with 'strain'"),
-        (["position", "--strain-percent", 5], "only there"),
+        (["strain"], "--strain-percent: required for 'strain'"),
+        (["position", "--strain-percent", 5], "only valid there"),
         (["position", "--places", 5], "position needs 12 or more"),
         (["force", "--places", 5], "force needs 14 or more"),
         (["position", "--places", 0], "position needs 12 or more"),

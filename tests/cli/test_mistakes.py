@@ -84,7 +84,7 @@ def test_a_board_of_another_protocol(capsys, port):
 
     threading.Thread(target=answer, daemon=True).start()
     line = refused(capsys, "command", "--port", path, "hello")
-    assert "has protocol 7, and this program 2" in line
+    assert "has protocol 7, but the program has 2" in line
 
 
 def test_no_board_at_all(capsys, monkeypatch):

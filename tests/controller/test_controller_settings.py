@@ -45,7 +45,7 @@ def test_what_a_file_leaves_out_is_as_in_the_default(tmp_path):
         ('[x]\nfrom = "position"\ndeadband = 1.0', "deadband"),
         ('[y]\nfrom = "force"\nrest_mN = 7000', "below max_mN"),
         ('[y]\nfrom = "force"\nrest_mN = 0.3\nmax_mN = 6', "max_mN"),  # in N
-        ('[[button]]\nwhen = "pressed"\nnumber = 1\npress_mN = 5', "5 mN, .* write it in mN"),
+        ('[[button]]\nwhen = "pressed"\nnumber = 1\npress_mN = 5', "5 mN, .* write the force in"),
         ('[[button]]\nwhen = "tapped"\nnumber = 1\nlongest_ms = 0.2', "longest_ms"),  # in s
         ('[z]\nfrom = "position"', "position"),
         ('[z]\nfrom = "force"\ninvert = true', "cannot be inverted"),

@@ -63,7 +63,7 @@ def test_only_untrusted_readings_are_reported_within_a_second(sensor, calibratio
         run(board, TWO_S + WITHIN_S - board.now_s())
         said = capsys.readouterr().err
         assert "untrusted" in said
-        assert "that of one press" in said
+        assert "fit one press" in said
         assert "next: " in said
         run(board, 3 * WITHIN_S)
         assert capsys.readouterr().err.count("\n") == 1
@@ -76,8 +76,8 @@ def reading(flags):
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (TOUCHING | MISFIT, "that of one press"),
-        (MISFIT, "that of one press"),
+        (TOUCHING | MISFIT, "fit one press"),
+        (MISFIT, "fit one press"),
         (SATURATED | MISFIT | TOUCHING, "saturated"),
         (NOT_CALIBRATED, "spots calibrate position"),
         (LED_OFF, "dark frame"),

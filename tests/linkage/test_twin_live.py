@@ -246,7 +246,7 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
         assert given == [("port A", "A"), ("port B", "B")]
         assert closed == ["port C"]
     names.remove("A")
-    with pytest.raises(SpotsError, match=r"no board A, .* there is B, C"), ExitStack() as stack:
+    with pytest.raises(SpotsError, match=r"no board A, .* found: B, C"), ExitStack() as stack:
         stack.enter_context(twin_source.opened(machine.arm))
     assert closed.count("port B") == 2
 
@@ -344,7 +344,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
     file.save(other, tmp_path / "strip.toml")
     arm = tmp_path / "arm.toml"
     arm.write_text(machine.arm.read_text())
-    with pytest.raises(SpotsError, match=r"joint 1, .*a.spots: it uses calibration"):
+    with pytest.raises(SpotsError, match=r"joint 1, .*a.spots: the board uses calibration"):
         told(arm, ports)
 
 

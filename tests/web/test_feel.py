@@ -70,6 +70,6 @@ def test_untrusted_readings_are_shown_within_a_second():
     read(feel, 0.0, 1)
     for i in range(1, 101):
         read(feel, 0.01 * i, 1 | MISFIT)
-    assert "is not that of one press; next: " in state.parts["untrusted"]
+    assert "does not fit one press; next: " in state.parts["untrusted"]
     read(feel, 1.01, 1)
     assert state.parts["untrusted"] == ""

@@ -194,7 +194,7 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     Raises
     ------
     BadPressError
-        If its colour or brightness does not fit the neighbouring presses.
+        If colour or brightness of the new press does not fit the neighbouring presses.
     """
     order = np.argsort(known.position_um)
     places, logs, log = known.position_um[order], known.logs[order], np.log2(counts)

@@ -84,7 +84,7 @@ class Joint(_Struct, kw_only=True):
         Mean difference between the two directions, in degrees.
     low, high : tuple of (float, float) or None
         Lowest and highest calibrated position in um, each with the standard deviation of a reading
-        there in degrees. The logarithm of the standard deviation is linear between them.
+        there in degrees. The logarithm of that deviation is linear in the position between them.
     """
 
     zero_deg: float

@@ -194,7 +194,7 @@ def _estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest sigmas of position and misfit along the strip, for each brightness."""
+    """Return the largest standard deviations of position and misfit, for each brightness."""
     places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
     weights = np.array([_part_at(rest, parts, x)[0] for x in places])

@@ -76,7 +76,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Count `count` more presses as taken; a negative number makes the count smaller."""
+        """Increase the number of presses taken by `count`, which may be negative."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:

@@ -1,4 +1,4 @@
-"""Presses the strip in a session: a person, or a machine in a subclass."""
+"""What presses the strip in a session: a person, or a machine (in a subclass)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Session files: one JSON line for each press, on disk before the next press is asked for."""
+"""Session files: one JSON line per press, on disk before the session asks for the next press."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ class Session:
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:
-        """Validate the board and its settings against those of the session.
+        """Check that the board and its settings are those of the session.
 
         Raises
         ------

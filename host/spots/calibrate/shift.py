@@ -26,11 +26,11 @@ def shifted(lines, place_um, shifts) -> list[str]:
     Parameters
     ----------
     lines : sequence of str
-        Lines of the original calibration, see `spots_device.calibration`. Tables of all strains
-        shift by the same c_i(x).
+        Lines of the original calibration, see `spots_device.calibration`. The tables of all
+        strains shift by the same c_i(x), see the module docstring.
     place_um : sequence of float, length n
-        Distances of the n marks from the sensor's end, in um. They give a polynomial of degree
-        n - 1.
+        Distances of the n marks from the sensor's end, in um. The shift is a polynomial of
+        degree n - 1 in the position.
     shifts : array_like, shape (n, 6)
         log2 of the counts now minus log2 at the calibration, by mark and channel.
 

@@ -51,7 +51,7 @@ def calibrate(
     strain_percent: float | None,
     options: argparse.Namespace,
 ) -> None:
-    """Take the missing presses of one kind; if none is missing then, make and store a calibration.
+    """Take the missing presses of one kind; then, if the session is complete, store a calibration.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ PURPOSE = "use a strip"
 
 
 def keys(parser: Parser):
-    """Show or check a layout of keys, or push it to a board.
+    """Show or check a key layout, or push it to a board.
 
     examples:
       spots keys show mini
@@ -35,7 +35,7 @@ def keyboard(parser: Parser):
 
 
 def wearable(parser: Parser):
-    """Press keys of this computer by gestures on a worn strip.
+    """Press keys of this computer by gestures on a strip worn on the body.
 
     example:
       spots wearable --dry-run
@@ -53,8 +53,8 @@ def controller(parser: Parser):
       spots controller --dry-run
     """
     parser.option("--settings", "FILE.toml", "settings file; default: the package's own")
-    parser.flag("--calibrate", "measure the rest position and the ends")
-    _add_output(parser, "print the states, control no gamepad")
+    parser.flag("--calibrate", "measure rest and ends of the axes, and write a settings file")
+    _add_output(parser, "print the gamepad's states, and control no gamepad")
     return calls("spots.controller.controller:controller_command")
 
 
@@ -64,21 +64,21 @@ def twin(parser: Parser):
     examples:
       spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
     """
-    parser.option("--linkage", "FILE", "a .toml file, or a name", default="default")
+    parser.option("--linkage", "FILE", "linkage file, or a name such as default", default="default")
     arguments.add_seconds(parser)
-    parser.flag("--json", "print a JSON object a line")
+    parser.flag("--json", "print one JSON object per line")
     arguments.add_ports(parser)
     parser.option(
-        "--record", "FILE.spots", "record a board; once per board", action="append", default=[]
+        "--record", "FILE.spots", "new recording; once for each board", action="append", default=[]
     )
     group = parser.add_argument_group("calibrate a linkage")
-    group.add_argument("--measure", metavar="POINTS.csv", help="measure points of the terminal")
+    group.add_argument("--measure", metavar="POINTS.csv", help="measure positions of the end point")
     group.add_argument("--calibrate", metavar="POINTS.csv", help="compute lengths and mounting")
     group.add_argument(
         "--place-sigma-mm",
         type=arguments.sigma_mm,
         default=0.1,
-        help="standard error of the points (0.1)",
+        help="standard error of a measured coordinate; 0.1 if not given",
     )
     group.add_argument("--out", metavar="FILE.toml", help="the linkage file to write")
     arguments.add_simulation(parser, "linkage")

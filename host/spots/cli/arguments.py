@@ -15,7 +15,7 @@ _SIMULATED = {"board": _BOARD, "linkage": _LINKAGE}
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name a board, for `open_board`."""
+    """Add the options that name a board; `open_board` reads them."""
     parser.add_argument("--port", help=f"{PORTS}; the only board on USB if not given")
     add_zenoh_config(parser)
     add_simulation(parser)
@@ -35,7 +35,7 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
 
 
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Add the options of other packages that simulate a board or a linkage, and their defaults.
+    """Add other packages' options for a simulated board or linkage, and the options' defaults.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def open_board(options: argparse.Namespace):
 
 
 def number(what: str, low: float, high: float, kind: type = float):
-    """Return a type for argparse that accepts numbers in a range.
+    """Return a converter for the ``type`` of argparse that accepts numbers in a range.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ force_N = number("a force in N", 0.1, 50)
 megabytes = number("a size in MB", 0.1, 1e6)
 speed = number("a speed", 0.001, math.inf)
 seed = number("a seed", 0, 2**63, int)
-places = number("how many places, forces or angles", 0, 1000, int)
+places = number("the number of places, forces or angles", 0, 1000, int)
 sigma_mm = number("a standard error in mm", 1e-6, 100)
 http_port = number("a port for web browsers", 0, 65535, int)
 exposure_us = number("an exposure in us", 2000, 200_000, int)

@@ -82,19 +82,19 @@ def calibrate(parser: Parser):
     parser.option(
         "--session",
         "FILE.jsonl",
-        "file of the presses; a file with presses continues its session",
+        "file for the presses; an existing file continues its session",
         default="calibration.jsonl",
     )
-    parser.option("--out", "FILE.toml", "the new calibration; named like the session if not given")
+    parser.option("--out", "FILE.toml", "the new file; named like the session if not given")
     parser.option("--places", "N", "number of places, forces or angles", type=arguments.places)
     parser.option(
         "--length-mm", "N", "length of the strip at rest; 85 if not given", type=arguments.length_mm
     )
     parser.option(
-        "--strain-percent", "N", "the strain, for 'strain'", type=arguments.strain_percent
+        "--strain-percent", "N", "the strain, for KIND 'strain'", type=arguments.strain_percent
     )
-    parser.option("--plan", "F3,F4,...", "six channels; the best if not given")
-    parser.flag("--keep-settings", "keep gain and LED current")
+    parser.option("--plan", "F3,F4,...", "six channels; the best ones if not given")
+    parser.flag("--keep-settings", "do not adjust gain and LED current")
     return calls("spots.calibrate.calibrate:calibrate_command")
 
 
@@ -113,7 +113,7 @@ def rezero(parser: Parser):
         help="the calibration to correct; calibration.toml if not given",
     )
     arguments.add_port(parser)
-    parser.flag("--quick", "press the middle mark only; not for a bleached dye")
+    parser.flag("--quick", "press only the middle mark; cannot correct a bleached dye")
     parser.flag("--joint", "turn the joint to its two end stops and a middle stop")
     parser.option("--presses", "N", "presses at each mark", type=arguments.presses, default=1)
     parser.option(
@@ -127,7 +127,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame of an LED that is always on, while you unplug it.
+    """Take the dark frame of an LED that is always on, while it is unplugged.
 
     example:
       spots dark
@@ -137,7 +137,7 @@ def dark(parser: Parser):
 
 
 def erase(parser: Parser):
-    """Remove the firmware, its settings and its calibration from a board.
+    """Remove the firmware, the settings and the calibration from a board.
 
     example:
       spots erase pico

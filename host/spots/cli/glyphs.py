@@ -1,4 +1,4 @@
-"""ASCII characters for the glyphs of pictures, for terminals without Unicode."""
+"""ASCII substitutes for the glyphs in pictures, for terminals without Unicode."""
 
 import codecs
 from io import TextIOWrapper
@@ -22,13 +22,13 @@ PLAIN = {glyph: plain for plain, glyphs in _STAND_INS.items() for glyph in glyph
 
 
 def plain(error: UnicodeError) -> tuple[str, int]:
-    """Replace characters that cannot be encoded; an error handler of `codecs.register_error`."""
+    """Replace characters that cannot be encoded; an error handler for `codecs.register_error`."""
     text = error.object[error.start : error.end]
     return "".join(PLAIN.get(character, "?") for character in text), error.end
 
 
 def never_fail(output: TextIO) -> None:
-    """Let a stream replace characters that its encoding does not have, instead of failing."""
+    """Make a stream replace the characters that it cannot encode, instead of raising an error."""
     codecs.register_error(_HANDLER, plain)
     if isinstance(output, TextIOWrapper):  # other streams encode nothing
         output.reconfigure(errors=_HANDLER)

@@ -42,7 +42,7 @@ def serve(parser: Parser):
     parser.option(
         "--http-port", "N", "port of the server; 0 for any", type=arguments.http_port, default=8765
     )
-    parser.option("--record-to", "FOLDER", "let browsers with the token record to it")
+    parser.option("--record-to", "FOLDER", "let browsers with the token record to this folder")
     return calls("spots.web.serve:serve_command")
 
 

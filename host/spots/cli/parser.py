@@ -13,20 +13,20 @@ from ..errors import did_you_mean, printable
 
 
 def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
-    """Return a function that imports another function at its first call, and calls it.
+    """Return a function that imports a target function when it is called, and calls the target.
 
     Parameters
     ----------
     target : str
-        The other function, as "module:function".
+        The target function, as "module:function".
     *names : str
-        Names of the options to pass, in order. If not given, all options are passed as one
-        namespace.
+        Names of the options to pass to the target, in order. If not given, all options are passed
+        as one namespace.
 
     Returns
     -------
     callable
-        Function of the parsed options.
+        Function that takes the parsed options.
     """
 
     def run(options: argparse.Namespace) -> None:
@@ -75,7 +75,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {printable(message)}{hint}\n")
 
     def parse_known_args(self, args=None, namespace=None):
-        """Parse the command line; exit with an error that suggests an option if one is unknown.
+        """Parse the command line; exit with an error and a suggestion if an option is unknown.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class Parser(argparse.ArgumentParser):
 
 
 class CommandList:
-    """The commands of a parser. Its help lists them by purpose.
+    """The commands of a parser, which the parser's help lists by purpose.
 
     Parameters
     ----------
@@ -141,10 +141,10 @@ class CommandList:
         Parameters
         ----------
         group : module
-            Module with ``PURPOSE``, the title of its commands in the help, and ``COMMANDS``. Each
-            of these functions has the name of a command. It takes the parser of the command, adds
-            its options, and returns a function of the parsed options that runs the command. Its
-            docstring is the help of the command.
+            Module with ``PURPOSE``, the title of its commands in the help, and ``COMMANDS``, a list
+            of functions. Each function has the name and, as docstring, the help of a command. It
+            takes the command's parser and adds the options. It returns a function that takes the
+            parsed options and runs the command.
         """
         self._parser.epilog += f"\n\n{group.PURPOSE}:"
         for command in group.COMMANDS:

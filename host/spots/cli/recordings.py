@@ -24,7 +24,7 @@ def record(parser: Parser):
     parser.option(
         "--rotate-mb", "N", "continue in FILE-001.spots after this size", type=arguments.megabytes
     )
-    parser.option("--calibration", "FILE.toml", "the board's calibration, to store it")
+    parser.option("--calibration", "FILE.toml", "the board's calibration, to be recorded")
     return _record
 
 

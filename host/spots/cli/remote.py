@@ -31,7 +31,7 @@ def subscribe(parser: Parser):
         metavar="EXPR",
         help="key expression, such as spots/**; the touches of all boards if not given",
     )
-    parser.flag("--json", "print each sample as a JSON object a line")
+    parser.flag("--json", "print each sample as a JSON object on its own line")
     arguments.add_seconds(parser)
     arguments.add_zenoh_config(parser)
     return calls("spots.remote.subscribe:subscribe_command")

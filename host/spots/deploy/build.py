@@ -113,7 +113,7 @@ def _build(device: Device, target: Path) -> None:
 
 
 def _is_build(target: Path) -> bool:
-    """Return whether a folder may be replaced: empty, or with the file that every build has."""
+    """Return whether a folder may be replaced, because it is empty or contains a build."""
     if target.is_symlink() or not target.is_dir():
         return False
     return (target / CONFIG).is_file() or not any(target.iterdir())

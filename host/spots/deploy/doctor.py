@@ -74,7 +74,7 @@ def doctor(port: str | None = None) -> None:
 
 
 def examine(port: str | None = None) -> Iterator[Finding]:
-    """Yield the result of each check of a port and its board; stop if others cannot follow."""
+    """Check a port and its board; yield each result, and stop if no further check is possible."""
     flash = "" if scheme_name(port) else "; to flash the board: spots flash BOARD"
     if not scheme_name(port):
         try:

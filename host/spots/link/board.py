@@ -79,7 +79,7 @@ class Board:
     Raises
     ------
     SpotsError
-        If no board answers, or its protocol version is another one.
+        If no board answers, or the board has another protocol version.
 
     Examples
     --------
@@ -143,7 +143,7 @@ class Board:
         """State of the connection: ``connected``, or the reason why no readings arrive.
 
         ``stalled``: the port exists, but the board or its sensor sends nothing. ``lost``: the board
-        is unplugged, and its port is searched. ``refused``: another board is on the port.
+        is unplugged, and its port is searched for. ``refused``: another board is on the port.
         ``closed``: the program has closed the board.
         """
         return "closed" if self._closed else self._loss.state(self.now_s())
@@ -587,8 +587,8 @@ class Board:
     def _checked(self, reply: Text | None) -> Hello:
         if reply is None:
             raise SpotsError(
-                f"the device on {self.port} does not answer 'hello': it is no SPOTS board, or its "
-                "firmware does not run; name another port, or flash the board"
+                f"the device on {self.port} does not answer 'hello': it is not a SPOTS board, or "
+                "its firmware does not run; name another port, or flash the board"
             )
         version = reply.content.get("protocol")
         if version != PROTOCOL:

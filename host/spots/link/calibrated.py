@@ -33,7 +33,7 @@ def hello_calibrated(board: Board) -> Hello:
 
 
 def next_step(info: Hello) -> str | None:
-    """Return advice for a board whose ``hello`` shows no calibration; None if it has one."""
+    """Return advice if a board's ``hello`` shows no calibration, else None."""
     return None if info.get("length_um") else "next: spots calibrate position"
 
 
@@ -58,13 +58,13 @@ def hello_often(
     Raises
     ------
     SpotsError
-        If the board is slower, or has no calibration for its present settings.
+        If the board is too slow, or has no calibration for its present settings.
     """
     info = hello_calibrated(board)
     every_s = info["exposure_us"] * info["average"] * 1e-6
     if every_s > within_s:
         raise SpotsError(
-            f"the board takes a reading every {every_s:g} s, and this application needs one every "
+            f"the board takes a reading every {every_s:g} s, but this application needs one every "
             f"{within_s:g} s: {remedy}"
         )
     return info

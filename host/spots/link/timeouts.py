@@ -167,6 +167,6 @@ class LinkLoss:
         return newly
 
     def plug(self, now_s: float) -> None:
-        """Record that the board is reconnected; the question whether it restarted is due now."""
+        """Record that the board is reconnected, and make the question about a restart due now."""
         self._unplugged_s = _NEVER
         self.ask_s = self._expected_s = now_s

@@ -17,10 +17,10 @@ _CAUSES = {
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
     ),
     decode.LED_OFF: (
-        "the board keeps measuring its dark frame; next: lift all fingers, keep the light steady"
+        "the board keeps measuring its dark frame; next: lift all fingers and keep the light steady"
     ),
     decode.MISFIT: (
-        "the spectrum is not that of one press; next: lift all fingers and wipe the strip; if "
+        "the spectrum does not fit one press; next: lift all fingers and wipe the strip; if "
         "that changes nothing, re-zero the strip: spots rezero"
     ),
 }

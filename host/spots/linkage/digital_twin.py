@@ -189,7 +189,7 @@ class Twin:
             if not angles or angles[-1].time_s < now_s - _SILENT_S
         ]
         names = " and ".join(silent)
-        return f"no angle of {names}: check that its indenter presses the strip" if silent else ""
+        return f"no angle of {names}: check that the indenter presses the strip" if silent else ""
 
     def _moments(self) -> list[float]:
         """Return the times of new readings, up to the latest time that both joints have reached.

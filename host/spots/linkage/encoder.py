@@ -165,7 +165,7 @@ class Encoder:
         return low_um - slack_um <= position_um <= high_um + slack_um
 
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
-        """Update the direction of movement if the indenter moved by more than its noise.
+        """Update the direction of movement if the indenter has moved by more than the noise.
 
         One reading detects a large movement; the means of several readings detect a small one.
 

@@ -91,7 +91,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
     source : Source
         The twin and its boards.
     points : Path
-        Table of points; created, or continued if it exists.
+        Table of points. An existing table is continued.
     ask : callable
         Function that takes a question and returns the answer.
     say : callable

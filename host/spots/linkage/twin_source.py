@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each board must belong to its joint's calibration, which is uploaded to it.
+    Each board must belong to its joint's calibration, which is uploaded to that board.
 
     Parameters
     ----------
@@ -198,8 +198,8 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
     used, needed = info.get("calibration"), checksum(list(strip.lines))
     if used != needed:
         raise SpotsError(
-            f"joint {number}, {board.port}: it uses calibration {used}, but the linkage file names "
-            f"calibration {needed}: name the calibration file that was on the board"
+            f"joint {number}, {board.port}: the board uses calibration {used}, but the linkage "
+            f"file names calibration {needed}: name the calibration file that was on the board"
         )
 
 
@@ -216,7 +216,7 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     if missing:
         raise SpotsError(
             f"no board {' and no board '.join(missing)}, with which the joints were calibrated: "
-            f"plug it in, or name ports with --port; there is {', '.join(there) or 'no board'}"
+            f"plug it in, or name ports with --port; found: {', '.join(there) or 'no board'}"
         )
     for name in there.keys() - set(wanted):
         there[name].close()

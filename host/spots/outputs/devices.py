@@ -44,7 +44,7 @@ REST = State(0, 0, 0, 0)
 
 
 class Output:
-    """Output device that releases everything when it is closed, even after an exception.
+    """Output device that releases all keys and buttons when closed, even after an exception.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ def open_gamepad(dry_run: bool) -> Gamepad:
         return PrintedGamepad()
     if not sys.platform.startswith("linux"):
         raise SpotsError(
-            "this program can emulate a gamepad only on Linux:  let the board be the gamepad "
+            "this program can emulate a gamepad only on Linux: let the board be the gamepad "
             "('spots command gamepad on'), or use --dry-run"
         )
     return UInputGamepad()

@@ -217,7 +217,7 @@ class Arrays:
 
     @property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """The arrays, in this order."""
+        """The four arrays: touches, spectra, keys and contacts."""
         return self.touches, self.spectra, self.keys, self.contacts
 
 

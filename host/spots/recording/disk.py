@@ -15,7 +15,7 @@ _SYNC_EVERY_S = 1.0
 class Disk:
     """A new file. Its bytes go to the operating system at once, and to the medium once a second.
 
-    If the process is killed, no appended byte is lost; in a power cut, about the last second is.
+    If the process is killed, no appended byte is lost; a power cut loses about the last second.
     A thread waits for the medium, so `append` does not wait.
 
     Parameters

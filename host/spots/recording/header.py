@@ -54,7 +54,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     calibration : list of str or None
         Lines of the board's calibration, if the host knew them.
     restarts : int
-        Number of restarts of the board from its opening to the start of the recording.
+        Number of restarts of the board after it was opened and before the recording began.
     """
 
     recording: int

@@ -21,7 +21,7 @@ def record(
     rotate_bytes: int | None,
     calibration: list[str] | None,
 ) -> None:
-    """Record a board until the time is over or Ctrl-C, and show the progress on stderr.
+    """Record a board until the time is over or until Ctrl-C; show the progress on stderr.
 
     Parameters
     ----------

@@ -27,8 +27,8 @@ class Table(NamedTuple):
     columns : dict
         NumPy type of each column, by its name; ``"U"`` for a text, a tuple for a type with a shape.
         The first columns are the same in every table: ``time_s`` (time of the measurement; of a
-        text, the time of arrival) and ``arrived_s``, both since the recording began; ``sensor``;
-        ``sequence``; ``t_us``.
+        text, the time of arrival) and ``arrived_s``, both in s since the recording began;
+        ``sensor``; ``sequence``; ``t_us``.
     """
 
     name: str

@@ -73,7 +73,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Answer the queries `asked` with a reply to `command`; return whether there was one."""
+        """Answer the queries `asked`; return whether the board replied to `command`."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None

@@ -15,9 +15,9 @@ PLAIN_LINES_PER_S = 4
 
 
 def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None = None) -> None:
-    """Show a board's readings until the time is over or Ctrl-C.
+    """Show a board's readings until the time is over or until Ctrl-C.
 
-    On a terminal they are a live picture, elsewhere plain lines.
+    A terminal shows a live picture; any other output gets plain lines.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
     quiet : bool
         Whether to print nothing.
     judge : Judge, optional
-        Compares the readings with a known truth.
+        Compares the readings with the true values, if these are known.
 
     Raises
     ------

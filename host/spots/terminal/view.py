@@ -1,4 +1,4 @@
-"""Draws a strip, its spectrum and the link in the terminal."""
+"""Draws a strip, its spectrum and the state of the link in a terminal."""
 
 import math
 from collections import deque
@@ -39,21 +39,21 @@ _FLAG_WORDS = {
 
 
 class Judge(Protocol):
-    """Compares the readings of a run with its known truth."""
+    """Compares readings with known true values."""
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading with the truth.
+        """Compare a reading with the true values.
 
         Parameters
         ----------
         touch : Touch
             The reading.
         arrived_s : float
-            Time of its arrival, in seconds of the link's clock.
+            Time of the reading's arrival, in seconds of the link's clock.
         """
 
     def facts(self) -> dict:
-        """Return values to show: ``link``, added to the row of the link, and ``rows``, a list."""
+        """Return texts to show: ``link``, for the row of the link, and ``rows``, more rows."""
 
 
 class StripView:
@@ -84,7 +84,7 @@ class StripView:
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
 
     def take(self, frame: Frame) -> None:
-        """Take a frame into the picture."""
+        """Add a frame to the picture."""
         if isinstance(frame, Touch):
             self._touch = frame
             self._trace.append(frame)
@@ -99,7 +99,7 @@ class StripView:
         stats : LinkStats
             Statistics of the link, shown below the strip.
         judge : Judge, optional
-            Source of the errors to show, if the truth is known.
+            Source of the errors to show, if the true values are known.
 
         Returns
         -------
@@ -184,7 +184,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
     counts : sequence of float
         Counts of the channels.
     least : float
-        Count of a full bar, unless a channel has more.
+        Count at which a bar has full length, unless a channel has a larger count.
 
     Returns
     -------
@@ -204,7 +204,7 @@ def strip_columns() -> int:
 
 
 def bar(share: float) -> str:
-    """Return a bar of block characters; `share` is its length, 1 for the longest."""
+    """Return a bar of block characters; a `share` of 1 gives the longest bar."""
     eighths = round(max(0.0, min(share, 1.0)) * (strip_columns() - _BAR_LEFT) * 8)
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
@@ -230,7 +230,7 @@ def _is_felt(touch: Touch) -> bool:
 
 
 def flag_words(touch: Touch) -> list[str]:
-    """Return a word for each flag of a reading that explains why it is untrusted."""
+    """Return the reasons why a reading is untrusted: a word for each flag that is set."""
     return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
 
 
@@ -242,7 +242,7 @@ def plain(touch: Touch, started_s: float) -> str:
     touch : Touch
         A reading with its host time.
     started_s : float
-        Host time of the first reading, in seconds; the line has the time since then.
+        Host time of the first reading, in seconds; the line shows the time since then.
 
     Returns
     -------
@@ -270,7 +270,7 @@ class Pace:
         self._next_s = float("-inf")
 
     def due(self, now_s: float) -> bool:
-        """Return whether to redraw now; True at most `per_s` times a second."""
+        """Return whether to redraw now: True at most `per_s` times a second."""
         if now_s < self._next_s:
             return False
         self._next_s = now_s + self._every_s

@@ -1,7 +1,7 @@
 """The web application: static files, a WebSocket for the state, and recordings if allowed.
 
-No message from a browser changes a board. A browser acknowledges each message that it has drawn,
-and then gets the newest state. No messages are queued for it, here or in sockets.
+No message from a browser changes a board. A browser acknowledges each message after drawing it, and
+then gets the newest state. Messages to a browser are never queued, neither here nor in sockets.
 """
 
 import asyncio
@@ -42,7 +42,7 @@ _DAMAGED = (HttpProcessingError, web.RequestPayloadError, PayloadEncodingError)
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
-    """Whether a log record is about this program, not about a damaged request."""
+    """Return whether a log record reports a fault of this program, and not a damaged request."""
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, (*_DAMAGED, ConnectionError))
 

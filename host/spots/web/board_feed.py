@@ -1,4 +1,4 @@
-"""A thread that reads a board for the web UI, and reconnects after the board was unplugged."""
+"""A thread that reads a board for the web UI, and reconnects to it after it was unplugged."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ _HEALTH_PER_S = 2
 _RATE_OVER_S = 2.0  # time over which rate and latency are computed
 # Cause and next step while the strip cannot be read.
 _NEXT = {
-    SEARCHING: "no board found; next: plug one in, or name its port with --port",
+    SEARCHING: "no board found; next: plug a board in, or name its port with --port",
     STALLED: "the board sends no readings; next: wait a moment, or press its reset button",
-    LOST: "the board is disconnected; next: check its plug, and the web UI finds it again",
-    REFUSED: "this is another board; next: plug the first one in, or restart 'spots serve'",
+    LOST: "the board is disconnected; next: plug the board in again, and wait a moment",
+    REFUSED: "this is another board; next: plug the first board in, or restart 'spots serve'",
 }
 
 
 class BoardReader:
-    """Reads a board into a state, in a thread, until it is stopped.
+    """Reads a board in a thread, and puts the readings into a state, until `stop` is called.
 
     Parameters
     ----------
     open_board : callable
-        Function that takes the id of the board to find again, or None for any board. It returns
-        the open board, or raises SpotsError.
+        Function that takes the id of the board to find again, or None for any board. The function
+        returns the open board, or raises SpotsError.
     layout : KeyLayout
         Key layout to show.
     state : PageState
@@ -83,7 +83,7 @@ class BoardReader:
         self._thread.start()
 
     def stop(self, timeout_s: float = 5.0) -> None:
-        """Stop the thread and close the board; wait at most `timeout_s` seconds for it."""
+        """Stop the thread and close the board; wait at most `timeout_s` seconds for the thread."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(timeout_s)
@@ -95,7 +95,7 @@ class BoardReader:
                 self._stopping.wait(self._search_every_s)
 
     def _attempt(self) -> bool:
-        """Read a board until it restarts. Return False if it cannot be read."""
+        """Read a board until the board restarts; return False if the board cannot be read."""
         try:
             with self._open_board(self._id) as board:
                 self._read(board)
@@ -191,7 +191,7 @@ _FACTS = (
 
 
 class _Health:
-    """Puts rate, losses and latency of a link into a state, twice a second."""
+    """Puts the rate, the losses and the latency of a link into a state, twice a second."""
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
@@ -199,12 +199,12 @@ class _Health:
         self._pace = Pace(_HEALTH_PER_S)
 
     def took(self, now_s: float, latency_s: float) -> None:
-        """Count a reading; arrival time by the link's clock and latency in seconds."""
+        """Count a reading, with its arrival time (link's clock) and latency in seconds."""
         self._latest.append((now_s, latency_s))
         self.show()
 
     def show(self) -> None:
-        """Put the figures into the state if half a second has passed."""
+        """Put the values into the state if half a second has passed."""
         if not self._pace.due(time.monotonic()):
             return
         latest, stats = self._latest, self._board.stats
@@ -243,7 +243,7 @@ def finder(
     Raises
     ------
     SpotsError
-        If a file of the virtual board is wrong.
+        If a file of the virtual board is invalid.
     """
     module, rest = scheme(port)
     simulated = {"sensor": sensor, "scenario": scenario, "seed": seed}

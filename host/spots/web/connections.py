@@ -12,9 +12,9 @@ CONNECTION_S = 30.0
 class Connections:
     """Limits the number and the duration of connections that are not WebSockets.
 
-    If there are too many, the oldest connection is closed. So a client that opens many connections
-    and sends nothing cannot keep browsers out: a browser sends its request at once, and reconnects
-    after its connection was closed.
+    If there are too many connections, the oldest one is closed. So a client that opens many
+    connections and sends nothing cannot keep browsers out: a browser sends its request at once, and
+    reconnects if its connection is closed.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Connections:
 
 
 class _Counted(asyncio.Protocol):
-    """Delegates to a protocol, and reports the begin and the end of its connection."""
+    """Delegates to a protocol, and reports the start and the end of the connection."""
 
     def __init__(self, protocol: asyncio.Protocol, connections: Connections):
         self._connections = connections

@@ -1,4 +1,4 @@
-"""Spectra that a board's calibration expects, for the web UI to draw over the counts."""
+"""Spectra that a board's calibration expects, which the web UI draws over the counts."""
 
 from spots_device.calibration import CalibrationError
 from spots_device.decode import DARK_SAMPLES
@@ -23,8 +23,9 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     Returns
     -------
     dict or None
-        ``from_um`` and ``step_um`` of the positions, ``logs`` of the spectra there, and ``dark``
-        counts. None if the calibration of the board is unknown to this program, or invalid.
+        ``from_um`` and ``step_um`` of the positions, ``logs`` of the spectra at these positions,
+        and ``dark`` counts. None if this program does not know the board's calibration, or if the
+        calibration is invalid.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:

@@ -22,7 +22,7 @@ _BUTTONS = 3
 
 
 class Feel:
-    """Runs the applications on readings, and puts their output into a state.
+    """Runs the applications on a board's readings, and puts their output into a state.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Feel:
         touch : Touch
             The next reading of the strip.
         now_s : float
-            Time at which it arrived, in seconds by the link's clock.
+            Time at which the reading arrived, in seconds by the link's clock.
         """
         self._state.put("touch", _message(touch, now_s))
         self._untrusted.take(touch, now_s)
@@ -78,7 +78,7 @@ class Feel:
             self.key(key.page, key.usage, key.modifiers, key.pressed)
 
     def tick(self, now_s: float) -> None:
-        """Update the timeouts of the applications; call this also without readings."""
+        """Update the timeouts of the applications; call this regularly, even without readings."""
         for engine in self._engines:
             engine.tick(now_s)
         self._show()
@@ -92,7 +92,7 @@ class Feel:
             self._state.put(name, None)
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Add a key event to the state, with the place of its key in the layout.
+        """Add a key event to the state, with the key's zone in the layout.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class Feel:
 
 
 def layout_shown(layout: KeyLayout) -> dict:
-    """Return a layout as JSON for the web UI: names, places and labels of its keys."""
+    """Return a layout as JSON for the web UI: names, zones and labels of the keys."""
     return {
         "name": layout.name,
         "layers": {

@@ -19,17 +19,17 @@ _PORT_MAX = 65_535
 class Guard:
     """Refuses requests with a foreign ``Host`` or ``Origin`` header, or without the token.
 
-    Another website can make a browser send requests to this server, also under its own domain name
-    (DNS rebinding). The browser then sends this name in ``Host``, and the website in ``Origin``.
-    A website cannot forge these headers.
+    Another website can make a browser send requests to this server, even under the website's own
+    domain name (DNS rebinding). The browser then sends that domain name in ``Host`` and the website
+    in ``Origin``. A website cannot forge these headers.
 
     Parameters
     ----------
     address : str
         IP address that the server listens on.
     token : str or None
-        Secret that is needed for commands; for all requests, if `address` is not a loopback
-        address. With None all commands are refused.
+        Secret that commands need. All requests need it if `address` is not a loopback address.
+        If None, all commands are refused.
     """
 
     def __init__(self, address: str, token: str | None):
@@ -39,7 +39,7 @@ class Guard:
         self._names = {"localhost"} if self._loopback else {"localhost", name, name + ".local"}
 
     def middleware(self):
-        """Return the check as a middleware for aiohttp."""
+        """Return a middleware for aiohttp that checks each request."""
 
         @web.middleware
         async def check(request: web.Request, handler):
@@ -90,7 +90,7 @@ class Guard:
 
 
 def host_of(request: web.Request) -> tuple[str, int] | None:
-    """Return host and port from the ``Host`` header of a request; None if it is invalid."""
+    """Return host and port from the ``Host`` header of a request; None if the header is invalid."""
     hosts = request.headers.getall("Host", [])
     match = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
     if match is None:

@@ -1,4 +1,4 @@
-"""Rate of messages to a browser: as high as the browser draws without delay."""
+"""Controls the rate of messages to a browser: as high as the browser can draw without delay."""
 
 import asyncio
 from collections.abc import Callable
@@ -15,9 +15,9 @@ _SLOWER, _FASTER = 1.25, 0.99
 class PagePace:
     """Rate control for one browser window, from the times of messages and acknowledgements.
 
-    On a busy processor more messages only wait longer. So after a message that was drawn late the
-    interval grows by 25 %, and after each other message it shrinks by 1 %. Windows that share a
-    processor find the rate that it can draw.
+    On a busy processor, a higher rate only makes messages wait longer. So after a message that was
+    drawn late, the interval grows by 25 %; after any other message it shrinks by 1 %. Windows that
+    share a processor thus find the rate that the processor can draw.
 
     Parameters
     ----------
@@ -43,11 +43,11 @@ class PagePace:
 
     @property
     def full(self) -> bool:
-        """Whether no more messages may be sent until one is drawn."""
+        """Whether no message may be sent until the browser has drawn another one."""
         return self.sent - self.drawn >= WINDOW
 
     async def room(self) -> None:
-        """Wait until one more message may be sent."""
+        """Wait until another message may be sent."""
         while self.full:
             self._drew.clear()
             await self._drew.wait()
@@ -68,19 +68,19 @@ class PagePace:
         self._drew.set()
 
     def ping(self) -> bytes:
-        """Return the payload of a new ping. A browser answers it even while it draws."""
+        """Return the payload of a new ping. A browser answers a ping even while drawing."""
         self._pinged = str(self.sent).encode(), self._now_s()
         return self._pinged[0]
 
     def pong(self, payload: bytes) -> None:
-        """Handle a pong; one that does not answer the last ping is ignored."""
+        """Handle a pong; ignore a pong that does not answer the last ping."""
         asked, asked_s = self._pinged
         if payload == asked:
             self.answered(self._now_s() - asked_s)
 
     def answered(self, way_s: float) -> None:
-        """Record the round-trip time of a ping, in seconds; the least one is used.
+        """Record the round-trip time of a ping, in seconds; the smallest time is used.
 
-        A ping needs no drawing, but on a busy processor its answer is late, too.
+        A ping needs no drawing, but a busy processor delays its answer, too.
         """
         self._way_s = way_s if self._way_s is None else min(self._way_s, way_s)

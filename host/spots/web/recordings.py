@@ -1,4 +1,4 @@
-"""Recordings that a browser starts and stops: the web server asks, the reader's thread records."""
+"""Recordings that a browser starts and stops; the thread that reads the board writes them."""
 
 import re
 import sys
@@ -25,7 +25,7 @@ class Recordings:
     Parameters
     ----------
     folder : Path
-        Folder for the recordings; a file is named by date and board.
+        Folder for the recordings; file names consist of date and board.
     state : PageState
         State that gets the part ``recording``.
 
@@ -51,7 +51,7 @@ class Recordings:
         Returns
         -------
         concurrent.futures.Future
-            Its result is None when the request is done; its exception is SpotsError on failure.
+            Future of the request: its result is None, or its exception is a SpotsError.
         """
         answer: Future = Future()
         self._asked.put((word, answer))
@@ -78,7 +78,7 @@ class Recordings:
             self._show(board, on=True)
 
     def leave(self) -> None:
-        """Record that the board is closed, which ends its recording."""
+        """Handle the end of the board's connection, which ends its recording."""
         self._attended = False
         self._recorder = None
         self._put({**self._shown, "on": False})

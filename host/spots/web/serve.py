@@ -1,4 +1,4 @@
-"""``spots serve``: readers of boards and a web server, until Ctrl-C."""
+"""``spots serve``: runs readers of boards and a web server until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class Server:
     state : PageState
         State to show.
     address : str
-        IP address of this machine to listen on. With another address than a loopback one, every
-        browser needs the token.
+        IP address of this machine to listen on. Unless this is a loopback address, every browser
+        needs the token.
     port : int
         TCP port to listen on; 0 for any free port.
     recordings : Recordings, optional
-        Recordings that a browser with the token may start and stop. The reader of the board must
-        have the same object.
+        Recordings that a browser with the token may start and stop. Pass the same object to the
+        reader of the board.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ def serve_command(options: argparse.Namespace) -> None:
     if options.record_to is not None:
         if options.linkage is not None or any(map(is_recording, ports)):
             raise SpotsError(
-                "--record-to works with one board, not with --linkage or a recording: leave it out"
+                "--record-to works with one board: do not use it with --linkage or a recording"
             )
         recordings = Recordings(Path(options.record_to), state)
     if options.linkage is None:
@@ -152,7 +152,7 @@ def serve(
     port : int
         TCP port to listen on; 0 for any free port.
     readers : list of BoardReader
-        Readers that fill the state; they are started and stopped here.
+        Readers that fill the state. This function starts and stops them.
     on_start : callable, optional
         Called with the address of the web UI.
     recordings : Recordings, optional
@@ -184,7 +184,7 @@ def _ended_by_sigterm() -> asyncio.Event:
 
 
 def _outward(address: str) -> str:
-    """Return the address of this machine in its network; no packet is sent to find it."""
+    """Return this machine's address in its network, without sending a packet."""
     six = ":" in address
     with socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

@@ -1,7 +1,7 @@
 """State of the web UI: the newest value of each part, and the last events in order.
 
-One thread writes, any number of clients read. A client is only a pair of numbers, so a slow client
-costs nothing. It misses values that were overwritten before it read them.
+One thread writes, and any number of clients read. A client is only a pair of numbers, so a slow
+client costs nothing. A client misses values that were overwritten before it read them.
 """
 
 import threading
@@ -28,7 +28,7 @@ class Cursor(NamedTuple):
 
 
 class PageState:
-    """Parts by name, and events.
+    """State of the web UI: named parts and a list of events.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class PageState:
         self.on_change()
 
     def begin(self) -> Cursor:
-        """Return the cursor of a new client, which gets all parts and the events from now on."""
+        """Return the cursor of a new client, for whom all parts and all later events are new."""
         with self._lock:
             return Cursor(0, self._added)
 
@@ -79,8 +79,8 @@ class PageState:
         cursor : Cursor
             Cursor for the next call.
         news : dict
-            Changed parts by name. ``events`` is a list of new events, if there are any. ``missed``
-            is the number of events that were dropped before these, if any.
+            Changed parts by name. If there are new events, ``events`` is the list of them. If older
+            events were dropped unread, ``missed`` is their number.
         """
         with self._lock:
             news = {

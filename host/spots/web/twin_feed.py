@@ -1,4 +1,4 @@
-"""A linkage in the web UI: readings of both joints in, the part ``twin`` of a state out."""
+"""A linkage in the web UI: computes a state's part ``twin`` from the readings of both joints."""
 
 import math
 import threading
@@ -23,7 +23,7 @@ _TRAIL = 1000
 
 
 class TwinFeed:
-    """Follows a linkage and puts its twin into a state; a thread may read each joint.
+    """Follows a linkage and puts its twin into a state. Each joint may have a thread of its own.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """State of a board that is not shown itself; it only reports the loss of the board."""
+    """State of a board that the web UI does not show; it only reports the loss of the board."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
@@ -136,7 +136,7 @@ def linkage_readers(
     Raises
     ------
     SpotsError
-        If a file is wrong, or one or more than two ports are named.
+        If a file is invalid, or the number of ports is neither 0 nor 2.
     """
     twin, strips = loaded(linkage, ports)
     # One search at a time: a board that answers one search is busy for the other.
@@ -155,7 +155,7 @@ def linkage_readers(
 
 
 def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:
-    """Return the readers of the two boards of a linkage that opens them itself.
+    """Return the readers of the two boards of a linkage that opens its boards itself.
 
     Parameters
     ----------
