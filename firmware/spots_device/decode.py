@@ -76,10 +76,8 @@ class Decode:
         scratch = self._scratch
         reading = self._reading
         found = estimate(calibration, sums, samples, dark, self.dark_samples, scratch, reading)
-        self.contrast = reading[0]
-        self.brightness = reading[1]
-        self.position_um = reading[2]
-        self.force_mN = force_mN = reading[3]
+        self.contrast, self.brightness, self.position_um, force_mN = reading
+        self.force_mN = force_mN
         misfit, tolerance = scratch[2], scratch[1]
         if found:
             flags |= TOO_DARK
@@ -92,14 +90,14 @@ class Decode:
                 # Drift shifts the misfit of every press alike. The first four readings of a touch,
                 # when one finger is alone, measure this shift: the first touch to 1/16, later ones
                 # slowly, because fingers may come together. A reading that fits one press up to the
-                # shift is untrusted, but good enough for a key, see contact.TWO_FIT. A shift of 100
-                # (Q12) is a position error of up to 3 % of the length.
+                # shift is untrusted, but good enough for a key, see contact.TWO_FIT.
                 if not touching:
                     self._learns = 4
                 if self._learns:
                     self._learns -= 1
                     drift = self._drift + (misfit - self._drift >> self._shift)
-                    self._drift = min(max(drift, -100), 100)
+                    limit = calibration.drift_max
+                    self._drift = min(max(drift, -limit), limit)
                     if not self._learns:
                         self._shift = 3
                 if flags & MISFIT and abs(misfit - self._drift) <= tolerance:

@@ -160,7 +160,7 @@ def test_a_misfit_that_begins_within_a_touch_is_good_for_nothing(decoder):
 
 
 def test_a_misfit_too_large_for_a_drift_is_good_for_nothing(decoder):
-    shifted(decoder, 100 + 2 * max(decoder.calibration.tolerances[-1], 50))
+    shifted(decoder, decoder.calibration.drift_max + 100)
     for _ in range(50):
         decoder.update(LIT, 1, NO_DARK, 0)
         assert decoder.flags == FLAWED
