@@ -42,6 +42,8 @@ class Rig:
         Noise of the counts, measured from these presses.
     lines : tuple of str
         Lines of the calibration, without the shift of `shift`.
+    used : tuple of str
+        Lines on the board, with it.
     """
 
     def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
@@ -108,7 +110,8 @@ class Rig:
     def _use(self) -> None:
         check_light(self.along[0], self._pressed)
         self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
-        upload(self.board, shifted(self.lines, *self._shift) if self._shift else self.lines)
+        self.used = tuple(shifted(self.lines, *self._shift)) if self._shift else self.lines
+        upload(self.board, self.used)
         self.board.command(f"set average={self.average}")
         self._dark = np.array(self._dark_frame()) / DARK_SAMPLES
         self.board.command("stream touch spectrum")
