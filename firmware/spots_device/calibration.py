@@ -97,6 +97,9 @@ class Calibration:
     ----------
     conditions : Conditions
         Board and settings with which the calibration was made.
+    drift_max : int
+        Largest shift of the misfit (Q12) by a drift with which a strip still types. The drift of an
+        LED that shifts the misfit as much moves positions by 3 or 4 % of the length.
     """
 
     def __init__(self, lines, strain_ppm=0):
@@ -128,6 +131,8 @@ class Calibration:
         self.segments = tuple(
             Segment(weights, _table("x", knots)) for weights, knots in zip(seen["segment"], tables)
         )
+        coarse = sum(map(abs, self.coarse)) >> 1
+        self.drift_max = (self.bounds[-1] - self.bounds[0]) // max(1, coarse)
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
 
     def mismatch(self, conditions, mains_hz=0):

@@ -33,7 +33,8 @@ from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHI
 from .second import locate, power
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
-# Flags of a reading of two fingers whose spectrum fits one press: never trusted.
+# Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
+# drifted, or there are two fingers.
 TWO_FIT = MISFIT | TOO_DARK
 _BLIND = NOT_CALIBRATED | SATURATED
 # Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits. Both wrap at

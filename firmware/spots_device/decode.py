@@ -46,6 +46,8 @@ class Decode:
         self.dark_samples = 4
         self.flags = NOT_CALIBRATED
         self.contrast = self.brightness = self.position_um = self.force_mN = 0
+        self._drift = self._learns = 0
+        self._shift = 1
         self._scratch = array("i", bytes(4 * SCRATCH))
         self._reading = array("i", bytes(4 * 4))
 
@@ -71,18 +73,33 @@ class Decode:
             # Without light a touch cannot be detected: the state of the touch does not change.
             self.flags = flags | self.flags & TOUCHING
             return
+        scratch = self._scratch
         reading = self._reading
-        found = estimate(
-            calibration, sums, samples, dark, self.dark_samples, self._scratch, reading
-        )
-        self.contrast = reading[0]
-        self.brightness = reading[1]
-        self.position_um = reading[2]
-        self.force_mN = force_mN = reading[3]
+        found = estimate(calibration, sums, samples, dark, self.dark_samples, scratch, reading)
+        self.contrast, self.brightness, self.position_um, force_mN = reading
+        self.force_mN = force_mN
+        misfit, tolerance = scratch[2], scratch[1]
         if found:
-            flags |= TOO_DARK if found == 1 else MISFIT
+            flags |= TOO_DARK
+        elif calibration and abs(misfit) > tolerance:
+            flags |= MISFIT
         if force_mN:
             touching = self.flags & TOUCHING
             if force_mN >= (calibration.touch_off_mN if touching else calibration.touch_on_mN):
                 flags |= TOUCHING
+                # Drift shifts the misfit of every press alike. The first four readings of a touch,
+                # when one finger is alone, measure this shift: the first touch to 1/16, later ones
+                # slowly, because fingers may come together. A reading that fits one press up to the
+                # shift is untrusted, but good enough for a key, see contact.TWO_FIT.
+                if not touching:
+                    self._learns = 4
+                if self._learns:
+                    self._learns -= 1
+                    drift = self._drift + (misfit - self._drift >> self._shift)
+                    limit = calibration.drift_max
+                    self._drift = min(max(drift, -limit), limit)
+                    if not self._learns:
+                        self._shift = 3
+                if flags & MISFIT and abs(misfit - self._drift) <= tolerance:
+                    flags |= TOO_DARK
         self.flags = flags

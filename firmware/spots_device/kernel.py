@@ -103,7 +103,8 @@ def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
     samples, dark_samples : int
         Samples in the reading and in the dark sums.
     scratch : sequence of int
-        Work array with `SCRATCH` elements.
+        Work array with `SCRATCH` elements. If the position is known, element 2 is the misfit to
+        one press and element 1 its tolerance, both in Q12.
     reading : sequence of int
         Output: contrast and brightness in Q20 of log2, position in um, force in mN. Unknown values
         are 0.
@@ -111,7 +112,7 @@ def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
     Returns
     -------
     int
-        1 if the light is too low for a position, 2 if the spectrum does not fit one press, else 0.
+        1 if the light is too low for a position, else 0.
     """
     for i in range(4):
         reading[i] = 0
@@ -130,10 +131,10 @@ def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
     if brightness < calibration.brightnesses[0]:
         return 1
     reading[2] = scratch[0]
-    misfit = abs(fit - scratch[1])
+    scratch[2] = fit - scratch[1]
     look_up(calibration.brightnesses, calibration.columns, brightness, scratch)
     reading[3] = scratch[0]
-    return 2 if misfit > scratch[1] else 0
+    return 0
 
 
 def _take_logs(sums, samples, dark, dark_samples, logs):

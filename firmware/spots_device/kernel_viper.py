@@ -171,17 +171,10 @@ def estimate(
     if brightness < least:
         return 1
     reading[2] = logs[0]
-    misfit = fit - logs[1]
-    misfit -= (misfit >> 31) + 1 >> 1 << 16 << 16
-    if misfit < 0:
-        misfit = 0 - misfit
+    logs[2] = fit - logs[1]
 
     look_up(calibration.brightnesses, calibration.columns, brightness, scratch)
     reading[3] = logs[0]
-    tolerance = logs[1]
-    tolerance -= (tolerance >> 31) + 1 >> 1 << 16 << 16
-    if misfit > tolerance:
-        return 2
     return 0
 
 

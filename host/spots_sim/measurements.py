@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spots_device.calibration import Calibration
-from spots_device.decode import TOO_DARK
+from spots_device.decode import TOO_DARK, TOUCHING
 
 from .bound import Bound
 from .change import NAMES, NONE, Change
@@ -324,7 +324,7 @@ def _threshold_mN(rig: Rig) -> float:
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2
         readings, _ = rig.readings(rig.stage.length_um / 2, middle, 3)
-        if any(r.flags & TOO_DARK for r in readings):
+        if any(r.flags & (TOO_DARK | TOUCHING) == TOO_DARK for r in readings):
             low = middle
         else:
             high = middle

@@ -37,12 +37,16 @@ class Stage:
     settings : str
         Assignments for the command ``set``, such as ``exposure_us=100000``. Under flickering lamps
         `mains_hz` is set first.
+    warm_s : float
+        Time in seconds for which the LED has been on before.
     """
 
-    def __init__(self, sensor: SensorFile, seed: int = 0, settings: str = ""):
+    def __init__(
+        self, sensor: SensorFile, seed: int = 0, settings: str = "", warm_s: float = WARM_S
+    ):
         self.sensor = sensor
         self.held = Held()
-        self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=WARM_S))
+        self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=warm_s))
         if sensor.led.wired != "ldr":
             self.board.command("set led=" + sensor.led.wired)
         if sensor.mains_hz:

@@ -126,6 +126,47 @@ def test_one_channel_no_brighter_than_its_dark_ends_the_touch(decoder, channel):
     assert decoder.flags == decode.TOO_DARK
 
 
+def shifted(made, misfit):
+    """Give `LIT` a misfit (Q12) of which the calibration knows nothing."""
+    for segment in made.calibration.segments:
+        for i in range(len(segment.fits)):
+            segment.fits[i] -= misfit
+
+
+FLAWED = decode.TOUCHING | decode.MISFIT
+KEY = FLAWED | decode.TOO_DARK
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_misfit_that_every_press_has_is_untrusted_but_good_for_a_key(decoder, sign):
+    shifted(decoder, 100 * sign)
+    for _ in range(3):
+        seen = []
+        for _ in range(8):
+            decoder.update(LIT, 1, NO_DARK, 0)
+            seen.append(decoder.flags)
+        decoder.update(NO_DARK, 1, NO_DARK, 0)
+    assert seen == [KEY] * 8
+
+
+def test_a_misfit_that_begins_within_a_touch_is_good_for_nothing(decoder):
+    for _ in range(8):
+        decoder.update(LIT, 1, NO_DARK, 0)
+    assert decoder.flags == decode.TOUCHING
+    shifted(decoder, 100)
+    for _ in range(200):
+        decoder.update(LIT, 1, NO_DARK, 0)
+        assert decoder.flags == FLAWED
+
+
+def test_a_misfit_too_large_for_a_drift_is_good_for_nothing(decoder):
+    shifted(decoder, decoder.calibration.drift_max + 100)
+    for _ in range(50):
+        decoder.update(LIT, 1, NO_DARK, 0)
+        assert decoder.flags == FLAWED
+        decoder.update(NO_DARK, 1, NO_DARK, 0)
+
+
 def test_without_a_calibration_nothing_is_claimed():
     made = decode.Decode()
     made.update(LIT, 1, NO_DARK, 0)

@@ -183,7 +183,7 @@ def a_reading(rng):
 
 def test_estimate(compare, rng):
     cases = [(a_calibration(rng), [a_reading(rng) for _ in range(40)]) for _ in range(5)]
-    compare("estimate", cases, width=5 * 40)
+    compare("estimate", cases, width=7 * 40)
 
 
 def test_accumulate(compare, rng):

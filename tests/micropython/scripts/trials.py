@@ -59,10 +59,13 @@ def estimate(cases, results):
         readings = cases[i][1]
         for j in range(len(readings)):
             case = readings[j]
-            results[at] = kernel.estimate(made, case[1], case[0], case[2], 4, _scratch, _reading)
+            dark = kernel.estimate(made, case[1], case[0], case[2], 4, _scratch, _reading)
+            results[at] = dark
             for k in range(4):
                 results[at + 1 + k] = _reading[k]
-            at += 5
+            for k in range(1, 3):
+                results[at + 4 + k] = 0 if dark else _scratch[k]
+            at += 7
 
 
 def prepare_accumulate(cases):

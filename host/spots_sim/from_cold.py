@@ -1,0 +1,208 @@
+"""A real strip from switching on cold: typing, and a joint: ``python -m spots_sim.from_cold 20``.
+
+The argument is a number of simulated minutes. The strip is calibrated with a warm LED, and has
+changed since by the table ``[change]`` of its sensor file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from spots.calibrate.bench import Bench
+from spots.calibrate.calibration_file import CalibrationFile, Marks, now
+from spots.calibrate.guide import Guide
+from spots.calibrate.rezero import rezero
+from spots.calibrate.session import settings
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import Board
+from spots.link.connect import prepare, upload
+from spots.link.frames import Touch
+
+from .demo_applications import type_on_board
+from .files import ScenarioFile, SensorFile, load
+from .lockstep import LockstepLink
+from .rezeroed import Hand, age
+from .rig import Rig
+from .scenario import Scenario
+from .stage import Stage
+from .stage_presser import StagePresser
+from .typist import Typist
+
+WARM_MIN = 5  # five time constants of the LED
+_SHARES = np.linspace(0.1, 0.9, 31)  # travel of the joint, as shares of the strip
+_READINGS = 6
+_TEST_EVERY = 3  # of these angles
+_SETTLE_S = 0.1
+
+
+def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dict:
+    """Type random digits from the moment at which the board is switched on.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor, with its change since the calibration.
+    minutes : float
+        Duration in simulated minutes.
+    seed : int
+        Random seed of text, touches and noise.
+    rezeroed : bool
+        Whether the strip was re-zeroed once, warm, before.
+
+    Returns
+    -------
+    dict
+        Figures of the run, see `demo_applications.type_on_board`.
+    """
+    rng = np.random.default_rng(seed)
+    with Rig(sensor, seed, 10_000, 1) as rig:
+        age(rig, sensor.change, Hand(3 if rezeroed else 0), seed)
+        lines = rig.shifted_lines
+    somebody = Typist(load_layout("digits"), sensor.length_mm, rng, start_s=3.0)
+    while somebody.seconds < 60 * minutes:
+        somebody.type(str(rng.integers(10)))
+    truth = Scenario(ScenarioFile(seconds=somebody.seconds + 1, touch=somebody.touches))
+    with Board(LockstepLink(sensor, truth, seed)) as board:
+        prepare(board, lines)
+        return type_on_board(board, truth, 0.0, somebody.seconds - board.now_s(), True, "digits")
+
+
+def joint(
+    sensor: SensorFile, minutes: float, seed: int, average: int, warm_min: int = WARM_MIN
+) -> list[dict]:
+    """Measure a joint from the moment at which the board is switched on; re-zero it once.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor, with its change since the calibration.
+    minutes : float
+        Duration in simulated minutes.
+    seed : int
+        Random seed of the noise.
+    average : int
+        Samples of 10 ms in a reading.
+    warm_min : int
+        Minutes from switching on to the re-zero.
+
+    Returns
+    -------
+    list of dict
+        One entry for each minute, measured in its middle: ``minute``, whether it was ``rezeroed``
+        before, and ``accuracy_deg``, the mean absolute error of single readings.
+    """
+    with Rig(sensor, seed, 10_000, average) as rig:
+        conditions, lines = rig.conditions, rig.lines
+        angles, positions = _turn(rig.stage, _SHARES)
+        slope, zero = np.polyfit(positions.ravel(), np.repeat(angles, _READINGS), 1)
+        rig.set_average(1)
+        rig.stage.reader.set_up()
+        at = [_SHARES[i] for i in (0, len(_SHARES) // 2, -1)]
+        marks = _marks(rig.stage, at)
+    made = CalibrationFile(date=now(), **conditions._asdict(), lines=lines, joint_marks=marks)
+    found = []
+    with Stage(sensor, seed + 1, settings(conditions), warm_s=0.0) as stage:
+        stage.held.changed = sensor.change
+        board = stage.board
+        for minute in range(1, round(minutes) + 1):
+            rezeroed = minute > warm_min
+            if minute == warm_min + 1:
+                guide = Guide(Console(file=io.StringIO()))
+                presser = _Stops(stage)
+                bench = Bench(stage.reader, presser, guide, stage.length_um, Path("joint"))
+                upload(board, rezero(bench, made, joint=True).lines)
+            elif minute == 1:
+                upload(board, lines)
+            board.command(f"set average={average}")
+            board.command("stream touch")
+            for _ in board.frames(60 * minute - 30 - board.now_s()):
+                pass
+            angles, positions = _turn(stage, _SHARES[1::_TEST_EVERY])
+            error = slope * positions + zero - angles[:, None]
+            accuracy = round(float(np.abs(error).mean()), 4)
+            found.append({"minute": minute, "rezeroed": rezeroed, "accuracy_deg": accuracy})
+            board.command("set average=1")
+    return found
+
+
+class _Stops(StagePresser):
+    """Turns a joint to its marks."""
+
+    def press(self, wanted) -> None:
+        _hold(self._stage, wanted.angle_deg)
+
+
+def _angle_deg(stage: Stage, share: float) -> float:
+    return (share - _SHARES[0]) * stage.length_um / _um_per_deg(stage)
+
+
+def _um_per_deg(stage: Stage) -> float:
+    return 1000 * stage.sensor.joint.radius_mm * np.pi / 180
+
+
+def _hold(stage: Stage, angle_deg: float, direction: int = 1) -> None:
+    # The indenter lags behind the joint by half its backlash.
+    joint = stage.sensor.joint
+    behind_deg = direction * joint.play_deg / 2
+    start_um = _SHARES[0] * stage.length_um
+    stage.held.bend_deg = angle_deg
+    stage.press(start_um + (angle_deg - behind_deg) * _um_per_deg(stage), joint.force_mN)
+
+
+def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
+    """Turn the joint up and down; return angles (n) and positions in um (n, readings)."""
+    angles, rows = [], []
+    for direction, sweep in ((1, shares), (-1, shares[::-1])):
+        for share in sweep:
+            angle_deg = _angle_deg(stage, share)
+            _hold(stage, angle_deg, direction)
+            begun_s = stage.board.now_s() + _SETTLE_S
+            row = []
+            for frame in stage.board.frames():
+                if isinstance(frame, Touch) and frame.time_s > begun_s and frame.position_um:
+                    row.append(frame.position_um)
+                    if len(row) == _READINGS:
+                        break
+            angles.append(angle_deg)
+            rows.append(row)
+    return np.array(angles), np.array(rows, dtype=float)
+
+
+def _marks(stage: Stage, shares) -> Marks:
+    counts, angles = [], []
+    for share in shares:
+        angles.append(_angle_deg(stage, share))
+        _hold(stage, angles[-1])
+        counts.append(stage.reader.read(200).counts)
+    return Marks(
+        place_um=tuple(share * stage.length_um for share in shares),
+        force_mN=0.0,
+        logs=tuple(tuple(np.log2(row).tolist()) for row in counts),
+        angle_deg=tuple(angles),
+    )
+
+
+def main() -> None:
+    """Parse the command line, and print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("minutes", type=float, nargs="?", default=20.0)
+    parser.add_argument("--sensor", default="real")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--average", type=int, default=4, help="samples of 10 ms (4), of a joint")
+    options = parser.parse_args()
+    sensor = load(SensorFile, options.sensor)
+    for minute in joint(sensor, options.minutes, options.seed, options.average):
+        print(json.dumps(minute), flush=True)
+    for rezeroed in (False, True):
+        figures = typing(sensor, options.minutes, options.seed, rezeroed)
+        print(json.dumps({"rezeroed": rezeroed, **figures, "typed": ""}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""A strip that drifted and was not re-zeroed still types each key that its position hits."""
+
+from collections import Counter
+
+import pytest
+
+from spots.keyboard.key_engine import KeyEngine
+from spots.keyboard.keys import push
+from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Key, Touch
+from spots_sim.change import NAMES
+from spots_sim.files import ChangeInTime, Finger, ScenarioFile
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
+from spots_sim.typist import TypedText
+
+DIGITS, FORCE_MN = "1234567890", 2000
+TEXT = "50284917630918273645"
+START_S, PERIOD_S, RISE_S = 3.0, 0.3, 0.02
+UNTRUSTED = ("die redder", "die bluer", "more blue", "mix")
+DRIFTS = {
+    "die redder": {"die_nm": 1.0},
+    "die bluer": {"die_nm": -1.0},
+    "phosphor redder": {"phosphor_nm": 1.0},
+    "phosphor bluer": {"phosphor_nm": -1.0},
+    "more blue": {"blue_share_percent": 2.0},
+    "filters": {"bands_nm": 0.3},
+    "tilt": {"tilt_percent": 0.5},
+    "bleached": {"dye_percent": -5.0},
+    "mix": {
+        "die_nm": 0.5,
+        "phosphor_nm": 0.5,
+        "blue_share_percent": 1.0,
+        "bands_nm": 0.15,
+        "tilt_percent": 0.25,
+        "dye_percent": -2.5,
+    },
+}
+
+
+class Events:
+    def __init__(self):
+        self.events = []
+
+    def key(self, *event):
+        self.events.append(event)
+
+
+def tap(x_mm, at_s, held_s):
+    points = [(0, 0), (RISE_S, FORCE_MN), (held_s - RISE_S, FORCE_MN), (held_s, 0)]
+    return Finger(points=[(at_s + time_s, x_mm, force) for time_s, force in points])
+
+
+def play(sensor, lines, change, held_s=0.15):
+    """Type `TEXT` on a drifted strip; return what each tap typed, and the readings of taps."""
+    seconds = START_S + PERIOD_S * len(TEXT)
+    fingers = []
+    for i, key in enumerate(TEXT):
+        x_mm = sensor.length_mm * (DIGITS.index(key) + 0.5) / len(DIGITS)
+        fingers.append(tap(x_mm, START_S + PERIOD_S * i, held_s))
+    drift = ChangeInTime(**{name: [(0.0, change[name])] for name in NAMES if name in change})
+    file = ScenarioFile(seconds=seconds + 1, touch=fingers, change=drift)
+    there, here, touches = Events(), Events(), []
+    typed = [""] * len(TEXT)
+    with Board(LockstepLink(sensor, Scenario(file), seed=1)) as board:
+        prepare(board, lines)
+        layout = load("digits")
+        push(board, layout)
+        engine = KeyEngine(layout, board.command("hello")["length_um"], here)
+        board.command("stream touch")
+        for frame in board.frames(seconds - board.now_s()):
+            if isinstance(frame, Touch):
+                engine.take(frame, board.now_s())
+                if frame.touching:
+                    touches.append(frame)
+            elif isinstance(frame, Key):
+                there.key(*frame[3:7])
+                if frame.pressed:
+                    text = TypedText()
+                    text.key(*frame[3:7])
+                    typed[int((frame.time_s - START_S) / PERIOD_S)] += text.text
+    assert here.events == there.events
+    return typed, touches
+
+
+def counted(typed):
+    return Counter(
+        "right" if got == wanted else "wrong" if got else "silent"
+        for wanted, got in zip(TEXT, typed)
+    )
+
+
+@pytest.mark.parametrize("name", DRIFTS)
+def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
+    typed, touches = play(sensor, calibration, DRIFTS[name])
+    found = counted(typed)
+    print(name, dict(found))
+    assert found == {"right": len(TEXT)}
+    if name in UNTRUSTED:
+        firm = [touch.trusted for touch in touches if touch.force_mN > 1500]
+        assert sum(firm) < 0.05 * len(firm)
+
+
+def test_a_drift_that_hits_another_key_is_not_hidden(sensor, calibration):
+    typed, _ = play(sensor, calibration, {"blue_share_percent": 10.0})
+    assert counted(typed) == {"silent": len(TEXT)}
+
+
+@pytest.mark.parametrize("name", ["filters", "more blue"])
+def test_two_fingers_in_turn_on_a_drifted_strip_are_two_keys(sensor, calibration, name):
+    typed, _ = play(sensor, calibration, DRIFTS[name], held_s=PERIOD_S + 0.05)
+    assert counted(typed) == {"right": len(TEXT)}
