@@ -143,7 +143,7 @@ class CommandList:
         Parameters
         ----------
         group : module
-            Module with ``PURPOSE``, the title of its commands in the help, and a tuple of functions,
+            Module with ``PURPOSE``, the title of its commands in the help, and the functions
             ``COMMANDS``. Each function has a command's name and, as docstring, its help. The
             function takes the command's parser, adds the options, and returns another function,
             which takes the parsed options and runs the command.
