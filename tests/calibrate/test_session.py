@@ -283,7 +283,7 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
     assert run("force", *words) == 0
     assert f"next: 'spots calibrate position --session {path}'" in capsys.readouterr().out
     assert not path.with_suffix(".toml").exists()
-    assert "first 'spots calibrate position" in refused(
+    assert "first run 'spots calibrate position" in refused(
         capsys, "strain", "--strain-percent", 10, "--session", path
     )
 

@@ -141,10 +141,10 @@ class CommandList:
         Parameters
         ----------
         group : module
-            Module with ``PURPOSE``, the title of its commands in the help, and ``COMMANDS``, a list
-            of functions. Each function has the name and, as docstring, the help of a command. It
-            takes the command's parser and adds the options. It returns a function that takes the
-            parsed options and runs the command.
+            Module with ``PURPOSE``, the title of its commands in the help, and the functions
+            ``COMMANDS``. Each function has a command's name and, as docstring, its help. The
+            function takes the command's parser, adds the options, and returns another function,
+            which takes the parsed options and runs the command.
         """
         self._parser.epilog += f"\n\n{group.PURPOSE}:"
         for command in group.COMMANDS:
