@@ -368,12 +368,20 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
     expect(page.locator(".key.lit")).to_have_text(["0"], timeout=LONG_MS)
 
 
-def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page):
+def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page, monkeypatch):
     one = bench(Held())
     page = open_page(serve(one.state).url)
     board = page.locator("#board")
     expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    asked, command = [], one.board.command
+    monkeypatch.setattr(one.board, "command", lambda line: (asked.append(line), command(line))[1])
+    for count in range(1, 4):
+        one.board.stats.restarts += 1
+        eventually(page, lambda: asked.count("hello") == count)
+    # It stays open: what forges restarts faster than a board opens would keep it closed for ever.
+    assert one.asked_for == [None]
     one.board.stats.restarts += 1
+    monkeypatch.setattr(one.board, "command", lambda line: command(line) | {"id": "another"})
     eventually(page, lambda: len(one.asked_for) > 1)
     assert one.asked_for == [None, one.board.info["id"]]
 

@@ -95,10 +95,12 @@ class BoardReader:
                 self._stopping.wait(self._search_every_s)
 
     def _attempt(self) -> bool:
-        """Read a board until the board restarts; return False if the board cannot be read."""
+        """Read a board until the reader is stopped; return False if the board cannot be read."""
         try:
             with self._open_board(self._id) as board:
-                self._read(board)
+                board.when_state_changes(self._take_state)
+                while not self._stopping.is_set():
+                    self._read(board)
         except SpotsError as error:
             self._lost(str(error), refused=isinstance(error, RefusedError))
             return False
@@ -108,8 +110,12 @@ class BoardReader:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
     def _read(self, board: Board) -> None:
+        """Read a board until it restarts; then its settings are lost."""
+        restarts = board.stats.restarts
         board.command("stream touch spectrum")
         info = board.command("hello")
+        if self._id not in (None, info["id"]):
+            raise SpotsError(f"the board on {board.port} is {info['id']} instead of {self._id}")
         self._id = info["id"]
         settings = _settings(board)
         self._known = {
@@ -120,7 +126,6 @@ class BoardReader:
             "layout": layout_shown(self._layout) if info.get("length_um") else None,
         }
         self._say(CONNECTED, "")
-        board.when_state_changes(self._take_state)
         feel = Feel(board, info, self._layout, self._state)
         health = _Health(board, self._state)
         try:
@@ -139,8 +144,8 @@ class BoardReader:
                 paused = isinstance(board, Replay) and not board.ended
                 if board.silent(SEARCH_S) and not paused:
                     raise SpotsError("no readings arrive")
-                if board.stats.restarts:
-                    return  # it lost its settings, or is another board on the same port
+                if board.stats.restarts != restarts:
+                    return
         finally:
             feel.release()
             if self._recordings:
