@@ -19,6 +19,7 @@ from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.guide import Guide
 from spots.calibrate.rezero import rezero
 from spots.calibrate.session import settings
+from spots.calibrate.steps import DARK_S
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
@@ -39,6 +40,7 @@ _SHARES = np.linspace(0.1, 0.9, 31)  # travel of the joint, as shares of the str
 _READINGS = 6
 _TEST_EVERY = 3  # of these angles
 _SETTLE_S = 0.1
+_MARK_SAMPLES = 200
 
 
 def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dict:
@@ -102,7 +104,7 @@ def joint(
         angles, positions = _turn(rig.stage, _SHARES)
         slope, zero = np.polyfit(positions.ravel(), np.repeat(angles, _READINGS), 1)
         rig.set_average(1)
-        rig.stage.reader.set_up()
+        rig.stage.reader.set_up(dark_s=DARK_S)
         at = [_SHARES[i] for i in (0, len(_SHARES) // 2, -1)]
         marks = _marks(rig.stage, at)
     made = CalibrationFile(date=now(), **conditions._asdict(), lines=lines, joint_marks=marks)
@@ -179,7 +181,7 @@ def _marks(stage: Stage, shares) -> Marks:
     for share in shares:
         angles.append(_angle_deg(stage, share))
         _hold(stage, angles[-1])
-        counts.append(stage.reader.read(200).counts)
+        counts.append(stage.reader.read(_MARK_SAMPLES).counts)
     return Marks(
         place_um=tuple(share * stage.length_um for share in shares),
         force_mN=0.0,

@@ -20,6 +20,8 @@ from spots.calibrate.presser import Presser
 from spots.calibrate.rezero import rezero, use
 from spots.calibrate.session import Session, settings
 from spots.calibrate.shift import shifted
+from spots.calibrate.spectra import SpectrumReader
+from spots.calibrate.steps import DARK_S
 from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_device.calibration import Calibration
@@ -289,6 +291,12 @@ def test_a_press_that_disagrees_is_asked_for_again(made, rezeroed, sensor, tmp_p
     )
 
 
+def test_a_press_beside_the_middle_mark_moves_positions_by_a_third_of_that(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml", stray(1, 1, 600.0)) as strip:
+        use(strip.bench, made, rezero(strip.bench, made))
+        assert np.abs(strip.errors()[0]).max() < 300
+
+
 def test_one_press_of_another_mark_is_asked_for_again(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(1, 1, 34_000.0)) as strip:
         rezero(strip.bench, made)
@@ -367,7 +375,13 @@ def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):
         assert [float(number) for number in said.groups()] == pytest.approx([2, 0.9], abs=0.25)
 
 
-def test_a_joint_uses_its_stops(full, sensor, tmp_path):
+def test_a_joint_uses_its_stops(full, sensor, tmp_path, monkeypatch):
+    darks, set_up = [], SpectrumReader.set_up
+    monkeypatch.setattr(
+        SpectrumReader,
+        "set_up",
+        lambda reader, line="", dark_s=0.0: (darks.append(dark_s), set_up(reader, line, dark_s)),
+    )
     path = tmp_path / "strip.jsonl"
     path.write_bytes(full.read_bytes())
     words = ["--session", str(path), "--port", "virtual"]
@@ -376,6 +390,7 @@ def test_a_joint_uses_its_stops(full, sensor, tmp_path):
     made = file.load(path.with_suffix(".toml"))
     marks = made.joint_marks
     assert make(Session(path)).joint_marks == marks
+    assert darks[-1] == DARK_S  # the noise of a dark frame shifts all angles
     angles = [p.angle_deg for p in Session(path).of("joint")]
     assert (min(marks.angle_deg), max(marks.angle_deg)) == (min(angles), max(angles))
     found = {}

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.polynomial import polynomial
 
 from spots_device.calibration import Calibration
 from spots_device.log2 import ONE as ONE_Q20
@@ -108,6 +109,8 @@ def rezero(
         then, now = np.interp(then_now_mN, table.forces_mN, table.brightnesses) / ONE_Q20
         longer = reader.conditions.exposure_us / table.conditions.exposure_us
         shifts -= now - then + np.log2(longer)
+    if angles_deg[0] is None and len(shifts) == len(marks.logs):
+        shifts = _straightened(place_um, logs, shifts)
     done = file.Rezero(
         date=file.now(),
         place_um=place_um,
@@ -149,6 +152,19 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
         with suppress(SpotsError):  # a board that is unplugged loads the stored calibration
             upload(bench.reader.board, made.lines)
         raise
+
+
+def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Return the shifts of three marks without a part that only errors of the presses can cause.
+
+    A press beside its mark shifts the logs along their slope. So does a drift of LED, filters or
+    dye, but as if the marks had moved in proportion to their places.
+    """
+    slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
+    slopes = slopes.T - slopes.mean(axis=0)[:, None]
+    off_um = (shifts * slopes).sum(axis=1) / (slopes**2).sum(axis=1)
+    straight_um = polynomial.polyval(place_um, polynomial.polyfit(place_um, off_um, 1))
+    return shifts + (straight_um - off_um)[:, None] * slopes
 
 
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):

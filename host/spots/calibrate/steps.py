@@ -248,7 +248,7 @@ class _Steps:
         if board.command("hello")["calibration"] != checksum(list(calibration.lines)):
             bench.reader.restore()
             file.send(board, calibration)
-        bench.reader.set_up()
+        bench.reader.set_up(dark_s=DARK_S)
         board.command("stream touch spectrum")
         self._begin("joint", 2 * count)
         upwards = np.linspace(0, 1, count).tolist()
