@@ -97,6 +97,8 @@ class Calibration:
     ----------
     conditions : Conditions
         Board and settings with which the calibration was made.
+    decay : int
+        Decay of the dye in log2 units per um, Q24; at most 1000.
     """
 
     def __init__(self, lines, strain_ppm=0):
@@ -129,6 +131,11 @@ class Calibration:
             Segment(weights, _table("x", knots)) for weights, knots in zip(seen["segment"], tables)
         )
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
+        # The contrast falls by the decay times half the sum of the absolute weights.
+        part = self.segments[len(tables) >> 1]
+        contrasts, x = part.contrasts, part.positions_um
+        fall = (contrasts[-1] - contrasts[0] << 7) // (sum(map(abs, part.position)) or 1) << 11
+        self.decay = min(abs(fall // (x[-1] - x[0])), 1000)
 
     def mismatch(self, conditions, mains_hz=0):
         """Return why this calibration is invalid for other conditions.

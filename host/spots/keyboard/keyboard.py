@@ -56,8 +56,9 @@ def type_on(
         If the board has no calibration, takes readings too seldom or is lost, or the keyboard
         refuses events.
     """
-    length_um = hello_often(board, RELEASE_S)["length_um"]
-    engine, untrusted = KeyEngine(layout, length_um, keyboard), Untrusted()
+    info = hello_often(board, RELEASE_S)
+    engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"])
+    untrusted = Untrusted()
     board.patience_s = math.inf  # wait for a lost board: no key is down meanwhile
     try:
         for touches in ticks(board, seconds, _TICK_S, engine.release):
