@@ -79,7 +79,7 @@ _LEVEL = const(2)
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
-_ALONE_T = const(28)
+_ALONE_T = const(18)
 
 
 def elapsed(since, now):
@@ -526,7 +526,7 @@ class ContactTracker:
         x_um = self.x_um + off_um
         # No second finger on the strip could cause this position while the first one rests.
         alone = self._level >= _LEVEL and not self._solve(
-            self.x_um, first - _FALLEN, x_um, brightness, True
+            self.x_um, first - _MORE, x_um, brightness, True
         )
         if self._third:
             # Return True only if the light is too low for two fingers for some time.
