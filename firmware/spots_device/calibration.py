@@ -100,6 +100,8 @@ class Calibration:
     drift_max : int
         Largest shift of the misfit (Q12) by a drift with which a strip still types. The drift of an
         LED that shifts the misfit as much moves positions by 3 or 4 % of the length.
+    decay : int
+        Decay of the dye in log2 units per um, Q24; at most 1000.
     """
 
     def __init__(self, lines, strain_ppm=0):
@@ -134,6 +136,11 @@ class Calibration:
         coarse = sum(map(abs, self.coarse)) >> 1
         self.drift_max = (self.bounds[-1] - self.bounds[0]) // max(1, coarse)
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
+        # The contrast falls by the decay times half the sum of the absolute weights.
+        part = self.segments[len(tables) >> 1]
+        contrasts, x = part.contrasts, part.positions_um
+        fall = (contrasts[-1] - contrasts[0] << 7) // (sum(map(abs, part.position)) or 1) << 11
+        self.decay = min(abs(fall // (x[-1] - x[0])), 1000)
 
     def mismatch(self, conditions, mains_hz=0):
         """Return why this calibration is invalid for other conditions.

@@ -14,11 +14,13 @@ DOWN  TWO    otherwise; the first finger keeps its position of one reading *earl
 TWO   DOWN   the position rests where the first finger was: the second finger has left
 TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or it
              was never that of two fingers, or no second finger could cause this position
-TWO   TWO    the first finger rests, and several readings agree on the second one (second.py)
+TWO   TWO    the first finger rests, and two readings agree on the second one (second.py)
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-A release is delayed by `release_ms` (release debounce). Integers only; allocates nothing.
+When one finger is alone again, another one that rested beside it and was never found is estimated
+from the last readings of both. A release is delayed by `release_ms` (release debounce). Integers
+only; allocates nothing.
 """
 
 try:
@@ -47,7 +49,6 @@ _DOWN = const(1)
 _SPENT = const(2)  # the finger or object must be lifted before the next touch
 _TWO = const(3)
 
-_DECAY = const(288)  # decay of a typical dye, see second.py
 # Standard deviation of the position in um, times the light in counts, by the converter's noise at
 # the far end of a strip of 85 mm. It grows with the square of the length.
 _NOISE = const(90_000)
@@ -66,21 +67,20 @@ _DIPPED = const(435_000)  # 0.75
 _LOST = const(337_000)  # 0.8
 _MORE = const(171_000)  # 1.12
 _EVEN = const(74_000)  # 1.05
-_MATCH = const(210_000)  # 1.15
 # Limits for the detection of a second finger beside the first one.
 _NEAR_UM = const(2000)
-_MATCH_UM = const(800)
+_APART_UM = const(4500)  # least distance between two fingers
 _AGREE_UM = const(600)
 _SURE_UM = const(2500)
-_GUESSES = const(2)
+_RISEN = const(30_000)  # 1.02: a finger arrives
+_CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
-_SOON_T = const(78)
 _LEVEL = const(2)
 # Limits for the detection of a third finger.
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
-_ALONE_T = const(28)
+_ALONE_T = const(18)
 
 
 def elapsed(since, now):
@@ -128,14 +128,16 @@ class ContactTracker:
         self.x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
         self._b = self._b_before = self._b_oldest = self._b_seen = 0
         self._b_since = self._b_level = self._level = 0
-        self._length_um = 0
+        self._length_um = self._decay = 0
         self._t = self._began = self._since = 0
         self._even = self._second = self._third = False
         self._low = 0
         self._noise = _NOISE
-        self._guesses = self._x_second_um = self._b_second = 0
+        self._rested = self._fit_seen = self._fit_both = False
+        self._x_both_um = self._b_both = 0
+        self._guessed = False
+        self._x_second_um = self._b_second = 0
         self._x_guess_um = self._b_guess = self._slack_guess_um = 0
-        self._fades = False
         self._found = array("i", bytes(12))
         self._leaving = False
         self._left = self._still = 0
@@ -155,7 +157,7 @@ class ContactTracker:
         """Whether more than one finger may touch the strip."""
         return self._state == _TWO
 
-    def set_layout(self, layout, length_um=0):
+    def set_layout(self, layout, length_um=0, decay=0):
         """Set the limits and the strip length; a present touch is ignored until it is lifted.
 
         Parameters
@@ -165,8 +167,11 @@ class ContactTracker:
         length_um : int
             Length of the strip in um. With 0, one finger is expected: each movement is a slide,
             and readings that do not fit one press are ignored.
+        decay : int
+            Decay of the dye, see `second.locate`.
         """
         self._layout = layout
+        self._decay = decay
         self._length_um = length_um
         # Light decreases along a strip, and a long strip needs a weak dye: the noise grows.
         share = min(max(length_um, 0), 600_000) * 3 // 1000
@@ -266,7 +271,7 @@ class ContactTracker:
                 self._seen = 1
                 self.x_um = x_um
                 if elapsed(self._began, t) >= _TOGETHER_T:
-                    self._known = False
+                    self._known = self._even = False
                     self._mix(x_um, brightness, t)
                     return
         # Three readings show whether a motion is steady.
@@ -274,7 +279,8 @@ class ContactTracker:
         if not fits:
             self._step_um = 0
             self._seen = -1
-        self._note(x_um, brightness)
+        self._x_seen_um = x_um
+        self._b_seen = brightness
         if self._seen >= layout.detect:
             self._begin(x_um, force_mN, brightness, t)
             self.sink.down(x_um, t)
@@ -308,8 +314,7 @@ class ContactTracker:
         self._b_oldest = self._b_before
         self._b_before = self._b
         self._b = brightness
-        if self._dipped:
-            self._dipped = False
+        self._dipped = False
         self.sink.at(x_um, t)
         if not self._firm:
             self._harden(force_mN, t)
@@ -337,6 +342,7 @@ class ContactTracker:
         before = self._b_before
         risen = self._b - before
         last = min(self._b, brightness)
+        self._calm = abs(risen) < _CALM and abs(before - self._b_oldest) < _CALM
         self._even = risen > -_EVEN and (risen < _EVEN or abs(before - self._b_oldest) < _EVEN)
         if last < max(self._b, before, self._b_oldest) - _FALLEN:
             self._dipped = True
@@ -353,19 +359,18 @@ class ContactTracker:
         self._state = _TWO
         self._began = t
         self._seen = -1
-        self._odd = self._second = self._third = self._fades = False
-        self._guesses = 0
+        self._odd = self._second = self._third = False
+        self._rested = self._guessed = False
+        self._b_both = 0
         self._peak = self._least = self._low = brightness
         self._x_peak_um = x_um
 
     def _part(self, fits, x_um, force_mN, brightness, t):
-        # The light of two fingers was lost and grows again, or grows after a rest: a third finger.
+        # The light of two fingers was lost and grows again: a third finger.
         if (
             self._low < self._peak - _LOST
             and brightness > self._low + _GROWN
             and self._peak > self._b + _BOTH
-        ) or (
-            self._seen > 0 and brightness > self._b_seen + _GROWN and self._b_seen > self._b + _MORE
         ):
             self._third = True
         if brightness >= self._peak:
@@ -373,9 +378,17 @@ class ContactTracker:
             self._x_peak_um = x_um
         self._low = min(brightness, self._low)
         self._least = min(brightness, self._least)
-        moved_um = x_um - self._x_seen_um
         seen = self._seen
-        if seen >= 0 and fits and self._is_steady(moved_um, brightness):
+        steady = abs(x_um - self._x_seen_um) < self._slack_um(brightness)
+        if brightness > self._b_seen + _RISEN:
+            self._b_both = 0
+        elif not steady and self._rested:
+            self._x_both_um = self._x_seen_um
+            self._b_both = self._b_seen
+            self._fit_both = self._fit_seen
+        self._rested = steady
+        self._fit_seen = fits
+        if seen >= 0 and fits and steady:
             self._seen = min(seen + 1, 99)
             self._level += 1
             if abs(brightness - self._b_level) > _EVEN:
@@ -389,9 +402,12 @@ class ContactTracker:
             if not fits:
                 self._seen = -1
                 self._odd = True
-        self._note(x_um, brightness)
-        if self._known and self._length_um and self._locate(fits, x_um, force_mN, brightness, t):
-            return
+        self._x_seen_um = x_um
+        self._b_seen = brightness
+        if brightness < self._peak - _EVEN:
+            self._even = False  # the first finger may be leaving
+        if self._even and not (self._second or self._third or self._dipped):
+            self._guess(fits, x_um, brightness, t)
         seen = self._seen
         if seen < 1 or elapsed(self._since, t) * (seen + 1) < _REST_T * seen:
             return
@@ -401,13 +417,17 @@ class ContactTracker:
             if (brightness < self._peak - _LOST and abs(x_um - self._x_peak_um) > _MOVED_UM) or (
                 self._odd and elapsed(self._since, t) >= _TOGETHER_T
             ):
+                b = self._b_since
                 self._begin(x_um, force_mN, brightness, t)
                 self.sink.down(x_um, t)
+                self._recall(x_um, b, t)
                 self._harden(force_mN, t)
             return
         off_um = x_um - self.x_um
         if abs(off_um) < max(_BACK_UM, 4 * (self.noise_um(brightness))):
             firm = self._firm
+            if not self._second:
+                self._recall(x_um, self._b_since, t)
             self._begin(x_um, force_mN, brightness, t)
             self._firm = firm
             if self._second:
@@ -415,141 +435,123 @@ class ContactTracker:
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
         elif self._has_left(off_um, brightness, t):
-            if self._second and abs(x_um - self._x_second_um) < _NEAR_UM:
-                self._remain(x_um, force_mN, brightness, t)
-                return
+            stays = self._second and not self._dipped and abs(x_um - self._x_second_um) < _APART_UM
+            if not stays:
+                if self._second:
+                    self.sink.left(True, t)
+                self._recall(x_um, self._b_since, t)
+            self._second = False
             self._begin(x_um, force_mN, brightness, t)
-            if self._second:
-                self._second = False
-                self.sink.left(True, t)
-            self.sink.next(x_um, t)
+            if stays:
+                self.sink.left(False, t)
+            else:
+                self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
-    def _locate(self, fits, x_um, force_mN, brightness, t):
-        """Estimate a second finger from a reading; return True if the first finger has left.
+    def _solve(self, x1_um, b1, x_um, brightness, fits):
+        """Estimate a finger beside one at `x1_um` from a reading, see `second.locate`.
 
-        Parameters are those of `take`; `fits` is whether the spectrum fits one press.
-        """
-        if self._second and fits:
-            slack_um = max(_MATCH_UM, self._slack_um(brightness))
-            if (
-                abs(x_um - self._x_second_um) < slack_um
-                and abs(brightness - self._b_second) < _MATCH
-            ):
-                self._remain(x_um, force_mN, brightness, t)
-                return True
-        if brightness < self._peak - _EVEN:
-            self._fades = True  # the first finger may be leaving
-        late = elapsed(self._began, t) > _SOON_T
-        if self._second:
-            # The second finger rests; a third one may come beside it.
-            if self._fades:
-                self._guess(self._x_second_um, self._b_second, x_um, brightness, t)
-        elif self._even and not (late or self._fades or self._third or self._dipped):
-            self._guess(self.x_um, self._b, x_um, brightness, t)
-        return False
-
-    def _guess(self, x1_um, b1, x_um, brightness, t):
-        """Estimate a finger beside a resting one; report it when several readings agree.
-
-        Parameters
-        ----------
-        x1_um, b1 : int
-            Position in um and brightness of the resting finger.
-        x_um, brightness, t : int
-            Position in um and brightness of the reading, and its time in ticks.
+        Returns whether it is on the strip. `_found` then is its position and uncertainty in um.
         """
         found = self._found
-        noise_um = self.noise_um(brightness)
-        if not locate(found, _DECAY, x1_um, b1, x_um, brightness, noise_um):
-            self._guesses = 0
+        return (
+            self._length_um
+            and locate(
+                found,
+                self._decay,
+                x1_um,
+                b1,
+                x_um,
+                brightness,
+                fits,
+                self.noise_um(brightness),
+            )
+            and -_NEAR_UM - found[1] < found[0] < self._length_um + _NEAR_UM + found[1]
+        )
+
+    def _guess(self, fits, x_um, brightness, t):
+        """Estimate a finger beside the first one, which rests; report it if two readings agree."""
+        if not self._solve(self.x_um, self._b, x_um, brightness, fits):
+            self._guessed = False
             return
+        found = self._found
         at_um = found[0]
         slack_um = found[1]
-        if not -_NEAR_UM < at_um < self._length_um + _NEAR_UM or (
-            self._second and abs(at_um - self.x_um) < _NEAR_UM + slack_um
-        ):
-            self._guesses = 0
-            return
-        if not self._guesses or abs(at_um - self._x_guess_um) > _AGREE_UM + (
+        b = found[2]
+        if self._calm:
+            slack_um >>= 1
+        agrees = self._guessed and abs(at_um - self._x_guess_um) <= _AGREE_UM + (
             slack_um + self._slack_guess_um >> 1
-        ):
-            self._guesses = 1
-        elif abs(found[2] - self._b_guess) > _OTHER:
-            self._guesses += 1  # another share of the light gives the same position
-        elif self._guesses == 1:
-            return
+        )
+        if agrees and abs(b - self._b_guess) <= _OTHER:
+            return  # the same share of the light always gives the same position
+        self._guessed = True
         self._x_guess_um = at_um
         self._slack_guess_um = slack_um
-        self._b_guess = found[2]
-        if self._guesses < _GUESSES or slack_um > _SURE_UM:
+        self._b_guess = b
+        if not agrees or slack_um > _SURE_UM:
             return
-        if self._second:
-            # The first finger has left; the second one becomes the first one.
-            self.sink.left(False, t)
-            self.x_um = x1_um
-            self._b = b1
-            self._began = t
-            self._fades = self._third = False
-            self._peak = brightness
-            self._x_peak_um = x_um
         self._second = self.sink.second(at_um, 2 * slack_um, t)
-        if self._second:
-            self._x_second_um = at_um
-            self._b_second = found[2]
+        self._x_second_um = at_um
+        self._b_second = b
 
-    def _remain(self, x_um, force_mN, brightness, t):
-        """Continue with the second finger after the first has left; arguments as in `take`."""
-        self._second = False
-        self._begin(x_um, force_mN, brightness, t)
-        self.sink.left(False, t)
-        self._harden(force_mN, t)
+    def _recall(self, x_um, brightness, t):
+        """Report a finger that rested beside the one that is now alone at `x_um`."""
+        if (
+            self._second
+            or not self._b_both
+            or not self._solve(x_um, brightness, self._x_both_um, self._b_both, self._fit_both)
+        ):
+            return
+        at_um = self._found[0]
+        slack_um = self._found[1]
+        if slack_um > _SURE_UM or abs(at_um - self.x_um) < _APART_UM + slack_um:
+            return
+        if self.sink.second(at_um, 2 * slack_um, t):
+            self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
         """Return whether the first finger has left; positions now rest `off_um` away from it."""
         if abs(brightness - self._b_since) > _DIPPED:
             return True  # with two fingers, this change of force would move the position
         first = self._b
+        if self._second:
+            # A third finger may be there, and the second one may not have left.
+            return not self._solve(
+                self._x_second_um,
+                self._b_second - _DIPPED,
+                self.x_um + off_um,
+                brightness,
+                True,
+            )
+        x_um = self.x_um + off_um
+        # No second finger on the strip could cause this position while the first one rests.
+        alone = self._level >= _LEVEL and not self._solve(
+            self.x_um, first - _MORE, x_um, brightness, True
+        )
         if self._third:
             # Return True only if the light is too low for two fingers for some time.
             return (
                 elapsed(self._since, t) >= _ALONE_T
                 and brightness < self._peak - _LOST
-                and brightness < first + _SINGLE
+                and (alone or brightness < first + _SINGLE)
             )
+        if alone:
+            return True
         if self._dipped or self._least < min(first, brightness) - _DIPPED:
             return True
         if self._peak < first + _MORE and elapsed(self._began, t) >= _SEEN_T:
             return True  # the light was never that of two fingers
-        alone = _counts(first)
+        light_first = _counts(first)
         peak = _counts(self._peak)
         light = _counts(brightness)
-        if self._is_alone(self.x_um + off_um, brightness):
-            return True
-        if light >= peak - alone // 5:
+        if light >= peak - light_first // 5:
             return False
         # Light was lost while the position moved away from the first finger.
-        away_um = self.x_um + off_um - self._x_peak_um
+        away_um = x_um - self._x_peak_um
         if off_um < 0:
             away_um = -away_um
-        return away_um > (abs(off_um) >> 5) * ((alone << 4) // peak) // 10
-
-    def _is_alone(self, x_um, brightness):
-        """Return whether no second finger on the strip could cause a resting position.
-
-        This assumes that the first finger still has at least 0.6 of its light.
-        """
-        if self._level < _LEVEL or not self._length_um:
-            return False
-        found = self._found
-        first = self._b - _FALLEN
-        if not locate(found, _DECAY, self.x_um, first, x_um, brightness, 0):
-            return True
-        slack_um = _NEAR_UM + found[1]
-        return not -slack_um < found[0] < self._length_um + slack_um
-
-    def _is_steady(self, moved_um, brightness):
-        return -_REST_UM < moved_um < _REST_UM or abs(moved_um) < self._slack_um(brightness)
+        return away_um > (abs(off_um) >> 5) * ((light_first << 4) // peak) // 10
 
     def noise_um(self, brightness):
         """Return an upper limit of a position's standard deviation due to ADC noise, in um."""
@@ -558,10 +560,6 @@ class ContactTracker:
     def _slack_um(self, brightness):
         # Largest difference of two readings of a resting finger, by the noise of the darker one.
         return max(_REST_UM, self._noise * 56 // _counts(min(brightness, self._b_seen)))
-
-    def _note(self, x_um, brightness):
-        self._x_seen_um = x_um
-        self._b_seen = brightness
 
     def _harden(self, force_mN, t):
         if not self._firm and force_mN >= self._layout.firm_mN and self._state == _DOWN:

@@ -53,7 +53,7 @@ class Keypad:
         self._state = _IDLE
         self._clear()
 
-    def set_layout(self, layout, length_um):
+    def set_layout(self, layout, length_um, decay):
         """Release all keys, and use another layout.
 
         Parameters
@@ -62,12 +62,14 @@ class Keypad:
             Keys and limits.
         length_um : int
             Length of the strip, in um.
+        decay : int
+            Decay of the dye, see `second.locate`.
         """
         self.release()
         self._layout = layout
         # A thousandth of the strip in um, because the bounds of keys are in thousandths.
         self._length_mm = max(1, length_um // 1000)
-        self.contact.set_layout(layout, length_um)
+        self.contact.set_layout(layout, length_um, decay)
 
     def tick(self, t):
         """Handle the deadlines up to time `t` in ticks; call it after every reading."""

@@ -20,6 +20,10 @@ from .log2 import log2_q20
 
 _NEAR_UM = const(4500)
 _FAR_UM = const(250_000)
+# The misfit grows with the loss of brightness (Q20 of log2). The loss of a reading that fits one
+# press is below the first limit, that of another reading above the second one.
+_FIT = const(45_000)
+_MISFIT = const(12_000)
 
 
 def power(exponent):
@@ -30,7 +34,7 @@ def power(exponent):
     return value << whole if whole >= 0 else value >> -whole
 
 
-def locate(found, decay, x1_um, first, x_um, brightness, noise_um):
+def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     """Estimate the second finger in a reading; return whether there is one.
 
     Parameters
@@ -39,11 +43,14 @@ def locate(found, decay, x1_um, first, x_um, brightness, noise_um):
         Output: position of the second finger in um, its uncertainty in um, and its brightness in
         Q20 of log2.
     decay : int
-        k in log2 units per micrometre, Q24.
+        k in log2 units per micrometre, Q24; at most 1000.
     x1_um, first : int
         Position of the first finger in um, and its brightness in Q20 of log2.
     x_um, brightness : int
         Position of the reading in um, and its brightness in Q20 of log2.
+    fits : bool
+        Whether the spectrum of the reading fits one press. That of two fingers fits if they are
+        near each other, and does not if they are far from each other.
     noise_um : int
         Standard deviation of the reading's position, in um.
     """
@@ -66,16 +73,16 @@ def locate(found, decay, x1_um, first, x_um, brightness, noise_um):
         share = 262144 // (1024 + ratio)  # Q8
         # Newton's step for away = off * (1 + ratio(away)).
         change = (off_um >> 2) * ratio >> 8
-        slope = max(1024 - ((change >> 4) * (decay * 45) >> 16), 256)
-        step_um = (off_um + change - away_um >> 2) * 4096 // slope
+        slope = max(1024 - ((change >> 8) * (decay * 45) >> 12), 256)
+        step_um = (off_um + change - away_um >> 2 << 10) // slope << 2
         away_um += step_um
         if not -_FAR_UM < away_um < _FAR_UM:
             return False
         bend = decay * away_um >> 14
-        lost = ((bend * bend >> 8) * (share * (256 - share) >> 8) >> 8) * 69
+        lost = min(((bend * bend >> 8) * (share * (256 - share) >> 8) >> 8) * 69, 1 << 20)
         if -64 < step_um < 64:
             break
-    if abs(away_um) < _NEAR_UM:
+    if abs(away_um) < _NEAR_UM or (lost > _FIT if fits else lost < _MISFIT):
         return False
     lever = (256 - share) * light // other
     found[0] = x1_um + away_um

@@ -91,7 +91,16 @@ class Uses:
         self._keys_on = bool(self._values["keys"]) and known
         self._gamepad_on = bool(self._values["gamepad"]) and known and self._axes is not None
         if self._keys_on:
-            self._keys_on = self._prepare_keypad(calibration.length_um)
+            try:
+                if self._keypad is None:
+                    from .keypad import Keypad
+
+                    self._keypad = Keypad(self)
+                layout = self._get_layout()
+                self._keypad.set_layout(layout, calibration.length_um, calibration.decay)
+            except MemoryError:
+                self._memory_fault = _NO_MEMORY
+                self._keys_on = False
         if self._gamepad_on:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
         self._follow(calibration)
@@ -244,19 +253,6 @@ class Uses:
             dropped += output.outbox.dropped
         return dropped
 
-    def _prepare_keypad(self, length_um):
-        """Load the keypad and its layout; return False if memory is short."""
-        try:
-            if self._keypad is None:
-                from .keypad import Keypad
-
-                self._keypad = Keypad(self)
-            self._keypad.set_layout(self._get_layout(), length_um)
-        except MemoryError:
-            self._memory_fault = _NO_MEMORY
-            return False
-        return True
-
     def _follow(self, calibration):
         """Choose the tracker of the readings: the keypad's, one for contacts only, or none."""
         keypad = self._keypad if self._keys_on else None
@@ -276,7 +272,7 @@ class Uses:
 
                     self._contacts = ContactTracker(None), Fingers(self._framer)
                 own, fingers = self._contacts
-                own.set_layout(self._get_layout(), calibration.length_um)
+                own.set_layout(self._get_layout(), calibration.length_um, calibration.decay)
             except MemoryError:
                 self._memory_fault = _NO_MEMORY
                 return
@@ -293,16 +289,14 @@ class Uses:
 
     def _wanted(self):
         names = [name for name, setting in INTERFACES if self._values[setting]]
-        if "consumer" in names and not self._has_consumer_keys():
+        if "consumer" in names:
+            try:
+                if _CONSUMER_PAGE in self._get_layout().pages:
+                    return names
+            except MemoryError:
+                self._memory_fault = _NO_MEMORY
             names.remove("consumer")
         return names
-
-    def _has_consumer_keys(self):
-        try:
-            return _CONSUMER_PAGE in self._get_layout().pages
-        except MemoryError:
-            self._memory_fault = _NO_MEMORY
-            return False
 
     def _open(self):
         names = self._wanted()

@@ -14,7 +14,7 @@ from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
-from spots.link.calibrated import length_of
+from spots.link.calibrated import hello_calibrated
 from spots.link.frames import Key, Touch
 from spots.outputs.devices import Gamepad, PrintedGamepad
 from spots.terminal.view import Pace, live
@@ -115,7 +115,8 @@ def type_on_board(
     layout = load_layout(layout_name)
     typed, here, there = TypedText(), _Events(), _Events()
     push(board, layout)
-    engine = KeyEngine(layout, length_of(board), here)
+    info = hello_calibrated(board)
+    engine = KeyEngine(layout, info["length_um"], here, info["decay"])
     board.command("stream touch")
     length_mm = engine.length_um / 1000
     score = TypingScore(truth.file, layout, length_mm, board.now_s() - started_s)

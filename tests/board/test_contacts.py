@@ -116,7 +116,7 @@ def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
     _, frames = played(*fingers)
     made = []
     tracker = ContactTracker(None)
-    tracker.set_layout(Layout(default_lines()), LENGTH_UM)
+    tracker.set_layout(Layout(default_lines()), LENGTH_UM, 289)
     here = Fingers(SimpleNamespace(contact=lambda *values: made.append(values)))
     here.attach(tracker, None)
     for frame in frames:

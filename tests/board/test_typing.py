@@ -61,7 +61,8 @@ def play(sensor, calibration):
                 board.command("set " + settings)
             chosen = load(layout)
             push(board, chosen)
-            engine = KeyEngine(chosen, board.command("hello")["length_um"], here)
+            info = board.command("hello")
+            engine = KeyEngine(chosen, info["length_um"], here, info["decay"])
             board.command("stream touch")
             assert board.now_s() < min(finger.points[0][0] for finger in fingers)
             for frame in board.frames(end_s - board.now_s()):

@@ -60,7 +60,9 @@ class Run:
             prepare(board, calibration)
             self.ready_s = board.now_s()
             self.host = Timed(board.now_s)
-            engine = KeyEngine(load_layout("digits"), LENGTH_UM, self.host)
+            engine = KeyEngine(
+                load_layout("digits"), LENGTH_UM, self.host, board.command("hello")["decay"]
+            )
             settings = load_settings()
             controller = Controller(settings, LENGTH_UM)
             self.states = []

@@ -10,6 +10,7 @@ from spots_device.keypad import Keypad
 from spots_device.layout import KEYBOARD, LIMITS, Layout, action
 
 LENGTH_UM = 100_000
+DECAY = 289  # of the default dye
 READING_MS = 10
 
 
@@ -39,7 +40,7 @@ class Desk:
         self.rests = 0
         self.now_ms = (TICKS * 1024 // 1000) - 300  # about to wrap
         self.pad = Keypad(self)
-        self.pad.set_layout(Layout(lines), number(length_um))
+        self.pad.set_layout(Layout(lines), number(length_um), number(DECAY))
         self.lift(60)
 
     def key(self, page, usage, modifiers, pressed):

@@ -146,7 +146,7 @@ def layout_lines(data: bytes) -> None:
         return
     fingers = desk.Fingers()
     pad = Keypad(fingers)
-    pad.set_layout(made, 85_000)
+    pad.set_layout(made, 85_000, 289)
     fingers.play(pad, zlib.crc32(data))
     assert not fingers.down
 

@@ -59,8 +59,9 @@ class Watch:
         self.keys = {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
         self.memory = Memory()
         self.free_bytes: list[int] = []  # of the board: least until the mark, least after it
-        length_um = board.command("hello")["length_um"]
-        self._engine = KeyEngine(load_layout(_LAYOUT), length_um, self.keys["host"])
+        info = board.command("hello")
+        layout = load_layout(_LAYOUT)
+        self._engine = KeyEngine(layout, info["length_um"], self.keys["host"], info["decay"])
         self._gaps = self._told_gaps()
         self._brown_outs = 0
 

@@ -12,6 +12,8 @@ from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from .layout import KeyLayout
 
+_TYPICAL_DECAY = 289  # of boards that do not report it
+
 
 class KeyEngine:
     """Computes key events from readings as a board does, see `spots_device.keypad`.
@@ -24,6 +26,8 @@ class KeyEngine:
         Length of the strip in um, from the board's reply to ``hello``.
     sink : KeySink
         Receiver of the key events.
+    decay : int, optional
+        Decay of the strip's dye, from the same reply. If it is missing, that of a typical dye.
 
     Attributes
     ----------
@@ -35,7 +39,7 @@ class KeyEngine:
         Number of times that an object, not a finger, was detected on the strip.
     """
 
-    def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink):
+    def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink, decay: int | None = None):
         self.key = sink.key
         self.length_um = length_um
         self.rests = 0
@@ -43,7 +47,7 @@ class KeyEngine:
         self._pad = Keypad(self)
         limits = Layout(layout.lines)
         self.firm_mN = limits.firm_mN
-        self._pad.set_layout(limits, length_um)
+        self._pad.set_layout(limits, length_um, decay or _TYPICAL_DECAY)
         self._heard_s: float | None = None
 
     @property

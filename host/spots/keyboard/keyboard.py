@@ -55,8 +55,8 @@ def type_on(
         If the board has no calibration, is too slow or is lost, or if the keyboard refuses
         events.
     """
-    length_um = hello_often(board, RELEASE_S)["length_um"]
-    engine = KeyEngine(layout, length_um, keyboard)
+    info = hello_often(board, RELEASE_S)
+    engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"])
     board.patience_s = math.inf  # wait for a lost board: no key is down meanwhile
     try:
         for touches in ticks(board, seconds, _TICK_S, engine.release):

@@ -45,8 +45,8 @@ class Changed(Settings, total=False):
 class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
-    A value is None if the board has no id, no calibration (``length_um``, ``calibration``) or no
-    layout.
+    A value is None if the board has no id, no calibration (``length_um``, ``decay``,
+    ``calibration``) or no layout.
     """
 
     board: str
@@ -54,6 +54,7 @@ class Hello(Settings):
     firmware: str
     id: str | None
     length_um: _Count | None
+    decay: _Count | None
     calibration: str | None
     layout: str | None
 
@@ -93,7 +94,7 @@ _SETTINGS: dict[str, object] = {
 }
 _HELLO: dict[str, object] = {
     **dict.fromkeys(("board", "runtime", "firmware"), "?"),
-    **dict.fromkeys(("id", "length_um", "calibration", "layout")),
+    **dict.fromkeys(("id", "length_um", "decay", "calibration", "layout")),
 }
 # The full scale is unknown until the sensor answers.
 _GET: dict[str, object] = {

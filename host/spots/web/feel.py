@@ -48,7 +48,7 @@ class Feel:
             with contextlib.suppress(SpotsError):  # too slow for a gamepad
                 self._controller = controller_for(board, load_controller())
             if not info["keys"]:
-                self._engine = KeyEngine(layout, length_um, self)
+                self._engine = KeyEngine(layout, length_um, self, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
         self._engines = [one for one in engines if one is not None]
         self.release()

@@ -160,7 +160,7 @@ def prepare_keypad(cases):
         lines, length_um, readings = cases.pop(0)
         events = Events()
         pad = Keypad(events)
-        pad.set_layout(Layout(lines), length_um)
+        pad.set_layout(Layout(lines), length_um, 289)
         prepared.append(
             (pad, events, array("i", [value for reading in readings for value in reading]))
         )
