@@ -377,7 +377,7 @@ def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page
     monkeypatch.setattr(one.board, "command", lambda line: (asked.append(line), command(line))[1])
     for count in range(1, 4):
         one.board.stats.restarts += 1
-        eventually(page, lambda: asked.count("hello") == count)
+        eventually(page, lambda count=count: asked.count("hello") == count)
     # It stays open: what forges restarts faster than a board opens would keep it closed for ever.
     assert one.asked_for == [None]
     one.board.stats.restarts += 1
