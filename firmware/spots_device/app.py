@@ -192,7 +192,7 @@ class BoardApp:
             self.reconnect.lose(error)
 
     def measure(self):
-        """Start to measure the duration of a sample; this makes each pass slightly longer."""
+        """Start to measure how long each sample takes; the loop is slightly slower meanwhile."""
         self.meter.restart()
         self.step = self._measured_step
 

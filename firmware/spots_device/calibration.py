@@ -180,7 +180,7 @@ class CalibrationSlot:
     """Stores the uploaded lines of a calibration, and parses them once for each strain.
 
     Parsing takes 0.2 s and produces tens of kilobytes of garbage on an RP2040. So it must not be
-    repeated each time the sensor answers again.
+    repeated each time a lost sensor is found again.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ class GamepadAxes:
         Parameters
         ----------
         flags : int
-            Flag bits of `decode`.
+            Flag bits of the reading, see the module `decode`.
         position_um, force_mN : int
             Position in um and force in mN.
         """

@@ -151,7 +151,7 @@ def tint_g(mixed_g: float, dose: float) -> float:
 
 
 def text(shape: StripShape, strips: int, dye_per_mm: float, command: str) -> str:
-    """Return the instructions as Markdown: ``data/build.md.in`` with its values.
+    """Return the build instructions as Markdown: the template ``data/build.md.in``, filled in.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def text(shape: StripShape, strips: int, dye_per_mm: float, command: str) -> str
     dye_per_mm : float
         Designed strength of the dye, as its decay coefficient per mm.
     command : str
-        The command line of the design, to which ``--measure-dye`` is added.
+        Command line of the design. The instructions show it with ``--measure-dye`` added.
 
     Returns
     -------

@@ -1,16 +1,17 @@
 """Dimensions of a strip, its moulds and its caps: the one source of moulds, drawings and recipe.
 
-The cross-section is that of the paper (section II.B): a strip 3 mm thick and 12 mm wide with two
-guides of 8 x 1 mm. What the paper does not give is marked *not tried*. All lengths are in mm.
+The cross-section is that of the SPOTS paper (section II.B): a strip 3 mm thick and 12 mm wide with
+two guides of 8 x 1 mm in a support. Nobody has tried the dimensions that the paper does not give; a
+comment marks them *not tried*. All lengths are in mm.
 
-The section, looking along the strip; the gap between the guides is open below each finger::
+The cross-section, with the air gap that a press closes; the rest is the support::
 
     +--+================+--+   clear guide, flush with the upper face
     |  +--+          +--+  |   air gap; the guides rest on its two ledges
     +--+================+--+   dyed guide, flush with the lower face
 
-Mould faces have a draft, so each dimension is that of the wide side: the guides' outer faces, the
-upper side of the support.
+Mould faces have a draft, so each width is measured on the wider side: the outer face of a guide,
+the upper side of the support.
 """
 
 from __future__ import annotations

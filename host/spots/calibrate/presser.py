@@ -99,7 +99,7 @@ class Presser:
         Returns
         -------
         Wanted
-            Press of the joint's indenter, with the angle in degrees.
+            The angle that the joint now has, in degrees, and the direction of the turn.
         """
         way = "up" if direction > 0 else "down"
         angle = self._guide.ask_number(

@@ -1,4 +1,4 @@
-"""Commands that show a board."""
+"""Commands that show the readings and the state of a board."""
 
 import argparse
 import inspect

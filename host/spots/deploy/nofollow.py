@@ -206,8 +206,8 @@ class Tree:
 
     def _refuse(self, path: str) -> None:
         raise SpotsError(
-            f"{path} on {self.port} is a link, or not a plain file or folder of this drive: "
-            "remove it there, or name another drive"
+            f"{path} on {self.port} is a symbolic link or a special file, or lies on another "
+            "drive: remove it there, or name another drive"
         )
 
     @contextlib.contextmanager

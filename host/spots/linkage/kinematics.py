@@ -245,7 +245,7 @@ class _Fit:
         self.priors = np.array([_PRIORS.get(name, _LENGTH_SHARE * start[name]) for name in names])
 
     def values(self, found) -> dict[str, float]:
-        """Return all parameters by name, in their own units."""
+        """Return all parameters by name, in mm and rad, from the scaled parameters `found`."""
         shifts = dict(zip(self._names, (self.priors * found).tolist()))
         return {name: value + shifts.get(name, 0) for name, value in self._start.items()}
 

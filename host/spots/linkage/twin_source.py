@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each board must belong to its joint's calibration, which is uploaded to that board.
+    Each joint's calibration is uploaded to its board, and must have been made with this board.
 
     Parameters
     ----------
