@@ -46,8 +46,7 @@ class Decode:
         self.dark_samples = 4
         self.flags = NOT_CALIBRATED
         self.contrast = self.brightness = self.position_um = self.force_mN = 0
-        self._drift = self._learns = 0
-        self._shift = 1
+        self._drift = self._learns = self._seen = 0
         self._scratch = array("i", bytes(4 * SCRATCH))
         self._reading = array("i", bytes(4 * 4))
 
@@ -87,19 +86,19 @@ class Decode:
             touching = self.flags & TOUCHING
             if force_mN >= (calibration.touch_off_mN if touching else calibration.touch_on_mN):
                 flags |= TOUCHING
-                # Drift shifts the misfit of every press alike. The first four readings of a touch,
-                # when one finger is alone, measure this shift: the first touch to 1/16, later ones
-                # slowly, because fingers may come together. A reading that fits one press up to the
-                # shift is untrusted, but good enough for a key, see contact.TWO_FIT.
+                # Drift shifts the misfit of every press alike. The third reading of a touch gives
+                # this shift, if it agrees with that of the touch before: fingers that come together
+                # seldom do so twice. A reading that fits one press up to the shift is untrusted,
+                # but good enough for a key, see contact.TWO_FIT.
                 if not touching:
-                    self._learns = 4
+                    self._learns = 3
                 if self._learns:
                     self._learns -= 1
-                    drift = self._drift + (misfit - self._drift >> self._shift)
-                    limit = calibration.drift_max
-                    self._drift = min(max(drift, -limit), limit)
                     if not self._learns:
-                        self._shift = 3
+                        limit = calibration.drift_max
+                        if abs(misfit - self._seen) <= tolerance:
+                            self._drift = min(max(misfit, -limit), limit)
+                        self._seen = misfit
                 if flags & MISFIT and abs(misfit - self._drift) <= tolerance:
                     flags |= TOO_DARK
         self.flags = flags

@@ -265,7 +265,8 @@ def test_a_doctor_for_a_healthy_board(capsys):
     lines = [line.split()[:2] for line in capsys.readouterr().out.splitlines()]
     # Whether a finger is there at first is a matter of when: the strip is dark without one.
     assert [line for n, line in enumerate(lines) if line not in lines[:n]] == [
-        ["ok", check] for check in ("hello", "firmware", "sensor", "light", "rate", "calibrated")
+        ["ok", check]
+        for check in ("hello", "firmware", "sensor", "light", "lamps", "rate", "calibrated")
     ]
 
 

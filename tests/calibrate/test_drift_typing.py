@@ -53,13 +53,16 @@ def tap(x_mm, at_s, held_s):
     return Finger(points=[(at_s + time_s, x_mm, force) for time_s, force in points])
 
 
-def play(sensor, lines, change, held_s=0.15):
-    """Type `TEXT` on a drifted strip; return what each tap typed, and the readings of taps."""
+def play(sensor, lines, change, held_s=0.15, alone=0):
+    """Type `TEXT` on a drifted strip; return what each tap typed, and the readings of taps.
+
+    The first `alone` taps end before the next one begins.
+    """
     seconds = START_S + PERIOD_S * len(TEXT)
     fingers = []
     for i, key in enumerate(TEXT):
         x_mm = sensor.length_mm * (DIGITS.index(key) + 0.5) / len(DIGITS)
-        fingers.append(tap(x_mm, START_S + PERIOD_S * i, held_s))
+        fingers.append(tap(x_mm, START_S + PERIOD_S * i, 0.15 if i < alone else held_s))
     drift = ChangeInTime(**{name: [(0.0, change[name])] for name in NAMES if name in change})
     file = ScenarioFile(seconds=seconds + 1, touch=fingers, change=drift)
     there, here, touches = Events(), Events(), []
@@ -85,10 +88,10 @@ def play(sensor, lines, change, held_s=0.15):
     return typed, touches
 
 
-def counted(typed):
+def counted(typed, text=TEXT):
     return Counter(
         "right" if got == wanted else "wrong" if got else "silent"
-        for wanted, got in zip(TEXT, typed)
+        for wanted, got in zip(text, typed)
     )
 
 
@@ -97,7 +100,9 @@ def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
     typed, touches = play(sensor, calibration, DRIFTS[name])
     found = counted(typed)
     print(name, dict(found))
-    assert found == {"right": len(TEXT)}
+    # Two touches must agree on the drift: the first one may type nothing.
+    assert counted(typed[1:], TEXT[1:]) == {"right": len(TEXT) - 1}
+    assert typed[0] in ("", TEXT[0])
     if name in UNTRUSTED:
         firm = [touch.trusted for touch in touches if touch.force_mN > 1500]
         assert sum(firm) < 0.05 * len(firm)
@@ -110,5 +115,5 @@ def test_a_drift_that_hits_another_key_is_not_hidden(sensor, calibration):
 
 @pytest.mark.parametrize("name", ["filters", "more blue"])
 def test_two_fingers_in_turn_on_a_drifted_strip_are_two_keys(sensor, calibration, name):
-    typed, _ = play(sensor, calibration, DRIFTS[name], held_s=PERIOD_S + 0.05)
-    assert counted(typed) == {"right": len(TEXT)}
+    typed, _ = play(sensor, calibration, DRIFTS[name], held_s=PERIOD_S + 0.05, alone=2)
+    assert counted(typed[1:], TEXT[1:]) == {"right": len(TEXT) - 1}

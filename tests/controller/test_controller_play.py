@@ -331,7 +331,7 @@ class Person:
 
 TOUCHES = {
     "middle": (30.0, 2000.0),
-    "towards the sensor": (12.0, 2000.0),
+    "nearer to the sensor": (12.0, 2000.0),
     "other end": (70.0, 2000.0),
     "lightly": (40.0, 700.0),
     "as hard": (40.0, 5000.0),

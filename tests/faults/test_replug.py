@@ -155,6 +155,10 @@ def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path
             until(lambda: next(board.frames(0.05), None) is None and board.state == LOST)
             kept.append(pty.openpty())  # whoever comes next gets another name
             start, end = start_simulator("default", "demo", 0)
+            while start["port"] in names:  # a lower name was free, which another program had
+                end()
+                kept.append(pty.openpty())
+                start, end = start_simulator("default", "demo", 0)
             there[start["port"]] = "number"
             names.append(start["port"])
             until(lambda: next(board.frames(0.05), None) and board.state == CONNECTED)

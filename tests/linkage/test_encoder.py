@@ -173,7 +173,7 @@ def test_a_joints_fit_knows_the_noise_at_both_ends():
         for angle in np.linspace(0, 120, 11)[::way]:
             um = (angle + 20 - way * 0.1) / 0.002
             sigma_um = 10 * math.exp((um - 10_000) / 40_000) * rng.uniform(0.9, 1.1)
-            points.append(Turned(float(angle), way, um, sigma_um))
+            points.append(Turned(float(angle), way, um, sigma_um, None))
     joint = fit_joint(points)
     assert joint.backlash_deg == pytest.approx(0.2, abs=1e-3)
     assert joint.low[0] == pytest.approx(9_950, abs=1)

@@ -221,9 +221,7 @@ def test_a_lost_board_and_a_lost_server_have_a_next_step(bench, serve, open_page
     expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
     expect(step).to_be_hidden()
     one.unplug()
-    expect(step).to_have_text(
-        re.compile("^the board is disconnected; next: .* plug"), timeout=LONG_MS
-    )
+    expect(step).to_have_text(re.compile("^the board is disconnected; next: plug"), timeout=LONG_MS)
     server.stop()
     expect(step).to_have_text(re.compile("; next: start 'spots serve'"), timeout=LONG_MS)
     one.replug()
@@ -369,6 +367,7 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
 
 
 def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page, monkeypatch):
+    monkeypatch.setattr(reader, "SEARCH_S", 3600.0)  # or it is looked for, if this takes long
     one = bench(Held())
     page = open_page(serve(one.state).url)
     board = page.locator("#board")

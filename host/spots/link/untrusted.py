@@ -21,7 +21,7 @@ _CAUSES = {
     ),
     decode.MISFIT: (
         "the spectrum does not fit one press; next: lift all fingers and wipe the strip; if "
-        "that changes nothing, re-zero the strip: spots rezero"
+        "that changes nothing, a re-zero is advised: spots rezero"
     ),
 }
 
