@@ -28,7 +28,7 @@ STAND_INS = Path(__file__).parent / "stand_ins"
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
     """Return how many processes ``--numprocesses auto`` starts: much of the time is waiting."""
-    return 2 * os.cpu_count()
+    return 3 * os.cpu_count() // 2
 
 
 def pytest_collection_finish():

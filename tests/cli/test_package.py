@@ -44,7 +44,7 @@ RUNS = {
     "boards": (0, [], "virtual"),
     "build": (0, ["virtual"], "build/virtual"),
     "erase": (0, ["virtual", "--yes"], "nothing to remove"),
-    "doctor": (None, ["--port", "virtual"], "ok       hello"),
+    "doctor": (None, ["--port", "virtual"], "hello"),
     "keys": (0, ["show", "mini"], "ENTER"),
     "keyboard": (0, [*BOARD, "--dry-run"], ""),
     "wearable": (0, [*BOARD, "--dry-run"], ""),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import subprocess
 import sys
 import time
@@ -172,7 +173,7 @@ def test_a_flood_of_questions_does_not_delay_readings(net, tmp_path):
             publisher.run(1.0)
             rounds = []
             # What else the machine does can only make a round look worse: the best one counts.
-            while len(rounds) < 5 and not any(map(undisturbed, rounds)):
+            while len(rounds) < 10 and not any(map(undisturbed, rounds)):
                 late_s.clear()
                 publisher.run(2.0)
                 quiet_s, quiet = median(late_s), len(late_s)
@@ -182,7 +183,7 @@ def test_a_flood_of_questions_does_not_delay_readings(net, tmp_path):
                     publisher.run(0.1)
                 late_s.clear()
                 publisher.run(2.0)
-                rounds.append((median(late_s) / quiet_s, len(late_s) / quiet))
+                rounds.append((median(late_s or [math.inf]) / quiet_s, len(late_s) / quiet))
                 flood.kill()
                 flood.communicate()
                 publisher.run(0.5)
