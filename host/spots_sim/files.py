@@ -6,6 +6,7 @@ Every key is validated. The comments in ``data/*.toml`` name the source of each 
 from __future__ import annotations
 
 import json
+import math
 import re
 import tempfile
 from collections.abc import Iterator
@@ -181,6 +182,28 @@ class JointFile(_SimulationFile):
     radius_mm: Positive = 25.0
     force_mN: Positive = 4000.0
     play_deg: NotNegative = 0.02
+
+    @property
+    def um_per_deg(self) -> float:
+        """Distance in um that the indenter slides per degree of the joint."""
+        return 1000 * self.radius_mm * math.pi / 180
+
+    def slid_um(self, angle_deg: float, direction: int) -> float:
+        """Return how far the indenter has slid from its place at 0 degrees, in um.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
+            joint by half the backlash.
+
+        Returns
+        -------
+        float
+        """
+        return (angle_deg - direction * self.play_deg / 2) * self.um_per_deg
 
 
 class SensorFile(_SimulationFile):

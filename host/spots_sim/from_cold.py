@@ -7,16 +7,11 @@ changed since by the table ``[change]`` of its sensor file.
 from __future__ import annotations
 
 import argparse
-import io
 import json
-from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
-from spots.calibrate.bench import Bench
 from spots.calibrate.calibration_file import CalibrationFile, Marks, now
-from spots.calibrate.guide import Guide
 from spots.calibrate.rezero import rezero
 from spots.calibrate.session import settings
 from spots.calibrate.steps import DARK_S
@@ -28,7 +23,7 @@ from spots.link.frames import Touch
 from .demo_applications import type_on_board
 from .files import ScenarioFile, SensorFile, load
 from .lockstep import LockstepLink
-from .rezeroed import Hand, age
+from .rezeroed import Hand, age, silent_bench
 from .rig import Rig
 from .scenario import Scenario
 from .stage import Stage
@@ -115,9 +110,7 @@ def joint(
         for minute in range(1, round(minutes) + 1):
             rezeroed = minute > warm_min
             if minute == warm_min + 1:
-                guide = Guide(Console(file=io.StringIO()))
-                presser = _Stops(stage)
-                bench = Bench(stage.reader, presser, guide, stage.length_um, Path("joint"))
+                bench = silent_bench(stage, _Stops(stage))
                 upload(board, rezero(bench, made, joint=True).lines)
             elif minute == 1:
                 upload(board, lines)
@@ -141,20 +134,14 @@ class _Stops(StagePresser):
 
 
 def _angle_deg(stage: Stage, share: float) -> float:
-    return (share - _SHARES[0]) * stage.length_um / _um_per_deg(stage)
-
-
-def _um_per_deg(stage: Stage) -> float:
-    return 1000 * stage.sensor.joint.radius_mm * np.pi / 180
+    return (share - _SHARES[0]) * stage.length_um / stage.sensor.joint.um_per_deg
 
 
 def _hold(stage: Stage, angle_deg: float, direction: int = 1) -> None:
-    # The indenter lags behind the joint by half its backlash.
     joint = stage.sensor.joint
-    behind_deg = direction * joint.play_deg / 2
-    start_um = _SHARES[0] * stage.length_um
     stage.held.bend_deg = angle_deg
-    stage.press(start_um + (angle_deg - behind_deg) * _um_per_deg(stage), joint.force_mN)
+    place_um = _SHARES[0] * stage.length_um + joint.slid_um(angle_deg, direction)
+    stage.press(place_um, joint.force_mN)
 
 
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:

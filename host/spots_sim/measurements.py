@@ -389,16 +389,14 @@ def _strain(rig: Rig, rng, run: Run) -> None:
 
 def _joint(rig: Rig, run: Run) -> None:
     joint = rig.stage.sensor.joint
-    um_per_deg = 1000 * joint.radius_mm * np.pi / 180
     start_um, end_um = np.array(_JOINT_SHARE) * rig.stage.length_um
-    up = np.linspace(0, min((end_um - start_um) / um_per_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
+    up = np.linspace(0, min((end_um - start_um) / joint.um_per_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
     held = _fewer(rig, _HELD)
     rows, angles = [], []
-    # The indenter lags behind the joint by half its backlash in either direction.
     for direction, sweep in {1: up, -1: up[::-1]}.items():
         for angle in sweep:
             rig.stage.held.bend_deg = angle
-            at_um = start_um + (angle - direction * joint.play_deg / 2) * um_per_deg
+            at_um = start_um + joint.slid_um(angle, direction)
             readings, _ = rig.readings(at_um, joint.force_mN, held)
             rows.append([r.position_um for r in readings])
             angles.append((direction, angle))

@@ -22,6 +22,7 @@ from spots_device.exposure import DEFAULT_US
 from .change import Change
 from .files import SensorFile
 from .rig import Rig
+from .stage import Stage
 from .stage_presser import StagePresser
 
 # Assumed for a resting finger. As in reality, it averages the rounding of small counts.
@@ -69,13 +70,13 @@ class _ShakyPresser(StagePresser):
         self._stage.press(wanted.place_um + off_um, wanted.force_mN)
 
 
-def silent_bench(rig: Rig, presser: StagePresser) -> Bench:
+def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
     """Return a bench that prints nothing, for a re-zero of a simulated strip.
 
     Parameters
     ----------
-    rig : Rig
-        A calibrated strip.
+    stage : Stage
+        Stage with the strip.
     presser : StagePresser
         Presses the strip.
 
@@ -84,7 +85,7 @@ def silent_bench(rig: Rig, presser: StagePresser) -> Bench:
     Bench
     """
     guide = Guide(Console(file=io.StringIO()))
-    return Bench(rig.stage.reader, presser, guide, rig.stage.length_um, _NOBODY)
+    return Bench(stage.reader, presser, guide, stage.length_um, _NOBODY)
 
 
 @lru_cache(maxsize=8)
@@ -125,7 +126,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
         return None
     rig.stage.held.tremor = _TREMOR
     presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
-    bench, reader = silent_bench(rig, presser), rig.stage.reader
+    bench, reader = silent_bench(rig.stage, presser), rig.stage.reader
     places_um = [share * rig.stage.length_um for share in MARKS]
     reader.set_up(dark_s=DARK_S)
     logs = rig.stage.read(places_um, [FIRM_MN], bench.mark_samples).logs

@@ -119,7 +119,7 @@ def calibrated(
         )
         if rezeroed:
             rig.stage.held.changed = sensor.change
-            made = rezero(silent_bench(rig, StagePresser(rig.stage)), made, joint=True)
+            made = rezero(silent_bench(rig.stage, StagePresser(rig.stage)), made, joint=True)
         return made
 
 

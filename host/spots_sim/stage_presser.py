@@ -59,15 +59,13 @@ class StagePresser(Presser):
     def turn(self, direction: int, share: float) -> Wanted:
         joint = self._stage.sensor.joint
         first_um, last_um = np.array(_JOINT_SHARE) * self._stage.length_um
-        um_per_deg = np.radians(1) * joint.radius_mm * 1000
-        return self._turned(round(float(share * (last_um - first_um) / um_per_deg), 3), direction)
+        angle_deg = float(share * (last_um - first_um) / joint.um_per_deg)
+        return self._turned(round(angle_deg, 3), direction)
 
     def _turned(self, angle_deg: float, direction: int) -> Wanted:
         joint = self._stage.sensor.joint
         first_um = _JOINT_SHARE[0] * self._stage.length_um
-        um_per_deg = np.radians(1) * joint.radius_mm * 1000
-        # The indenter lags behind the joint by half the backlash.
-        place_um = first_um + (angle_deg - direction * joint.play_deg / 2) * um_per_deg
+        place_um = first_um + joint.slid_um(angle_deg, direction)
         return Wanted(
             kind="joint",
             place_um=float(place_um),
