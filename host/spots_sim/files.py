@@ -306,7 +306,7 @@ class Moments(_SimulationFile):
 
 
 class Bursts(Moments):
-    """Intervals in which `damage_percent` of the bytes are damaged, equally in four ways."""
+    """Intervals in which `damage_percent` of the bytes are flipped, lost, doubled or inserted."""
 
     damage_percent: Percent = 100.0
 
@@ -433,7 +433,7 @@ class ScenarioFile(_SimulationFile):
 
 
 class LinkageFile(_SimulationFile):
-    """A five-bar linkage with a strip in each base joint: nominal values and their true errors.
+    """A five-bar linkage with a strip in each base joint: nominal values, and their errors.
 
     Attributes
     ----------
