@@ -54,7 +54,7 @@ _CHECKED = (_ENABLE, _CFG0, _ASTEP)
 
 
 class SensorError(Exception):
-    """The sensor is absent, is another chip, or stopped sampling."""
+    """Raised if the sensor is absent, is another chip, or stopped sampling."""
 
 
 class AS7341:

@@ -89,7 +89,7 @@ def elapsed(since, now):
 
 
 def _counts(brightness):
-    """Return the light of a brightness (Q20 of log2), in sixteenths of a count; at least 1."""
+    """Convert a brightness (log2 in Q20) to counts times 16; the result is at least 1."""
     return max(power(brightness) >> 6, 1)
 
 

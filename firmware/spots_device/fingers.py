@@ -15,7 +15,7 @@ _SIGMA_MAX_UM = 65_535
 
 
 class _Finger:
-    """A finger; `pending` until its first frame is sent."""
+    """State of a finger; `pending` is True until its first frame is sent."""
 
     def __init__(self):
         self.there = self.pending = self.alone = False

@@ -61,7 +61,7 @@ class Time32:
         self.set(self._ticks_us())
 
     def us(self):
-        """Return the time in us; allocates if it does not fit a small integer."""
+        """Return the board time in us; allocates if it does not fit a small integer."""
         return self.high << 16 | self.low
 
 

@@ -77,7 +77,7 @@ class Led(_SimulationFile):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the LED current in mA while it is on; `driver_mA` is the chip's setting."""
+        """Return the LED current in mA while the LED is on; `driver_mA` is the sensor's setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -232,13 +232,13 @@ class SensorFile(_SimulationFile):
 
     @property
     def mains_hz(self) -> int:
-        """Value of the setting ``mains_hz`` for the ambient light; 0 without flicker."""
+        """Mains frequency of the lamps around the strip in Hz: 50 or 60; 0 without flicker."""
         around = self.surroundings
         lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
         return lamps.get(around.flicker_hz, 0)
 
     def unchanged(self) -> SensorFile:
-        """Return a copy without the change since the calibration."""
+        """Return a copy of the sensor as it was when it was calibrated."""
         return msgspec.structs.replace(self, change=Change())
 
 
@@ -358,7 +358,7 @@ class PowerFaults(_SimulationFile):
 
 
 class ClockFaults(_SimulationFile):
-    """Error of the board's oscillator, positive if fast, and intervals in which it stalls."""
+    """Error of the board's oscillator (positive if fast), and times when the processor stops."""
 
     oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
     stalls: Moments = Moments()

@@ -127,7 +127,7 @@ def joint(
 
 
 class _Stops(StagePresser):
-    """Turns a joint to the angles at which a re-zero measures the strip."""
+    """Turns a joint to the angles at which a re-zero measures the strip; replaces a person."""
 
     def press(self, wanted) -> None:
         _hold(self._stage, wanted.angle_deg)

@@ -349,7 +349,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return `_accuracy_um` of the flat, unstretched strip from the results in `run`."""
+    """Return what `_accuracy_um` returned for the flat, unstretched strip, from `run`."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 

@@ -91,7 +91,7 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """If the LED cannot be switched off, unplug it while the dark frame is taken."""
+        """Take a dark frame of an LED that is always on; the LED is unplugged meanwhile."""
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)

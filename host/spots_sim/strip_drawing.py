@@ -66,14 +66,14 @@ _NOTE = (
 
 
 class _Sheet:
-    """Elements of an SVG, in pixels."""
+    """A sheet of a drawing: elements of an SVG, in pixels."""
 
     def __init__(self):
         self.height = 0.0
         self.elements: list[str] = []
 
     def end(self, height: float) -> _Sheet:
-        """Set the height, and write the note on all drawings at the lower edge."""
+        """Set the height of the sheet, and write the common note at its lower edge."""
         self.height = height
         self.text(_MARGIN, height - 14, _NOTE)
         return self
@@ -116,7 +116,7 @@ class _View:
         return self._x + u * self._scale, self._y - v * self._scale
 
     def outline(self, section, fill: str) -> None:
-        """Draw a `manifold3d.CrossSection`."""
+        """Draw the outline of a `manifold3d.CrossSection`, filled with a colour."""
         paths = []
         for polygon in section.to_polygons():
             points = " L".join("{:.2f} {:.2f}".format(*self.at(u, v)) for u, v in polygon)
@@ -238,7 +238,7 @@ def _assembled(shape: StripShape, placed: dict) -> _Sheet:
 
 
 def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the sensor's end below `top`; return the lower edge in pixels."""
+    """Draw the sensor's end of the strip below `top` (pixels); return the lower edge in pixels."""
     sheet.title(top, "The sensor's end")
     end, detail = -shape.length_mm / 2, 12.0
     above = placed["sensor_cap"].bounding_box()[5]
@@ -262,7 +262,7 @@ def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> f
 
 
 def _led_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the LED's end below `top`; return the lower edge in pixels."""
+    """Draw the LED's end of the strip below `top` (pixels); return the lower edge in pixels."""
     sheet.title(top, "The LED's end")
     end, detail = shape.length_mm / 2, 12.0
     above = placed["led_cap"].bounding_box()[5]

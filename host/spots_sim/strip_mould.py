@@ -148,7 +148,7 @@ def _box(x: float, y: float, z: float):
 
 
 def _between(x: tuple, y: tuple, z: tuple):
-    """Return a box between two values of each coordinate."""
+    """Return a box from (low, high) of each coordinate, in mm."""
     size = x[1] - x[0], y[1] - y[0], z[1] - z[0]
     return _box(*size).translate(((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, z[0]))
 

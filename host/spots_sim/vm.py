@@ -198,7 +198,7 @@ class MicroPythonProcess:
 
 
 def _in_group(group: int) -> dict:
-    """Return the arguments of `subprocess.Popen` for a process group; 0 is a new group."""
+    """Return the arguments of `subprocess.Popen` that start a process in a group; 0: a new one."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

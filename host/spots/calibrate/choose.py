@@ -122,7 +122,7 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the bound of the standard deviation of each position, if the brightness is unknown."""
+    """Return the smallest possible standard deviation of each position in um."""
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)
     return np.sqrt(a / (a * c - b**2))

@@ -157,7 +157,7 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
 
 
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best weights for position and for force in the middle of a part of the strip."""
+    """Return the six channels' best weights for position, and for force, in a part of the strip."""
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the slope over the whole part, the mean error of the force in the part is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
@@ -221,7 +221,7 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
 
 
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return forces and brightnesses of the knots, from the least force with light upwards."""
+    """Return the table of force by brightness: ascending forces, and their brightnesses."""
     lit = pressed.lit_everywhere()
     brightness = np.array(
         [

@@ -168,7 +168,7 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
 
 
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
-    """Return the mean shift of the channels at a mark, from presses that agree."""
+    """Ask for presses of a mark until enough agree; return the mean shift of each channel."""
     logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
     colour_per_um -= colour_per_um.mean()

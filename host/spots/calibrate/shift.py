@@ -82,7 +82,7 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the start of each segment in um, strain by strain, from tables that overlap."""
+    """Yield the position in um at which each segment starts, for one strain after the other."""
     places: list[list[int]] = []
     for name, values in rows:
         if name == "strain":

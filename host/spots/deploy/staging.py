@@ -79,7 +79,7 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def name(self) -> str:
-        """Name of the board in commands."""
+        """Name of the board in commands such as ``spots flash pico``."""
         return self.device["NAME"]
 
 

@@ -52,7 +52,7 @@ class ClockMap:
 
     @property
     def uncertainty_s(self) -> float:
-        """Largest error of the mapped time, in seconds: half the distance of the bounds."""
+        """Largest possible error of the host times that this map returns, in seconds."""
         return abs(self._high_s - self._low_s) / 2
 
     @property
@@ -70,7 +70,7 @@ class ClockMap:
         return self._last_us
 
     def state(self) -> dict[str, float]:
-        """Return constructor arguments for a new map that maps later times to the same floats."""
+        """Return the constructor arguments of a copy, which maps later times to the same floats."""
         return {
             "last_us": self._last_us,
             "low_s": self._low_s,

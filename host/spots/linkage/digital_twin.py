@@ -77,7 +77,7 @@ class Terminal(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Warning in words: limit, singularity or extrapolation; empty if there is no problem."""
+        """Warning for a user: limit, singularity, or joint outside its range; may be empty."""
         doubts = {"near singular": self.singular, "beyond the calibrated range": not self.within}
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
@@ -182,7 +182,7 @@ class Twin:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a warning that names each joint without an angle for 3 s; else an empty text."""
+        """Return a warning that names each joint without an angle for 3 s, or an empty text."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)

@@ -1,4 +1,4 @@
-"""Points for a kinematic calibration: measures them with a linkage, stores them, and fits them."""
+"""Measures, stores and fits the points of a linkage's kinematic calibration."""
 
 import csv
 import io
@@ -171,7 +171,7 @@ def _append(path: Path, row: Iterable[float]) -> None:
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
-    """Return the points, one per row, and the line number of each in the file."""
+    """Return the points of a table, an array with one row per point, and their line numbers."""
     try:
         text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
         table = csv.DictReader(io.StringIO(text))

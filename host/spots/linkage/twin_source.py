@@ -147,7 +147,7 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return the function of a port's scheme that makes a `DrivenLinkage`, or None without one."""
+    """Return the function that makes a `DrivenLinkage` for the first port, or None without one."""
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
@@ -157,7 +157,7 @@ def is_recording(port: str) -> bool:
 
 
 def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
-    """Yield the readings of recordings at their original pace."""
+    """Yield pairs of joint and reading, which come from recordings, at their original pace."""
     ahead_s = None
     for joint, touch in pairs:
         if ahead_s is None:

@@ -90,12 +90,12 @@ class TwinView:
         return np.einsum("rick,ik->rc", dots.reshape(_ROWS, 4, _COLUMNS, 2), _DOTS)
 
     def _scale(self) -> float:
-        """Return the scale in dots per mm."""
+        """Return the scale of the plot in braille dots per mm."""
         spans = zip(_LAST_DOT[::-1], np.ptp(self._frame, axis=0))
         return min((dots / mm for dots, mm in spans if mm > 0), default=1.0)
 
     def _dots(self, points: np.ndarray) -> np.ndarray:
-        """Return row and column of the dot of each point."""
+        """Return row and column of the braille dot for each point in mm."""
         low, high = self._frame
         x_mm, y_mm = (points - [(low[0] + high[0]) / 2, low[1]]).T * self._scale()
         dots = np.stack([_LAST_DOT[0] - y_mm, _LAST_DOT[1] / 2 + x_mm], axis=-1)

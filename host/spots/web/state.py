@@ -60,7 +60,7 @@ class PageState:
         self.on_change()
 
     def add_event(self, event: dict) -> None:
-        """Append an event."""
+        """Append an event, such as a pressed key or a gesture, for the browsers."""
         with self._lock:
             self._events.append(event)
             self._added += 1

@@ -102,7 +102,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """State of a board that the web UI does not show; it only reports the loss of the board."""
+    """Receives the state of a board that the web UI does not show, and reports only its loss."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
