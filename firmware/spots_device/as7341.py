@@ -274,7 +274,7 @@ class AS7341:
             raise SensorError("the AS7341 has lost its settings; check its supply and wiring")
 
     def recover(self):
-        """Free the wires after a failed transfer; a runtime can override this method."""
+        """Free the wires of the bus after a failed transfer; a runtime can override this method."""
         self._bus.recover()
 
     def saturation(self):

@@ -240,7 +240,7 @@ class ConsumerReports:
             report[0] = report[1] = 0
 
     def release(self):
-        """Release the key."""
+        """Release the pressed consumer key."""
         self._report[0] = self._report[1] = 0
         self.outbox.release()
 

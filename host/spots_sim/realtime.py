@@ -92,7 +92,7 @@ class Console(PseudoTerminal):
         self.to_board.write(data)
 
     def after_soft_reset(self) -> None:
-        """Print MicroPython's message, and restore the raw prompt if it was active."""
+        """Print MicroPython's message of a soft reset; restore the raw prompt if it was active."""
         with contextlib.suppress(BlockingIOError):  # no program reads the port
             os.write(self.board_end, b"MPY: soft reboot\r\n")
         if self.raw_prompt:
@@ -102,7 +102,8 @@ class Console(PseudoTerminal):
 class PortNoise:
     """Damages the bytes between a board and its port for frames.
 
-    The board writes into a pipe. If this port is not its console, the board also reads from a pipe.
+    The board writes its bytes into a pipe. If the port is not also the board's console, the board
+    reads the host's bytes from a second pipe.
 
     Parameters
     ----------

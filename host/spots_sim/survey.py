@@ -1,4 +1,4 @@
-"""Measures the error of a simulated linkage's twin, over the workspace and on a path."""
+"""Measures the error of a simulated linkage's digital twin, over the workspace and on a path."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def follow(
     report=lambda terminal: None,
     **condition: bool,
 ) -> PathRun:
-    """Guide the end point of a simulated linkage along a path, and estimate it with a twin.
+    """Move the end point of a simulated linkage along a path; compare it with a digital twin.
 
     Parameters
     ----------

@@ -255,7 +255,7 @@ _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
 
 
 class _Sender:
-    """Limits the rate of gamepad states. All changes of buttons are sent, but only the latest axes."""
+    """Limits the rate of gamepad states; skips states of the axes, but no change of a button."""
 
     def __init__(self, rate_hz: float):
         self._every_s = 1 / rate_hz

@@ -70,7 +70,7 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def __post_init__(self):
         if self.viper and (self.runtime != "micropython" or self.march is None):
-            raise ValueError("viper needs MicroPython and a march; add them")
+            raise ValueError("viper needs runtime = micropython, and the key march: add them")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(

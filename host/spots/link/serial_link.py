@@ -46,7 +46,7 @@ class Link(Protocol):
         ...
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
+        """Send bytes to the board."""
 
     def sleep(self, duration_s: float) -> None:
         """Wait for `duration_s` seconds of the link's clock."""

@@ -89,7 +89,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
     Parameters
     ----------
     source : Source
-        The twin and its boards.
+        The digital twin and its boards.
     points : Path
         Table of points. An existing table is continued.
     ask : callable

@@ -1,4 +1,4 @@
-"""Sources of a twin's readings: boards, recordings of boards, or a simulated linkage."""
+"""Sources of readings for a digital twin: boards, recordings, or a simulated linkage."""
 
 import math
 import time
@@ -23,7 +23,7 @@ from .fivebar import Linkage
 
 
 class Source(NamedTuple):
-    """A twin and the two boards whose readings it follows.
+    """A linkage's digital twin, and the two boards whose readings it follows.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
 
 
 def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[CalibrationFile]]:
-    """Return the twin of a linkage file and the calibrations of its strips.
+    """Return the digital twin of a linkage file, and the calibrations of its strips.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ _LAST_DOT = np.array([4 * _ROWS - 1, 2 * _COLUMNS - 1])
 
 
 class TwinView:
-    """Draws a twin in a plot whose range grows to contain all points shown so far.
+    """Draws a digital twin in a plot whose range grows to contain all points shown so far.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class TwinView:
         self._frame = np.empty((0, 2))  # its corners, in mm
 
     def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
-        """Return the picture of the twin at its newest position.
+        """Return the picture of the digital twin at its newest position.
 
         Parameters
         ----------

@@ -55,7 +55,7 @@ class Feel:
         self._show()
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Update the state with a reading.
+        """Process a reading, and show the result in the web UI.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Feel:
             self._state.put(name, None)
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Add a key event to the state, with the key's zone in the layout.
+        """Show a key event in the web UI, with the key's zone in the layout.
 
         Parameters
         ----------

@@ -13,7 +13,7 @@ EVENTS_KEPT = 512
 
 
 class Cursor(NamedTuple):
-    """Position of a client in the state.
+    """What a client of the web UI has already read.
 
     Attributes
     ----------
