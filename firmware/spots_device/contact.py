@@ -18,9 +18,9 @@ TWO   TWO    the first finger rests, and two readings agree on the second one (s
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-When one finger is alone again, another one that rested beside it and was never found is estimated
-from the last readings of both. A release is delayed by `release_ms` (release debounce). Integers
-only; allocates nothing.
+When one finger is alone again, a second finger that rested beside it, but was not found, is
+estimated from the last readings of both. A release is delayed by `release_ms` (release debounce).
+Integers only; allocates nothing.
 """
 
 try:

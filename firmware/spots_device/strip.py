@@ -154,7 +154,7 @@ class Strip:
         self._on_dark = done
 
     def request_search(self, done):
-        """Search settings; then call ``done(outcome)`` with a result of `search.Search.step`."""
+        """Start a search of gain, LED current and exposure; at its end call ``done(outcome)``."""
         from .search import Search  # rare, and large
 
         s = self.settings.values

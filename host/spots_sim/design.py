@@ -1,6 +1,6 @@
-"""``spots design``: finds the dye with the best resolution for a length, and the exposure.
+"""``spots design``: finds dye and exposure with the best resolution for a strip of some length.
 
-With ``--out`` it also writes what is needed to make the strip, see `strip_shape`.
+With ``--out`` it also writes moulds, drawings and instructions for the strip, see `strip_shape`.
 
 The predicted resolution is the Cramer-Rao bound of `bound.Bound`, for a press with the force
 `measurements.FORCE_MN`. Gain and LED current are those that the command ``auto`` would set. All

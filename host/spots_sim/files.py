@@ -189,7 +189,7 @@ class JointFile(_SimulationFile):
         return 1000 * self.radius_mm * math.pi / 180
 
     def slid_um(self, angle_deg: float, direction: int) -> float:
-        """Return how far the indenter has slid from its place at 0 degrees, in um.
+        """Return how far the indenter has slid from its position at 0 degrees, in um.
 
         Parameters
         ----------

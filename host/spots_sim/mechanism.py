@@ -1,6 +1,7 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-The estimates of a twin are compared with it. It shares no formula with `linkage.fivebar`.
+It gives the true positions, with which a digital twin is compared. It shares no formula with
+`linkage.fivebar`.
 """
 
 from __future__ import annotations

@@ -205,7 +205,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        The text names the position of the first such press.
+        The text names the position of the press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),

@@ -175,7 +175,7 @@ class MicroPythonProcess:
             raise SpotsError("the virtual board hangs: close it and open it again") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
-            raise SpotsError(f"the virtual board stopped: {lines[-1]}")
+            raise SpotsError(f"the virtual board stopped ({lines[-1]}): open it again")
 
     def shut_down(self) -> None:
         """Kill MicroPython and close the pipes."""

@@ -155,10 +155,10 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 
 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """Return the shifts of three marks without a part that only errors of the presses can cause.
+    """Return the shifts of three marks, corrected for presses beside their mark.
 
-    A press beside its mark shifts the logs along their slope. So does a drift of LED, filters or
-    dye, but as if the marks had moved in proportion to their places.
+    A drift of LED, filters or dye shifts the logs as if all marks had moved, each in proportion to
+    its distance from the sensor. Any other movement of the marks is an error of the presses.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]

@@ -291,7 +291,7 @@ class _Path:
         return _below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
-        """Return the time in s at which the finger came near its last position, at the latest."""
+        """Return the latest time in s at which the finger was not yet near its last position."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)
