@@ -156,7 +156,7 @@ class Fingers:
         finger.there = False
 
     def _swap(self):
-        """End the first finger, which has left; the second one becomes the first."""
+        """End the first finger, which has left the strip; the second finger becomes the first."""
         first = self._first
         self._end(first)
         self._first = self._second

@@ -146,7 +146,7 @@ class Framer:
         return self._send(_KEY_SIZE, self._gap)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
-        """Send one of the fingers found in a reading as a CONTACT frame, see `fingers`."""
+        """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
         pack_into(
             _CONTACT_FRAME,
             self._payload,

@@ -92,7 +92,7 @@ class Keypad:
         self.contact.spend()
 
     def forget(self):
-        """Drop the tap that waits for a second tap, and the layer for the next key."""
+        """Drop a pending double tap, and a layer that is on for the next key only."""
         self._due = self._tapped_at = self._once = _NONE
 
     # Events of contact.ContactTracker.

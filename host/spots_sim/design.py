@@ -285,7 +285,7 @@ def design_command(options: argparse.Namespace) -> None:
 
 
 def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[Path]:
-    """Write moulds, drawings and recipe of a number of strips to `folder`; return the files."""
+    """Write moulds, drawings and recipe for the strips of a design; return the files."""
     line = (
         f"spots design --length-mm {options.length_mm:g} "
         f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"

@@ -125,14 +125,14 @@ class _View:
             self._sheet.elements.append(f'<path d="{" ".join(paths)}" fill="{_FILLS[fill]}"/>')
 
     def across(self, name: str, u1: float, u2: float, v: float, off: float, what: str = "") -> None:
-        """Draw a horizontal dimension `off` pixels below `v`, or above if negative."""
+        """Draw the dimension `name` from `u1` to `u2`, `off` pixels below `v`, with a text."""
         (x1, y), (x2, _) = self.at(u1, v), self.at(u2, v)
         self._dimension(name, (x1, y), (x2, y), (0, off), abs(u2 - u1), what)
 
     def upright(
         self, name: str, v1: float, v2: float, u: float, off: float, what: str = ""
     ) -> None:
-        """Draw a vertical dimension `off` pixels to the right of `u`, or left if negative."""
+        """Draw the dimension `name` from `v1` to `v2`, `off` pixels right of `u`, with a text."""
         (x, y1), (_, y2) = self.at(u, v1), self.at(u, v2)
         self._dimension(name, (x, y1), (x, y2), (off, 0), abs(v2 - v1), what)
 
@@ -188,12 +188,12 @@ def write(shape: StripShape, folder: Path) -> list[Path]:
 
 
 def _across(solid, x: float = 0.0):
-    """Cut a solid at right angles to x; the result has y to the right and z upwards."""
+    """Cut a solid across its length at `x`; the result has y to the right and z upwards."""
     return solid.translate((-x, 0, 0)).rotate((0, -90, 0)).rotate((0, 0, -90)).slice(0)
 
 
 def _along(solid, y: float = 0.0):
-    """Cut a solid along its length; the result has x to the right and z upwards."""
+    """Cut a solid along its length at `y`; the result has x to the right and z upwards."""
     return solid.translate((0, -y, 0)).rotate((-90, 0, 0)).slice(0)
 
 

@@ -299,7 +299,7 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Return positions (x, y), angles and standard errors, see `visited`.
+    """Return positions `places` (x, y in mm), angles and their standard errors, see `visited`.
 
     Positions without a reading of both joints are left out: the LED was off for a dark frame.
     """

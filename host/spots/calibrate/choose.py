@@ -100,7 +100,10 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Return usable diodes, positions, and log2 of the counts scaled to the first pass's force."""
+    """Return usable diodes, positions in um, and log2 of their counts at the first pass's force.
+
+    The arguments are those of `choose`.
+    """
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {
         diode
@@ -122,7 +125,11 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the smallest possible standard deviation of each position in um."""
+    """Return the smallest possible standard deviation of n positions in um, shape (n,).
+
+    `slopes` are the derivatives of the channels' logarithms by position in 1/um, and `variance`
+    their variances, both of shape (n, c).
+    """
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)
     return np.sqrt(a / (a * c - b**2))

@@ -168,7 +168,10 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
 
 
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
-    """Ask for presses of a mark until enough agree; return the mean shift of each channel."""
+    """Ask for presses of a mark until `presses` of them agree; return each channel's mean shift.
+
+    `log` is log2 of the counts at this mark at the calibration.
+    """
     logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
     colour_per_um -= colour_per_um.mean()

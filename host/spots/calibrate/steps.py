@@ -287,7 +287,7 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take those presses in the list `row` that the session does not have yet."""
+        """Take those presses of `row` that the session does not have; `title` names the series."""
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):
@@ -324,5 +324,5 @@ class _Steps:
 
 
 def _along(length_um: float, count: int) -> list[float]:
-    """Return positions along the strip in um, rounded to 0.1 mm as on a ruler."""
+    """Return `count` positions from end to end of a strip in um, rounded to 0.1 mm for a ruler."""
     return np.round(np.linspace(0, length_um, count), -2).tolist()

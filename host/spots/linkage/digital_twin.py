@@ -233,7 +233,7 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return a joint's angle at `time_s`, interpolated between readings; None if impossible."""
+    """Return a joint's angle at `time_s`, interpolated between `angles`, or None."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
