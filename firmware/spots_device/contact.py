@@ -320,7 +320,7 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
-        """Return whether a reading away from the finger may be of two fingers; if so, enter TWO.
+        """Return whether a reading at another position may be of two fingers; if so, enter TWO.
 
         Parameters
         ----------
@@ -451,7 +451,7 @@ class ContactTracker:
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside one at `x1_um` from a reading, see `second.locate`.
 
-        Returns whether it is on the strip. `_found` then is its position and uncertainty in um.
+        Returns whether the result is on the strip: position and uncertainty in um, in `_found`.
         """
         found = self._found
         return (
@@ -511,7 +511,7 @@ class ContactTracker:
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left; positions now rest `off_um` away from it."""
+        """Return whether the first finger has left, if positions now rest `off_um` um from it."""
         if abs(brightness - self._b_since) > _DIPPED:
             return True  # with two fingers, this change of force would move the position
         first = self._b

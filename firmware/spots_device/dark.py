@@ -50,7 +50,7 @@ _ODD_EVERY_US = const(2_000_000)
 
 
 class Dark:
-    """Averages dark windows to the dark frame. `add` allocates nothing.
+    """Averages dark windows (four samples with the LED off). `add` allocates nothing.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Dark:
         return bool(sums)
 
     def request_pool(self):
-        """Restart the mean with 16 windows, or with as many as two seconds allow."""
+        """Restart the mean: take 16 windows in a row, or as many as fit in two seconds."""
         self.wanted = self._pool_wanted = True
 
     def begin(self, exposure_us):

@@ -25,7 +25,7 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    It is the sink of a tracker, and passes all events on to another sink.
+    It receives the events of a tracker, and passes all of them on to another receiver (sink).
 
     Parameters
     ----------
@@ -42,16 +42,16 @@ class Fingers:
         self._second = _Finger()
 
     def attach(self, tracker, sink):
-        """Follow a tracker, and pass its events on to a sink; None for no sink.
+        """Receive the events of a tracker, and pass them on to `sink`, unless it is None.
 
-        If the tracker already follows a touch, its finger begins with the next reading of it alone.
+        A finger that already touches gets its first frame when it is alone in a reading.
         """
         self._tracker = tracker
         self._sink = sink
         tracker.sink = self
 
     def send(self, sensor, decode):
-        """Send the fingers of a reading, after the tracker has taken it.
+        """Send a frame for each finger of a reading that the tracker has already processed.
 
         Parameters
         ----------

@@ -245,10 +245,10 @@ class Keypad:
     # Keys and their actions.
 
     def _find(self, x_um, again):
-        """Return the row of the key at the position `x_um` in um, or -1.
+        """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        Near the border of the key that was tapped before (row `again`, or -1), this key is
-        returned, so that a quick second tap may miss it by ``slack_um``.
+        `again` is the row of the key that was tapped before, or -1. This key is returned even up
+        to ``slack_um`` beside it, because a quick second tap is less accurate.
         """
         layout = self._layout
         keys = layout.keys

@@ -152,7 +152,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the mode of the file at `path`, None if it is absent; if `new`, it must be absent."""
+    """Return the permissions of the file at `path`; None without a file, as `new` requires."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:

@@ -11,5 +11,5 @@ def _installed():
 
 
 def entry_points(**wanted: str) -> metadata.EntryPoints:
-    """Return the entry points with this ``group``, and this ``name`` if one is given."""
+    """Return the entry points of installed packages with a ``group`` and, if given, a ``name``."""
     return _installed().select(**wanted)

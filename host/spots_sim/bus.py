@@ -18,7 +18,7 @@ class SimulationClock(Protocol):
         """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Let `duration_us` microseconds pass, in which the board does nothing."""
+        """Let a time in us pass in which the board does nothing."""
 
 
 @dataclass

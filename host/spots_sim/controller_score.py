@@ -68,7 +68,7 @@ class ControllerScore:
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare a step of X with the finger's movement since the last state.
+        """Compare the change of X since the last state with the finger's movement.
 
         Parameters
         ----------

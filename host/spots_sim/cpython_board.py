@@ -199,7 +199,7 @@ def _load(folder: Path) -> str:
 
 
 class _Requests:
-    """The board's access to its bus, and the board's clock."""
+    """The board's transfers, waits and LED pin, which a power failure interrupts, and its clock."""
 
     def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):
         self.bus = bus

@@ -302,7 +302,7 @@ class Moments(toml.Strict):
 
 
 class Bursts(Moments):
-    """Intervals in which `damage_percent` of the bytes are damaged, equally in four ways."""
+    """Intervals in which `damage_percent` of the bytes are flipped, lost, doubled or inserted."""
 
     damage_percent: Percent = 100.0
 
@@ -429,7 +429,7 @@ class ScenarioFile(toml.Strict):
 
 
 class LinkageFile(toml.Strict):
-    """A five-bar linkage with a strip in each base joint: nominal values and their true errors.
+    """A five-bar linkage with a strip in each base joint: nominal values, and their errors.
 
     Attributes
     ----------

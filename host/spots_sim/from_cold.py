@@ -1,7 +1,7 @@
-"""A real strip from switching on cold: typing, and a joint: ``python -m spots_sim.from_cold 20``.
+"""Measures typing and a joint while the LED warms up: ``python -m spots_sim.from_cold 20``.
 
-The argument is a number of simulated minutes. The strip is calibrated with a warm LED, and has
-changed since by the table ``[change]`` of its sensor file.
+The argument is a number of simulated minutes. The strip was calibrated with a warm LED, and has
+changed since then as the table ``[change]`` of its sensor file says.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
     seed : int
         Random seed of text, touches and noise.
     rezeroed : bool
-        Whether the strip was re-zeroed once, warm, before.
+        Whether the calibration was corrected before (re-zero), while the LED was warm.
 
     Returns
     -------
     dict
-        Figures of the run, see `demo_applications.type_on_board`.
+        Results of the run, see `demo_applications.type_on_board`.
     """
     rng = np.random.default_rng(seed)
     with Rig(sensor, seed, 10_000, 1) as rig:
@@ -127,7 +127,7 @@ def joint(
 
 
 class _Stops(StagePresser):
-    """Turns a joint to its marks."""
+    """Turns a joint to the angles at which a re-zero measures the strip."""
 
     def press(self, wanted) -> None:
         _hold(self._stage, wanted.angle_deg)
@@ -145,7 +145,10 @@ def _hold(stage: Stage, angle_deg: float, direction: int = 1) -> None:
 
 
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the joint up and down; return angles (n) and positions in um (n, readings)."""
+    """Turn the joint to `shares` of its travel, up and down again; read it at each.
+
+    Returns angles in degrees, shape (n,), and positions in um, shape (n, readings).
+    """
     angles, rows = [], []
     for direction, sweep in ((1, shares), (-1, shares[::-1])):
         for share in sweep:
@@ -178,7 +181,7 @@ def _marks(stage: Stage, shares) -> Marks:
 
 
 def main() -> None:
-    """Parse the command line, and print the figures."""
+    """Parse the command line, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("minutes", type=float, nargs="?", default=20.0)
     parser.add_argument("--sensor", default="real")

@@ -1,4 +1,4 @@
-"""Changes a calibrated strip on the simulated stage, and re-zeroes it."""
+"""Changes a calibrated simulated strip, then corrects the calibration with presses (re-zero)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _NOBODY = Path("characterize")
 
 @dataclass(frozen=True)
 class Hand:
-    """Options of a re-zero.
+    """Options of a re-zero: marked positions are pressed again, to correct a calibration.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, then its joint; re-zero it after the change of its sensor file.
+    """Calibrate a simulated strip, then its joint, then apply the change in its sensor file.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def calibrated(
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the stops of the joint are pressed after the change.
+        Whether the calibration is corrected after the change (re-zero), at the joint's stops.
 
     Returns
     -------
@@ -143,9 +143,9 @@ class Simulation:
     run : int
         Number of the run. Runs with the same seed have the same strips, but different noise.
     rezeroed : bool, optional
-        Whether the strips were re-zeroed after the change of the sensor file.
+        Whether the calibrations were corrected after the change in the sensor file (re-zero).
     misfits : bool, optional
-        Whether readings that fit no press of the calibration are trusted.
+        Whether readings are used even if their spectrum does not fit the calibration.
 
     Attributes
     ----------

@@ -218,7 +218,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
-    """Set lamps and LED on a board as `calibrate` did, and the LED's dark frame if it took one.
+    """Give a board the mains frequency and LED settings, with dark frame, that `calibrate` used.
 
     Parameters
     ----------

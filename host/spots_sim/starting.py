@@ -32,8 +32,8 @@ def report(message: dict) -> None:
 def when_parent_ends(action: Callable[[], object]) -> None:
     """Call a function once standard input closes or the parent process ends.
 
-    A thread waits for this. Unless the main thread has ended this process 5 s later, the thread
-    ends it. If the thread itself fails, it also ends the process.
+    A thread waits for this. If this process still runs 5 s after the call, the thread ends the
+    process. It also does so after an error of its own.
 
     Parameters
     ----------

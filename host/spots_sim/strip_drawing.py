@@ -107,7 +107,7 @@ class _Sheet:
 
 
 class _View:
-    """A view on a sheet: a scale, and the place of its zero. Coordinates are mm, v upwards."""
+    """A view on a sheet, with its scale and origin. Coordinates u and v are in mm, v upwards."""
 
     def __init__(self, sheet: _Sheet, x: float, y: float, scale: float):
         self._sheet, self._x, self._y, self._scale = sheet, x, y, scale
@@ -155,7 +155,7 @@ class _View:
         sheet.elements.append("</g>")
 
     def note(self, u: float, v: float, dx: float, dy: float, text: str) -> None:
-        """Write a text with a line to a place; (dx, dy) pixels is the offset of the text."""
+        """Write a text (dx, dy) pixels from the point (u, v), and a line between them."""
         x, y = self.at(u, v)
         self._sheet.line(x, y, x + dx, y + dy, "leader")
         right = dx >= 0

@@ -1,4 +1,4 @@
-"""What to mix and in which order, for a number of strips: the text of ``build.md``.
+"""Writes ``build.md``: which rubbers to mix, and in which order to cast a number of strips.
 
 Volumes are those of the mould's cavities (`strip_shape`). Beside each statement is its source, or
 *not tried*: nobody has cast a strip with these moulds yet.
@@ -82,7 +82,7 @@ class Batch:
 
     @property
     def mixed_ml(self) -> float:
-        """Volume to mix: with spare, and at least `LEAST_ML`."""
+        """Volume to mix: more than the cavities need, and at least `LEAST_ML`."""
         wanted = max(self.cavities_ml * (1 + SPARE) + CUP_ML, LEAST_ML)
         return math.ceil(wanted / STEP_ML) * STEP_ML
 
@@ -108,7 +108,7 @@ def checked(strips: int) -> int:
 
 
 def batches(shape: StripShape, strips: int) -> list[Batch]:
-    """Return what to mix for a number of strips.
+    """Return the amounts of rubber to mix for a number of strips.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class Breakout:
     window_mm : tuple of float
         Centre of the chip's window, in mm from the lower left corner.
     source : str
-        Maker's file with these figures.
+        Maker's file with these dimensions.
     """
 
     width_mm: float
@@ -98,7 +98,7 @@ class StripShape:
     Attributes
     ----------
     length_mm : float
-        Length on which a finger is measured: that of the air gap, between the caps.
+        Length of the part that senses a finger: that of the air gap between the caps.
     breakout : str
         Key of `BREAKOUTS`.
     """

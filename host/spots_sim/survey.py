@@ -151,7 +151,7 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Results of a twin that has the true lengths and estimates a motion along a path.
+    """Result of a digital twin with the true lengths, which has followed a motion along a path.
 
     Attributes
     ----------
@@ -299,9 +299,9 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Return places (x, y), angles and their errors as `visited`, where both joints had a reading.
+    """Return positions (x, y), angles and standard errors, see `visited`.
 
-    While the LED is off for a dark frame, a joint has none.
+    Positions without a reading of both joints are left out: the LED was off for a dark frame.
     """
     angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
     read = np.isfinite(angles).all(axis=0)

@@ -163,7 +163,7 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Return a dict from right presses to their touches, as indices, and a list of the rest."""
+        """Match presses with touches: return {press index: touch index}, and the other presses."""
         right: dict[int, int] = {}
         matched, others = set(), []
         for p, (time_s, key) in enumerate(presses):

@@ -124,7 +124,7 @@ class MicroPythonProcess:
             raise
 
     def boot(self, run_entry: bool = True) -> None:
-        """Start MicroPython with new pipes: `requests` to read from, `answers` to write to.
+        """Start MicroPython with new pipes: `requests` from the board, `answers` to the board.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class MicroPythonProcess:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Raise an error unless MicroPython closed its pipes because of Ctrl-D at its prompt.
+        """Handle closed pipes of MicroPython; raise an error unless it was a soft reset (Ctrl-D).
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Computes the state of a gamepad from readings. No I/O; all times are arguments.
 
-An axis follows the finger, and returns to rest when the finger lifts. While readings are untrusted
-or missing, the last valid state is kept for `hold_ms`; then all axes and buttons return to rest.
+An axis follows the finger, and returns to 0 when the finger lifts. While readings are untrusted or
+missing, the last valid state is kept for `hold_ms`; then all axes are 0 and all buttons released.
 """
 
 import math
@@ -103,7 +103,7 @@ class Controller:
         return self._sender.due(now_s)
 
     def release(self) -> None:
-        """Return to rest and drop all pending states.
+        """Set all axes to 0, release all buttons, and drop all states that were not sent yet.
 
         A finger that is still on the strip moves the axes, but presses no button until it is
         lifted.
@@ -220,7 +220,7 @@ class _Button:
         return self._zone_um[0] <= position_um <= self._zone_um[1]
 
     def begin(self, mine: bool) -> None:
-        """Begin a touch; `mine` is true if the touch may press this button."""
+        """Handle the start of a touch; `mine` is true if the touch may press this button."""
         self._mine = mine
 
     def take(self, force_mN: float) -> None:

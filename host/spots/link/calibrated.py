@@ -76,7 +76,7 @@ def length_of(board: Board) -> int:
 
 
 def tell_rest(board: Board) -> None:
-    """Make the present spectrum of an untouched strip its baseline; ignore a missing reply."""
+    """Let the board take the present light as the untouched strip's; ignore a missing reply."""
     if not board.read_only:
         with contextlib.suppress(SpotsError):
             board.command("rest")

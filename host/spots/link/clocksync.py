@@ -81,7 +81,7 @@ class ClockSync:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 
     def learn(self) -> None:
-        """Apply the recorded answer. Call it between two reads, so that a recording can note it."""
+        """Apply the recorded answer. Call it between two reads, so that a recorder can store it."""
         if self._answer is not None:
             self.clock.round_trip(*self._answer)
             self._answer = None
@@ -95,5 +95,5 @@ def _waits(soon: int) -> Iterator[float]:
 
 
 def spread_s(i: int) -> float:
-    """Return the delay of round trip number `i`, in seconds."""
+    """Return a delay for round trip number `i` in seconds; the delays are spread evenly."""
     return i * _GOLDEN % 1 * _SPREAD_S

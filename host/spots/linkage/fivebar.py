@@ -373,7 +373,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and its `Limit` codes: those of arm 1 for either arm.
+    """Return the angle of an arm in rad, and its `Limit` codes (for both arms those of arm 1).
 
     (`x`, `y`) is the end point relative to the arm's joint; `inner` and `outer` are the lengths of
     the arm's bars, all in mm.
@@ -416,7 +416,7 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Solve for the arguments; reject or mask the results that a limit excludes.
+    """Compute results; raise LimitError or mask them where the linkage has no solution.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class TwinView:
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Return the braille dots of each character of the plot for arrays of points in mm."""
+        """Return the braille dots of the plot's characters that show arrays of points in mm."""
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):
@@ -114,7 +114,7 @@ def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
 
 
 def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
-    """Return the points of the line between the two points `ends` in mm: one for each dot."""
+    """Return points in mm on the line between the two points `ends`: one for each dot to draw."""
     return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 

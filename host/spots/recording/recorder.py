@@ -37,7 +37,7 @@ class Recorder:
         ``describe()`` returns the present values of ``info``, ``clock``, ``calibration`` and
         ``restarts`` of a `header.Header`.
     begun : bytes
-        First bytes of a frame whose other bytes have not arrived yet.
+        Bytes of an incomplete frame that have arrived before the recording.
     rotate_bytes : int, optional
         Largest size of a file, in bytes. After FILE.spots the recording continues in
         FILE-001.spots, which must not exist yet. No limit if not given.

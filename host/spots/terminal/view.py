@@ -210,7 +210,7 @@ def bar(share: float) -> str:
 
 
 def figures() -> Table:
-    """Return an empty table with the columns name, figure and picture."""
+    """Return an empty table with the columns name, number and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
     grid.add_column(justify="right", width=10)

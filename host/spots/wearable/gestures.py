@@ -180,7 +180,7 @@ class Gestures:
     # Classification.
 
     def _decide_early(self) -> None:
-        """Detect a squeeze or a long hold while the finger still touches."""
+        """Detect the gestures that are decided during the touch: a squeeze or a long hold."""
         path = self._path
         still = path.spread_um <= _STILL_UM
         hard = still and path.force_mN >= _SQUEEZE_MN
@@ -244,14 +244,14 @@ class _Path:
     Attributes
     ----------
     began_s, left_s, end_s : float
-        Times of three readings, in seconds: the first one, the one at which the finger left its
-        first position, and the last one.
+        Time of the first reading, time at which the finger left its first position, and time of the
+        last reading, in seconds.
     begin_um, end_um : int
         First and last position, in um.
     force_mN, hardest_mN : int
         Latest and largest force, in mN.
     hard_since_s : float
-        Time since when the finger has been still and pressed hard; infinity if it does not.
+        Time at which the finger, without moving, began to press hard; infinity if it does not.
     decided : bool
         Whether a gesture was found for this path.
     """
