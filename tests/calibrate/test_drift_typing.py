@@ -2,8 +2,10 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
 
+from spots.controller.gamepad_engine import usable
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load
@@ -106,6 +108,14 @@ def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
     if name in UNTRUSTED:
         firm = [touch.trusted for touch in touches if touch.force_mN > 1500]
         assert sum(firm) < 0.05 * len(firm)
+
+
+def test_a_controller_follows_a_strip_that_drifted(sensor, calibration):
+    _, touches = play(sensor, calibration, DRIFTS["die redder"])
+    third_s = START_S + 2 * PERIOD_S
+    firm = [touch for touch in touches if touch.force_mN > 1500 and touch.time_s > third_s]
+    assert len(firm) > 100
+    assert np.mean([usable(touch) for touch in firm]) > 0.95
 
 
 def test_a_drift_that_hits_another_key_is_not_hidden(sensor, calibration):
