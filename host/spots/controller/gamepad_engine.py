@@ -168,7 +168,7 @@ class _Axis:
 
 
 def usable(touch: Touch) -> bool:
-    """Return whether a reading moves a controller: it is trusted, or fits one press but for a drift.
+    """Return whether a reading moves a controller: trusted, or of one press on a drifted strip.
 
     A controller needs less accuracy than a measurement, see docs/drift.md.
     """
