@@ -162,6 +162,9 @@ class Surroundings(toml.Strict):
     flicker_phase_deg: Degrees = 0.0
 
 
+JOINT_TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
+
+
 class JointFile(toml.Strict):
     """An indenter that a joint slides along the strip.
 
@@ -183,23 +186,6 @@ class JointFile(toml.Strict):
     def um_per_deg(self) -> float:
         """Distance in um that the indenter slides per degree of the joint."""
         return 1000 * self.radius_mm * math.pi / 180
-
-    def slid_um(self, angle_deg: float, direction: int) -> float:
-        """Return how far the indenter has slid from its place at 0 degrees, in um.
-
-        Parameters
-        ----------
-        angle_deg : float
-            Angle of the joint in degrees.
-        direction : int
-            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
-            joint by half the backlash.
-
-        Returns
-        -------
-        float
-        """
-        return (angle_deg - direction * self.play_deg / 2) * self.um_per_deg
 
 
 class SensorFile(toml.Strict):
@@ -232,6 +218,30 @@ class SensorFile(toml.Strict):
         around = self.surroundings
         lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
         return lamps.get(around.flicker_hz, 0)
+
+    @property
+    def joint_travel_deg(self) -> float:
+        """Angle by which the joint turns while its indenter slides along `JOINT_TRAVEL`."""
+        start, end = JOINT_TRAVEL
+        return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
+
+    def indenter_um(self, angle_deg: float, direction: int) -> float:
+        """Return the place of a joint's indenter, in um from the sensor's end.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
+            joint by half the backlash.
+
+        Returns
+        -------
+        float
+        """
+        lagging_deg = angle_deg - direction * self.joint.play_deg / 2
+        return 1000 * JOINT_TRAVEL[0] * self.length_mm + lagging_deg * self.joint.um_per_deg
 
     def unchanged(self) -> SensorFile:
         """Return a copy without the change since the calibration."""
