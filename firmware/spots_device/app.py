@@ -276,9 +276,8 @@ class BoardApp:
                 if self.reconnect.fault:
                     why_not += ": " + self.reconnect.fault
         else:
-            s = self.settings.values
             found, why_not = self.calibration.choose(
-                self.strip.conditions, s["strain_ppm"], s["mains_hz"]
+                self.strip.conditions, self.settings.values["strain_ppm"]
             )
             if not self.strip.lit_flags:
                 from .light import NO_DARK

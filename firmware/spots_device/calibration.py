@@ -143,15 +143,13 @@ class Calibration:
         fall = (contrasts[-1] - contrasts[0] << 7) // (sum(map(abs, part.position)) or 1) << 11
         self.decay = min(abs(fall // (x[-1] - x[0])), 1000)
 
-    def mismatch(self, conditions, mains_hz=0):
+    def mismatch(self, conditions):
         """Return why this calibration cannot be used for readings, if their conditions differ.
 
         Parameters
         ----------
         conditions : Conditions
-            Board and settings of the readings.
-        mains_hz : int
-            The setting ``mains_hz``. If it is not 0, the exposures may differ, see `rescale`.
+            Board and settings of the readings. Any exposure is valid, see `rescale`.
 
         Returns
         -------
@@ -168,11 +166,10 @@ class Calibration:
             return "the calibration was made with plan=%s; set this, or calibrate again" % (
                 ",".join(made.plan)
             )
-        exposure_us = made.exposure_us if mains_hz else conditions.exposure_us
-        if (conditions.gain, exposure_us, conditions.led_mA) != made[2:]:
+        if (conditions.gain, conditions.led_mA) != (made.gain, made.led_mA):
             return (
-                "the calibration was made at gain=%d exposure_us=%d led_mA=%d; "
-                "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
+                "the calibration was made at gain=%d led_mA=%d; set these, or calibrate again"
+                % (made.gain, made.led_mA)
             )
         return None
 
@@ -198,7 +195,7 @@ class CalibrationSlot:
         self._parsed = None
         self._key = None
 
-    def choose(self, conditions, strain_ppm, mains_hz=0):
+    def choose(self, conditions, strain_ppm):
         """Return the stored calibration, parsed for a strain, if it is valid for the readings.
 
         Parameters
@@ -207,8 +204,6 @@ class CalibrationSlot:
             Board and settings of the readings.
         strain_ppm : int
             Strain of the strip in ppm.
-        mains_hz : int
-            Frequency of the mains in Hz, or 0.
 
         Returns
         -------
@@ -221,11 +216,11 @@ class CalibrationSlot:
         if not self.lines:
             return None, None
         try:
-            key = strain_ppm, mains_hz and conditions.exposure_us
+            key = strain_ppm, conditions.exposure_us
             if self._parsed is None or self._key != key:
                 self._parsed = None  # frees memory for the new one
                 parsed = Calibration(self.lines, strain_ppm)
-                if mains_hz and conditions.exposure_us != parsed.conditions.exposure_us:
+                if conditions.exposure_us != parsed.conditions.exposure_us:
                     from .rescale import rescale  # rare
 
                     rescale(parsed, conditions.exposure_us)
@@ -234,7 +229,7 @@ class CalibrationSlot:
             return None, str(error)
         except MemoryError:
             return None, "no memory is left for the calibration: save and reboot"
-        why_not = self._parsed.mismatch(conditions, mains_hz)
+        why_not = self._parsed.mismatch(conditions)
         return (None, why_not) if why_not else (self._parsed, None)
 
 

@@ -1,4 +1,4 @@
-"""Converts a calibration to another exposure; imported only if ``mains_hz`` is set.
+"""Converts a calibration to another exposure; imported only if the exposure differs.
 
 Another exposure shifts all logarithms of a reading by the same value. So positions do not change,
 and the brightness of each force is shifted. A shorter exposure gives fewer counts, so more relative

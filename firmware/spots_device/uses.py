@@ -191,7 +191,7 @@ class Uses:
                 self.two = True
                 # Both bits where this spectrum alone would fit one press, see contact.py.
                 decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
-        if self._gamepad_on:
+        if self._gamepad_on and not self.two:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
         return self._rests
 

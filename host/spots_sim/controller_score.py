@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from spots.controller.controller_settings import ControllerSettings
-from spots.controller.gamepad_engine import axis_value, span
+from spots.controller.gamepad_engine import axis_value, span, usable
 from spots.controller.shaping import deflection
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, State
@@ -63,7 +63,7 @@ class ControllerScore:
             Gamepad state that the controller computed from this reading.
         """
         wanted = self._wanted(touch.time_s)
-        if touch.trusted and wanted is not None:
+        if usable(touch) and wanted is not None:
             self._squares += (state.x - wanted) ** 2
             self._compared += 1
 

@@ -21,7 +21,7 @@ from spots.link.connect import prepare, upload
 from spots.link.frames import Touch
 
 from .demo_applications import type_on_board
-from .files import ScenarioFile, SensorFile, load
+from .files import JOINT_TRAVEL, ScenarioFile, SensorFile, load
 from .lockstep import LockstepLink
 from .rezeroed import Hand, age, silent_bench
 from .rig import Rig
@@ -31,7 +31,7 @@ from .stage_presser import StagePresser
 from .typist import Typist
 
 WARM_MIN = 5  # five time constants of the LED
-_SHARES = np.linspace(0.1, 0.9, 31)  # travel of the joint, as shares of the strip
+_SHARES = np.linspace(0, 1, 31)  # angles, as shares of the joint's travel
 _READINGS = 6
 _TEST_EVERY = 3  # of these angles
 _SETTLE_S = 0.1
@@ -100,8 +100,7 @@ def joint(
         slope, zero = np.polyfit(positions.ravel(), np.repeat(angles, _READINGS), 1)
         rig.set_average(1)
         rig.stage.reader.set_up(dark_s=DARK_S)
-        at = [_SHARES[i] for i in (0, len(_SHARES) // 2, -1)]
-        marks = _marks(rig.stage, at)
+        marks = _marks(rig.stage, _SHARES[[0, len(_SHARES) // 2, -1]])
     made = CalibrationFile(date=now(), **conditions._asdict(), lines=lines, joint_marks=marks)
     found = []
     with Stage(sensor, seed + 1, settings(conditions), warm_s=0.0) as stage:
@@ -110,7 +109,7 @@ def joint(
         for minute in range(1, round(minutes) + 1):
             rezeroed = minute > warm_min
             if minute == warm_min + 1:
-                bench = silent_bench(stage, _Stops(stage))
+                bench = silent_bench(stage, StagePresser(stage))
                 upload(board, rezero(bench, made, joint=True).lines)
             elif minute == 1:
                 upload(board, lines)
@@ -126,24 +125,6 @@ def joint(
     return found
 
 
-class _Stops(StagePresser):
-    """Turns a joint to the angles at which a re-zero measures the strip; replaces a person."""
-
-    def press(self, wanted) -> None:
-        _hold(self._stage, wanted.angle_deg)
-
-
-def _angle_deg(stage: Stage, share: float) -> float:
-    return (share - _SHARES[0]) * stage.length_um / stage.sensor.joint.um_per_deg
-
-
-def _hold(stage: Stage, angle_deg: float, direction: int = 1) -> None:
-    joint = stage.sensor.joint
-    stage.held.bend_deg = angle_deg
-    place_um = _SHARES[0] * stage.length_um + joint.slid_um(angle_deg, direction)
-    stage.press(place_um, joint.force_mN)
-
-
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
     """Turn the joint to `shares` of its travel, up and down again; read it at each.
 
@@ -152,8 +133,8 @@ def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
     angles, rows = [], []
     for direction, sweep in ((1, shares), (-1, shares[::-1])):
         for share in sweep:
-            angle_deg = _angle_deg(stage, share)
-            _hold(stage, angle_deg, direction)
+            angle_deg = share * stage.sensor.joint_travel_deg
+            stage.turn(angle_deg, direction)
             begun_s = stage.board.now_s() + _SETTLE_S
             row = []
             for frame in stage.board.frames():
@@ -167,16 +148,16 @@ def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marks(stage: Stage, shares) -> Marks:
-    counts, angles = [], []
-    for share in shares:
-        angles.append(_angle_deg(stage, share))
-        _hold(stage, angles[-1])
+    angles, counts = shares * stage.sensor.joint_travel_deg, []
+    for angle_deg in angles:
+        stage.turn(angle_deg)
         counts.append(stage.reader.read(_MARK_SAMPLES).counts)
+    start, end = JOINT_TRAVEL
     return Marks(
-        place_um=tuple(share * stage.length_um for share in shares),
+        place_um=tuple(((start + (end - start) * shares) * stage.length_um).tolist()),
         force_mN=0.0,
-        logs=tuple(tuple(np.log2(row).tolist()) for row in counts),
-        angle_deg=tuple(angles),
+        logs=tuple(map(tuple, np.log2(counts).tolist())),
+        angle_deg=tuple(angles.tolist()),
     )
 
 

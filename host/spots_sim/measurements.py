@@ -30,7 +30,6 @@ _FORCE_STEPS = 16
 _FORCE_PLACES = np.linspace(0.05, 0.95, 5)
 _JITTER_UM, _JITTER_FORCE = 50.0, 0.05
 _JOINT_ANGLES = 31
-_JOINT_SHARE = (0.1, 0.9)  # travel of the indenter, as shares of the strip
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
 # Number of readings or presses of each kind; reduced if a reading takes long.
@@ -388,16 +387,12 @@ def _strain(rig: Rig, rng, run: Run) -> None:
 
 
 def _joint(rig: Rig, run: Run) -> None:
-    joint = rig.stage.sensor.joint
-    start_um, end_um = np.array(_JOINT_SHARE) * rig.stage.length_um
-    up = np.linspace(0, min((end_um - start_um) / joint.um_per_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
+    up = np.linspace(0, min(rig.stage.sensor.joint_travel_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
     held = _fewer(rig, _HELD)
     rows, angles = [], []
     for direction, sweep in {1: up, -1: up[::-1]}.items():
         for angle in sweep:
-            rig.stage.held.bend_deg = angle
-            at_um = start_um + joint.slid_um(angle, direction)
-            readings, _ = rig.readings(at_um, joint.force_mN, held)
+            readings, _ = rig.turned(angle, direction, held)
             rows.append([r.position_um for r in readings])
             angles.append((direction, angle))
     rig.stage.held.bend_deg = 0.0

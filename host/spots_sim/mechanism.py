@@ -15,10 +15,9 @@ import numpy as np
 from spots.errors import SpotsError
 
 from .change import NONE, Change
-from .files import LinkageFile, PathFile, SensorFile, Stroke
+from .files import JOINT_TRAVEL, LinkageFile, PathFile, SensorFile, Stroke
 from .scenario import Pose, Press
 
-TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
 _STEP_S = 1e-3
 _WIDTH_MM = 4.0
 _CURVE_STEPS = 24  # steps between two points of a smooth stroke
@@ -85,8 +84,8 @@ class Mechanism:
             math.radians(low + error) for low, error in zip(file.lowest_deg, file.mount_error_deg)
         )
         self._joint = sensor.joint
-        self._first_mm, last_mm = (share * sensor.length_mm for share in TRAVEL)
-        self.travel_deg = math.degrees((last_mm - self._first_mm) / self._joint.radius_mm)
+        self._first_mm = JOINT_TRAVEL[0] * sensor.length_mm
+        self.travel_deg = sensor.joint_travel_deg
 
     def angles_deg(self, x_mm, y_mm) -> np.ndarray:
         """Return the joint angles for positions of the end point.

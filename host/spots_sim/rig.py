@@ -148,6 +148,14 @@ class Rig:
             Dark-subtracted counts: means over the samples of each reading, rounded by the board.
         """
         self.stage.press(position_um, force_mN)
+        return self._held(count)
+
+    def turned(self, angle_deg: float, direction: int, count: int):
+        """Turn a joint, see `Stage.turn`, and return readings as `readings` does."""
+        self.stage.turn(angle_deg, direction)
+        return self._held(count)
+
+    def _held(self, count: int):
         begun_s = self.board.now_s() + 0.5e-6 * self.reading_us
         touches, spectra = [], []
         for frame in self.board.frames():

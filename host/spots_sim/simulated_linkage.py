@@ -62,7 +62,7 @@ class Turned(NamedTuple):
 
 @lru_cache(maxsize=16)
 def calibrated(
-    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int, rezeroed: bool = False
+    sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
     """Calibrate a simulated strip, then its joint, then apply the change in its sensor file.
 
@@ -70,8 +70,6 @@ def calibrated(
     ----------
     sensor : SensorFile
         Simulated sensor.
-    linkage : LinkageFile
-        Linkage that determines the travel of the indenter.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -84,22 +82,11 @@ def calibrated(
     CalibrationFile
         Calibration that includes the joint.
     """
-    mechanism = Mechanism(linkage, sensor)
-    angles_deg = np.linspace(0, mechanism.travel_deg, _ANGLES)
+    up = np.linspace(0, sensor.joint_travel_deg, _ANGLES).tolist()
     points = []
     with Rig(sensor, seed, exposure_us, 1) as rig:
-        sweep = np.concatenate([angles_deg, angles_deg[::-1]])
-        ways = np.repeat([1, -1], _ANGLES)
-        # Starts below the first angle and turns above the last one, to pass the backlash.
-        scenario = mechanism.turn(
-            np.arange(2 * _ANGLES + 2),
-            np.concatenate([[-1.0], sweep[:_ANGLES], [mechanism.travel_deg + 1], sweep[_ANGLES:]]),
-        )
-        held = np.delete(np.arange(2 * _ANGLES + 2), [0, _ANGLES + 1])
-        for angle, way, moment in zip(sweep.tolist(), ways.tolist(), held.tolist()):
-            (press,) = scenario.presses(moment)
-            rig.stage.held.bend_deg = angle
-            touches, counts = rig.readings(1000 * press.position_mm, press.force_mN, _WINDOW)
+        for angle, way in [(one, 1) for one in up] + [(one, -1) for one in reversed(up)]:
+            touches, counts = rig.turned(angle, way, _WINDOW)
             places_um = [touch.position_um for touch in touches]
             points.append(
                 Turned(
@@ -173,7 +160,7 @@ class Simulation:
         self._misfits = decode.MISFIT if misfits else 0
         scenarios = self.mechanism.drive(motion)
         noise = _seeds(seed, run + 1)
-        self.strips = _strips(sensor, linkage, seed, exposure_us, rezeroed)
+        self.strips = _strips(sensor, seed, exposure_us, rezeroed)
         on_s = start_s(sensor) - START_S
         with ExitStack() as opened:
             self.boards: list[Board] = []
@@ -247,7 +234,7 @@ class Endless:
         self._mechanism = Mechanism(linkage, sensor)
         self._sensor, self._seed = sensor, seed
         self._scenarios = self._mechanism.drive(guided(closed(path), START_S), again=True)
-        self._strips = _strips(sensor, linkage, seed, exposure_us)
+        self._strips = _strips(sensor, seed, exposure_us)
         self._epoch_s = time.monotonic()
         self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
 
@@ -280,9 +267,9 @@ def start_s(sensor: SensorFile) -> float:
 
 
 def _strips(
-    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int, rezeroed: bool = False
+    sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> list[CalibrationFile]:
-    return [calibrated(sensor, linkage, s, exposure_us, rezeroed) for s in _seeds(seed, 0)]
+    return [calibrated(sensor, s, exposure_us, rezeroed) for s in _seeds(seed, 0)]
 
 
 def _seeds(seed: int, what: int) -> list[int]:

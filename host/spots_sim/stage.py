@@ -109,6 +109,19 @@ class Stage:
         """
         self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
 
+    def turn(self, angle_deg: float, direction: int = 1) -> None:
+        """Turn a joint that bends the strip, and slides its indenter on it.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle is reached from below, -1 if from above.
+        """
+        self.held.bend_deg = angle_deg
+        self.press(self.sensor.indenter_um(angle_deg, direction), self.sensor.joint.force_mN)
+
     def release(self) -> None:
         """Lift the indenter."""
         self.held.press = None

@@ -86,9 +86,10 @@ def test_forty_of_forty_taps_of_a_calibration_made_in_the_dark(clock_error_perce
 
 
 @pytest.mark.parametrize(
-    ("settings", "exposure_us"), [("mains_hz=60", 8333), ("mains_hz=50", 20_000)]
+    ("settings", "exposure_us"),
+    [("mains_hz=60", 8333), ("mains_hz=50", 20_000), ("mains_hz=0", 8333), ("mains_hz=0", 50_000)],
 )
-def test_force_and_position_hold_at_other_exposures_under_lamps(settings, exposure_us):
+def test_force_and_position_hold_at_other_exposures(settings, exposure_us):
     sensor = load(SensorFile, "default")
     lines = calibrate(sensor)
     with Stage(sensor, seed=3, settings=settings) as stage:

@@ -130,6 +130,14 @@ def test_a_lamp_that_is_switched_now_and_then_is_not_reported():
         assert untrusted.sentence == ""
 
 
+def test_a_dark_frame_after_presses_that_do_not_fit_is_not_the_cause():
+    untrusted = Untrusted()
+    for i, flags in enumerate([TOUCHING | MISFIT] * 68 + [LED_OFF] * 6 + [TOUCHING | MISFIT] * 15):
+        untrusted.take(reading(flags), 0.01 * i)
+        assert "dark frame" not in untrusted.sentence
+    assert "re-zero is advised" in untrusted.sentence
+
+
 def test_monitor_advises_a_re_zero_within_a_second(sensor, calibration, capsys):
     with Board(LockstepLink(sensor, Scenario(TWO), 0)) as board:
         prepare(board, calibration)

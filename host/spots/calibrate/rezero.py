@@ -87,7 +87,7 @@ def rezero(
             "marks"
         )
     table, reader = Calibration(made.lines), bench.reader
-    reason = table.mismatch(reader.conditions, reader.info.get("mains_hz", 0))
+    reason = table.mismatch(reader.conditions)
     if reason is not None:
         raise SpotsError(f"{bench.path}: {reason}")
     bench.guide.say("dark frames: touch nothing")

@@ -102,16 +102,6 @@ class Parser(argparse.ArgumentParser):
             )
         return namespace, unknown
 
-    def _get_value(self, action, arg_string):
-        try:
-            return super()._get_value(action, arg_string)
-        except argparse.ArgumentError:
-            if action.type not in (int, float):
-                raise
-            whole = "whole " if action.type is int else ""
-            text = f"'{arg_string}' is not a {whole}number"
-            raise argparse.ArgumentError(action, text) from None
-
     def _check_value(self, action, value):
         if action.choices is not None and value not in action.choices:
             hint = did_you_mean(value, action.choices)

@@ -8,8 +8,9 @@ import math
 from collections import deque
 
 from spots_device import decode
+from spots_device.contact import TWO_FIT
 
-from ..link.frames import Touch
+from ..link.frames import DOUBTFUL, Touch
 from ..outputs.devices import AXIS_MAX, REST, State
 from .controller_settings import ControllerSettings, ForceAxis, PositionAxis, Pressed, Tapped
 from .one_euro import OneEuro
@@ -73,7 +74,7 @@ class Controller:
             State to send now; None if there is nothing to send.
         """
         self._expire(now_s)
-        if touch.trusted:
+        if usable(touch):
             self._feel(touch, now_s)
         elif touch.touching or touch.flags & _BLIND:
             self.held = self._touched
@@ -164,6 +165,14 @@ class _Axis:
     def end(self) -> None:
         self._filter.reset()
         self.value = 0
+
+
+def usable(touch: Touch) -> bool:
+    """Return whether a reading moves a controller: trusted, or of one press on a drifted strip.
+
+    A controller needs less accuracy than a measurement, see docs/drift.md.
+    """
+    return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
 
 
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:

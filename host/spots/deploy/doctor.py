@@ -1,7 +1,5 @@
 """Checks a board's port, firmware, sensor, LED and calibration; prints a remedy per problem."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator

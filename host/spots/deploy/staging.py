@@ -36,7 +36,7 @@ LIBRARIES = {
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 
 
-class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Device(toml.Strict, kw_only=True):
     """Content of a board file, board.toml.
 
     Attributes

@@ -1,7 +1,5 @@
 """``spots keys``: shows and validates layout files, and uploads a layout to a board."""
 
-from __future__ import annotations
-
 from rich.console import Console, Group
 from rich.panel import Panel
 from rich.table import Table

@@ -7,8 +7,6 @@ actions ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (a slide toward
 `usages`.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,11 +32,7 @@ LAYER_VERBS = {
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class _Key(_Struct):
+class _Key(toml.Strict):
     tap: str = ""
     double: str = ""
     hold: str = ""
@@ -49,7 +43,7 @@ class _Key(_Struct):
     label: Optional[str] = None
 
 
-class _Layer(_Struct):
+class _Layer(toml.Strict):
     name: str
     keys: Annotated[list[Union[str, _Key]], msgspec.Meta(min_length=1)]
     gap_percent: Annotated[float, msgspec.Meta(ge=0, le=80)] = 0.0
@@ -65,13 +59,11 @@ _Tuning = msgspec.defstruct(
         if name != "flavour"
     ]
     + [("flavour", Literal[_FLAVOURS], _FLAVOURS[LIMITS["flavour"][2]])],
-    frozen=True,
-    forbid_unknown_fields=True,
-    kw_only=True,
+    bases=(toml.Strict,),
 )
 
 
-class _File(_Struct):
+class _File(toml.Strict):
     name: str
     layer: Annotated[list[_Layer], msgspec.Meta(min_length=1, max_length=lines_of.LAYERS_MAX)]
     tuning: _Tuning = _Tuning()

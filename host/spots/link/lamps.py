@@ -1,7 +1,5 @@
 """Finds the mains frequency of flickering lamps in the counts of a board."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -61,6 +61,9 @@ class Untrusted:
             if touch.touching or not self._misfit_press:
                 self.sentence, self._lasted_s, self._misfit_press = "", 0.0, False
             return
+        if flag == decode.LED_OFF and self._misfit_press:
+            self._last_s = None  # the board repeats its dark frame because presses do not fit
+            return
         if self._last_s is not None:
             self._lasted_s += now_s - self._last_s
         self._last_s = now_s

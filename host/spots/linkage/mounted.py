@@ -22,7 +22,7 @@ _Length = Annotated[float, msgspec.Meta(ge=1, le=10_000)]
 _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 
 
-class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Mounting(toml.Strict, kw_only=True):
     """Mounting of a strip in a joint: joint angle = offset + gain * angle of the calibration.
 
     Attributes
@@ -44,7 +44,7 @@ class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             raise ValueError("gain must be about 1, or about -1 if the joint turns the other way")
 
 
-class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Mounted(toml.Strict, kw_only=True):
     """Content of a linkage file.
 
     Attributes

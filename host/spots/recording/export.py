@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 from numpy.lib import format as npy
 
-from ..atomic import replacing, sync
-from ..errors import SpotsError, missing
+from ..atomic import not_written, replacing, sync
+from ..errors import missing
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .header import Header
@@ -84,9 +84,7 @@ class _Files:
             try:
                 sync(file)
             except OSError as error:
-                raise SpotsError(
-                    f"cannot write {path}: {error.strerror}; name another file with --out"
-                ) from None
+                raise not_written(path, error) from None
 
 
 def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import secrets
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -77,6 +78,7 @@ class Recorder:
         self._tail = begun
         self._between_frames = True
         self._disk: Disk | None = None
+        self._lock = threading.RLock()  # a Ctrl-C may leave it locked by this thread
         self.paths: list[Path] = []
         self.bytes = 0
         self.handles: list[Handle] = []
@@ -106,22 +108,24 @@ class Recorder:
         SpotsError
             If nothing more can be written. The recording then ends.
         """
-        if data and self._disk is not None:
-            try:
-                self._keep(data, now_s)
-            except Exception:  # but not at a Ctrl-C: the file can still get its end
-                self._release()
-                raise
+        with self._lock:
+            if data and self._disk is not None:
+                try:
+                    self._keep(data, now_s)
+                except Exception:  # but not at a Ctrl-C: the file can still get its end
+                    self._release()
+                    raise
 
     def stop(self) -> None:
-        """End the recording. Idempotent."""
-        if self._disk is None:
-            return
-        try:
-            # Within a partial frame, the note would be lost.
-            self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
-        finally:
-            self._release()
+        """End the recording. Idempotent, and safe while another thread reads from the link."""
+        with self._lock:
+            if self._disk is None:
+                return
+            try:
+                # Within a partial frame, the note would be lost.
+                self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
+            finally:
+                self._release()
 
     def _keep(self, data: bytes, now_s: float) -> None:
         self._tail += data

@@ -28,7 +28,7 @@ DEFAULT = FOLDER / "media.toml"
 _TICK_S = 0.02
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _File(toml.Strict):
     gestures: dict[str, str]
     least_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.6
 
