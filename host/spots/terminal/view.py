@@ -2,7 +2,8 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from shutil import get_terminal_size
 from typing import Protocol
 
@@ -260,6 +261,14 @@ def plain(touch: Touch, started_s: float) -> str:
 def live(console: Console) -> Live:
     """Return a display that redraws in place with ``update(picture, refresh=True)``."""
     return Live(console=console, auto_refresh=False, transient=False)
+
+
+@contextmanager
+def drawn(wanted: bool) -> Iterator[Live | None]:
+    """Yield a display as `live` does; None if not wanted, or if the output is not a terminal."""
+    console = Console()
+    with live(console) if wanted and console.is_terminal else nullcontext() as display:
+        yield display
 
 
 class Pace:
