@@ -54,7 +54,7 @@ _CHECKED = (_ENABLE, _CFG0, _ASTEP)
 
 
 class SensorError(Exception):
-    """The sensor is absent, is another chip, or stopped sampling."""
+    """Raised if the sensor is absent, is another chip, or stopped sampling."""
 
 
 class AS7341:
@@ -274,7 +274,7 @@ class AS7341:
             raise SensorError("the AS7341 has lost its settings; check its supply and wiring")
 
     def recover(self):
-        """Free the wires after a failed transfer; a runtime can override this method."""
+        """Free the wires of the bus after a failed transfer; a runtime can override this method."""
         self._bus.recover()
 
     def saturation(self):

@@ -18,9 +18,9 @@ TWO   TWO    the first finger rests, and two readings agree on the second one (s
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-When one finger is alone again, another one that rested beside it and was never found is estimated
-from the last readings of both. A release is delayed by `release_ms` (release debounce). Integers
-only; allocates nothing.
+When one finger is alone again, a second finger that rested beside it, but was not found, is
+estimated from the last readings of both. A release is delayed by `release_ms` (release debounce).
+Integers only; allocates nothing.
 """
 
 try:
@@ -89,7 +89,7 @@ def elapsed(since, now):
 
 
 def _counts(brightness):
-    """Return the light of a brightness (Q20 of log2), in sixteenths of a count; at least 1."""
+    """Convert a brightness (log2 in Q20) to counts times 16; the result is at least 1."""
     return max(power(brightness) >> 6, 1)
 
 

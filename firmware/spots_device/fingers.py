@@ -15,7 +15,7 @@ _SIGMA_MAX_UM = 65_535
 
 
 class _Finger:
-    """A finger; `pending` until its first frame is sent."""
+    """State of a finger; `pending` is True until its first frame is sent."""
 
     def __init__(self):
         self.there = self.pending = self.alone = False
@@ -156,7 +156,7 @@ class Fingers:
         finger.there = False
 
     def _swap(self):
-        """End the first finger, which has left; the second one becomes the first."""
+        """End the first finger, which has left the strip; the second finger becomes the first."""
         first = self._first
         self._end(first)
         self._first = self._second

@@ -154,7 +154,7 @@ class Strip:
         self._on_dark = done
 
     def request_search(self, done):
-        """Search gain, LED current and exposure; then call ``done(outcome)``."""
+        """Start a search of gain, LED current and exposure; at its end call ``done(outcome)``."""
         from .search import Search  # rare, and large
 
         s = self.settings.values
@@ -168,7 +168,7 @@ class Strip:
         self.baseline.wanted = True
 
     def forget_requests(self):
-        """Cancel the requested dark frame and the requested search."""
+        """Cancel the requested dark frame and the requested search of settings."""
         self._search = self._on_search = self._on_dark = None
 
     # Processing of a sample.

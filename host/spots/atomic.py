@@ -152,7 +152,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the permissions of the file at `path`; None without a file, as `new` requires."""
+    """Return the permissions of the file to replace; None if `path` is free, as `new` requires."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:

@@ -150,7 +150,7 @@ class AS7341:
     # I2C transfers. A controller calls advance(now) first, so that time never decreases.
 
     def answers(self) -> bool:
-        """Whether the chip acknowledges its address now."""
+        """Whether the chip acknowledges its I2C address now."""
         return self._now - self._on_since >= POWER_ON_US
 
     def write(self, data: bytes) -> None:

@@ -207,7 +207,7 @@ class _Requests:
         self._rate = faults.rate if faults else 1.0
 
     def ask(self, transfer, *arguments):
-        """Call ``transfer(*arguments)``, unless the power fails before it."""
+        """Call ``transfer(*arguments)``; if the power fails before, raise PowerLostError."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is not None:
             raise PowerLostError(off_us)

@@ -1,6 +1,6 @@
-"""``spots design``: finds the dye with the best resolution for a length, and the exposure.
+"""``spots design``: finds dye and exposure with the best resolution for a strip of some length.
 
-With ``--out`` it also writes what is needed to make the strip, see `strip_shape`.
+With ``--out`` it also writes moulds, drawings and instructions for the strip, see `strip_shape`.
 
 The predicted resolution is the Cramer-Rao bound of `bound.Bound`, for a press with the force
 `measurements.FORCE_MN`. Gain and LED current are those that the command ``auto`` would set. All
@@ -114,7 +114,7 @@ class Design:
 
 
 def timing(rate_hz: float) -> tuple[int, int]:
-    """Return exposure in us and number of samples in a reading, for a rate of readings in Hz."""
+    """Return the exposure in us and the samples per reading that give a rate of readings in Hz."""
     reading_us = 1e6 / rate_hz
     average = min(AVERAGE_MAX, max(1, math.ceil(reading_us / _LONGEST_US)))
     exposure_us = min(MAX_US, max(MIN_US, int(reading_us / average)))
@@ -285,7 +285,7 @@ def design_command(options: argparse.Namespace) -> None:
 
 
 def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[Path]:
-    """Write moulds, drawings and recipe; return the files."""
+    """Write moulds, drawings and recipe for the strips of a design; return the files."""
     line = (
         f"spots design --length-mm {options.length_mm:g} "
         f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"

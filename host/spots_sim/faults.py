@@ -117,7 +117,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes of one direction. The result does not depend on how they are divided.
+    """Damages the bytes of one direction. The result does not depend on the size of the pieces.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ class Led(toml.Strict):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the LED current in mA while it is on; `driver_mA` is the chip's setting."""
+        """Return the LED current in mA while the LED is on; `driver_mA` is the sensor's setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -214,7 +214,7 @@ class SensorFile(toml.Strict):
 
     @property
     def mains_hz(self) -> int:
-        """Value of the setting ``mains_hz`` for the ambient light; 0 without flicker."""
+        """Mains frequency of the lamps around the strip in Hz: 50 or 60; 0 without flicker."""
         around = self.surroundings
         lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
         return lamps.get(around.flicker_hz, 0)
@@ -244,7 +244,7 @@ class SensorFile(toml.Strict):
         return 1000 * JOINT_TRAVEL[0] * self.length_mm + lagging_deg * self.joint.um_per_deg
 
     def unchanged(self) -> SensorFile:
-        """Return a copy without the change since the calibration."""
+        """Return a copy of the sensor as it was when it was calibrated."""
         return msgspec.structs.replace(self, change=Change())
 
 

@@ -73,7 +73,7 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
 def joint(
     sensor: SensorFile, minutes: float, seed: int, average: int, warm_min: int = WARM_MIN
 ) -> list[dict]:
-    """Measure a joint from the moment at which the board is switched on; re-zero it once.
+    """Measure a joint from the moment at which the board is switched on; correct drift once.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def joint(
     average : int
         Samples of 10 ms in a reading.
     warm_min : int
-        Minutes from switching on to the re-zero.
+        Minutes from switching on to the correction of the drift (re-zero).
 
     Returns
     -------

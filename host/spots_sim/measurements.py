@@ -270,7 +270,7 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return the pair's scatter divided by its bound, and signal-to-noise ratios, at `x_um`.
+    """Return, at positions `x_um`, scatter divided by bound of `pair`, and signal-to-noise ratios.
 
     Readings are single samples here. The board rounds the mean counts of averaged readings, which
     would change the noise.
@@ -355,7 +355,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return `_accuracy_um` of the flat, unstretched strip from the results in `run`."""
+    """Return what `_accuracy_um` returned for the flat, unstretched strip, from `run`."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 

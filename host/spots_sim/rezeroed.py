@@ -90,7 +90,9 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
 
 @kept(tuple[str, ...])
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
-    """Calibrate a simulated sensor, change and re-zero it; return the calibration lines.
+    """Calibrate a simulated sensor, change it, and correct the calibration (re-zero).
+
+    Returns the lines of the corrected calibration.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
 
 
 def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
-    """Change a calibrated strip, then re-zero it; return a description of the drift.
+    """Change a calibrated strip, then correct its calibration with a few presses (re-zero).
 
     Parameters
     ----------

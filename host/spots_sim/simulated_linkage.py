@@ -262,7 +262,7 @@ class Endless:
 
 
 def start_s(sensor: SensorFile) -> float:
-    """Return the time in s at which a motion begins: LEDs that warm up are warm by then."""
+    """Return the time in s at which a motion may begin, because the LED is warm by then."""
     return START_S + (WARM_S if sensor.temperature.led_K_per_mA else 0.0)
 
 
@@ -273,7 +273,7 @@ def _strips(
 
 
 def _seeds(seed: int, what: int) -> list[int]:
-    """Return two seeds, for the strips (`what` 0) or for the noise of run number `what` - 1."""
+    """Return a seed for each strip: for its properties (`what` is 0), or for the noise of a run."""
     return [int(s) for s in np.random.SeedSequence((seed, what)).generate_state(2)]
 
 

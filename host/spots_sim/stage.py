@@ -90,7 +90,7 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """If the LED cannot be switched off, unplug it while the dark frame is taken."""
+        """Take a dark frame of an LED that is always on; the LED is unplugged meanwhile."""
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
@@ -217,7 +217,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        The text names the position of the first such press.
+        The text names the position of the press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),

@@ -143,12 +143,12 @@ def _rectangle(x: float, y: float):
 
 
 def _box(x: float, y: float, z: float):
-    """Return a box on the plane z = 0, centred on the z axis."""
+    """Return a box of the size `x`, `y`, `z` in mm, on the plane z = 0, centred on the z axis."""
     return _rectangle(x, y).extrude(z)
 
 
 def _between(x: tuple, y: tuple, z: tuple):
-    """Return a box between two values of each coordinate."""
+    """Return a box from (low, high) of each coordinate, in mm."""
     size = x[1] - x[0], y[1] - y[0], z[1] - z[0]
     return _box(*size).translate(((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, z[0]))
 
@@ -166,7 +166,7 @@ def _cylinder(height: float, foot: float, top: float | None = None):
 
 
 def _cavities_y(count: int, width: float) -> list[float]:
-    """Return the y coordinates in mm of the centre lines of a mould's cavities."""
+    """Return the y coordinates in mm of the centre lines of a mould's `count` cavities."""
     pitch = width + MIDDLE_WALL
     return [(i - (count - 1) / 2) * pitch for i in range(count)]
 
@@ -176,13 +176,17 @@ def _mould_width(middles: list[float], width: float) -> float:
 
 
 def _pins(length: float, wide: float) -> list[tuple[float, float]]:
-    """Return the pins' (x, y) in mm: two on one side, one on the other, so the lid fits one way."""
+    """Return the pins' (x, y) in mm, which are not symmetric: the lid fits in one way only."""
     x, y = length / 2 - 2 * PIN_INSET, wide / 2 - PIN_INSET
     return [(-x, y), (x, y), (-x / 2, -y)]
 
 
 def _tray(length: float, middles: list[float], width: float, depth: float):
-    """Return a tray without cavities: a block with pins, and grooves for overflowing rubber."""
+    """Return a tray without its cavities: a block with pins, and grooves for overflowing rubber.
+
+    `length`, `width` and `depth` are those of a cavity in mm; `middles` are the y coordinates of
+    the cavities' centre lines.
+    """
     wide, top = _mould_width(middles, width), FLOOR + depth
     block = _box(length + 2 * END_WALL, wide, top)
     for x, y in _pins(length, wide):
@@ -212,7 +216,7 @@ def _lid(length: float, middles: list[float], width: float):
 
 
 def _cavity(width: float, length: float, depth: float):
-    """Return a cavity whose opening, `width` by `length`, is at z = 0; it reaches downwards."""
+    """Return a cavity whose opening, `width` by `length` mm, is at z = 0; it is `depth` mm deep."""
     return _frustum(width, length, depth).mirror((0, 0, 1))
 
 
@@ -226,7 +230,7 @@ def _guide_tray(length: float):
 
 
 def _opened(width: float, length: float, depth: float):
-    """Return a cavity with a box above it, to be cut out of a tray."""
+    """Return a `_cavity` with a box above its opening, to be cut out of a tray."""
     return _cavity(width, length, depth) + _box(length, width, _CUT)
 
 

@@ -82,17 +82,17 @@ class Batch:
 
     @property
     def mixed_ml(self) -> float:
-        """Volume to mix: more than the cavities need, and at least `LEAST_ML`."""
+        """Volume of rubber to mix, in ml: more than the cavities need, and at least `LEAST_ML`."""
         wanted = max(self.cavities_ml * (1 + SPARE) + CUP_ML, LEAST_ML)
         return math.ceil(wanted / STEP_ML) * STEP_ML
 
     @property
     def mixed_g(self) -> float:
-        """Mass to mix."""
+        """Mass of rubber to mix, in g."""
         return self.mixed_ml * self.rubber.density_g_ml
 
     def portions(self) -> list[tuple[str, float, float]]:
-        """Return name, volume in ml and mass in g of each part."""
+        """Return name, volume in ml and mass in g of each component of the rubber."""
         density = self.rubber.density_g_ml
         return [
             (name, share * self.mixed_ml, share * self.mixed_ml * density)
@@ -101,7 +101,7 @@ class Batch:
 
 
 def checked(strips: int) -> int:
-    """Return a number of strips; raise SpotsError if it is out of range."""
+    """Check a number of strips to cast, and return it; raise SpotsError if it is out of range."""
     if not 1 <= strips <= STRIPS_MAX:
         raise SpotsError(f"--strips must be from 1 to {STRIPS_MAX}, not {strips}")
     return strips

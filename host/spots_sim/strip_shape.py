@@ -120,22 +120,22 @@ class StripShape:
 
     @property
     def board(self) -> Breakout:
-        """The breakout."""
+        """Outline of the AS7341 breakout that the cap is made for."""
         return BREAKOUTS[self.breakout]
 
     @property
     def support_mm(self) -> float:
-        """Length of the support: the gap and the two covered ends."""
+        """Length of the black support in mm: the air gap, and the two ends inside the caps."""
         return self.length_mm + 2 * END_LENGTH
 
     @property
     def guide_mm(self) -> float:
-        """Length of a guide, which reaches through the wall of one cap."""
+        """Length of a light guide in mm; it reaches through the wall of one cap."""
         return self.support_mm + BEYOND
 
     @property
     def base_mm(self) -> float:
-        """Height of the strip's lower face above the table: the sensor cap reaches below it."""
+        """Height of the strip's lower face above the table in mm; the sensor cap goes lower."""
         return (
             self.board.window_mm[1]
             + CLEARANCE
@@ -145,12 +145,12 @@ class StripShape:
 
     @property
     def guide_mm3(self) -> float:
-        """Volume of a guide."""
+        """Volume of a light guide in mm3."""
         return guide_mm3(self.guide_mm)
 
     @property
     def support_mm3(self) -> float:
-        """Volume of the support."""
+        """Volume of the black support in mm3."""
 
         def area(z: float) -> float:
             below_top = STRIP_THICKNESS - z

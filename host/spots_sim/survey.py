@@ -1,4 +1,4 @@
-"""Measures the error of a simulated linkage's twin, over the workspace and on a path."""
+"""Measures the error of a simulated linkage's digital twin, over the workspace and on a path."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def follow(
     report=lambda terminal: None,
     **condition: bool,
 ) -> PathRun:
-    """Guide the end point of a simulated linkage along a path, and estimate it with a twin.
+    """Move the end point of a simulated linkage along a path; compare it with a digital twin.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Return positions (x, y), angles and standard errors, see `visited`.
+    """Return positions `places` (x, y in mm), angles and their standard errors, see `visited`.
 
     Positions without a reading of both joints are left out: the LED was off for a dark frame.
     """

@@ -23,7 +23,7 @@ class UsbHost:
 
     @property
     def asks(self) -> bool:
-        """Whether the host polls for reports; set it to False for a sleeping computer."""
+        """Whether the USB host polls for reports; False simulates a sleeping computer."""
         return self._asks
 
     @asks.setter

@@ -175,7 +175,7 @@ class MicroPythonProcess:
             raise SpotsError("the virtual board hangs: close it and open it again") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
-            raise SpotsError(f"the virtual board stopped: {lines[-1]}")
+            raise SpotsError(f"the virtual board stopped ({lines[-1]}): open it again")
 
     def shut_down(self) -> None:
         """Kill MicroPython and close the pipes."""
@@ -198,7 +198,7 @@ class MicroPythonProcess:
 
 
 def _in_group(group: int) -> dict:
-    """Return the arguments of `subprocess.Popen` for a process group; 0 is a new group."""
+    """Return the arguments of `subprocess.Popen` that start a process in a group; 0: a new one."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

@@ -30,7 +30,7 @@ _CONTINUES = "the presses taken so far are stored; run the same command again to
 
 
 class BadPressError(Exception):
-    """The press is not valid; the text gives the reason."""
+    """Raised if a press is not valid; the text gives the reason."""
 
 
 @dataclass
@@ -59,12 +59,12 @@ class Bench:
 
     @property
     def window(self) -> int:
-        """Number of samples in a reading."""
+        """Number of samples in a reading of a press."""
         return self._samples(_WINDOW_S)
 
     @property
     def mark_samples(self) -> int:
-        """Number of samples in the reading of a mark, whose noise would shift whole tables."""
+        """Number of samples in a reading of a mark; many, because its noise shifts whole tables."""
         return self._samples(_MARK_S)
 
     def take(
@@ -138,7 +138,7 @@ class Bench:
         return max(_WINDOW_MIN, round(seconds * 1e6 / self.reader.info["exposure_us"]))
 
     def _held(self, noise: Noise | None, kind: str) -> Reading:
-        """Return the first reading of a steady press of a kind, or raise `BadPressError`."""
+        """Wait for a steady press, and return its reading, or raise `BadPressError`."""
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason, steady = "no press is seen", 0
         while steady < self.presser.steady:

@@ -98,7 +98,7 @@ class Joint(_Struct, kw_only=True):
 
 
 class Marks(_Struct, kw_only=True):
-    """Presses of a calibration that a re-zero repeats.
+    """Reference presses at three marked positions, which a re-zero repeats to measure drift.
 
     Attributes
     ----------

@@ -157,7 +157,7 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
 
 
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best weights for position and for force in the middle of a part of the strip."""
+    """Return the six channels' best weights for position, and for force, in a part of the strip."""
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the slope over the whole part, the mean error of the force in the part is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
@@ -188,13 +188,20 @@ def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
 
 
 def _estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the generalised least-squares weights: one row for each column of `design`."""
+    """Return the generalised least-squares weights, a row for each unknown (column of `design`).
+
+    `information` is 1/variance of the logarithm of each channel, shape (c,).
+    """
     weighted = design * information[:, None]
     return np.linalg.solve(design.T @ weighted, weighted.T)
 
 
 def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest standard deviations of position and misfit, for each brightness."""
+    """Return the largest standard deviations of position in um, and of misfit in log2 units.
+
+    `dimmer` are n brightnesses relative to the firm press, in log2 units; results have shape (n,).
+    `parts` are the segments, and `test` the weights of the misfit.
+    """
     places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
     weights = np.array([_part_at(rest, parts, x)[0] for x in places])
@@ -221,7 +228,10 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
 
 
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return forces and brightnesses of the knots, from the least force with light upwards."""
+    """Return the table of force by brightness: ascending forces in mN, and brightnesses in Q20.
+
+    `firm` is the brightness of the firm presses along the strip (`rest`), in Q20.
+    """
     lit = pressed.lit_everywhere()
     brightness = np.array(
         [

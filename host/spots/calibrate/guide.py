@@ -77,11 +77,11 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Increase the number of presses taken by `count`, which may be negative."""
+        """Count `count` more presses as taken in the progress display; it may be negative."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
-        """Mark the place of the next press."""
+        """Show where to press next."""
         columns, share = strip_columns(), wanted.place_um / self._length_um
         at = len(_STRIP) + round(min(max(share, 0), 1) * (columns - 1))
         self._strip = Text(_STRIP + "█" * columns, style="rgb(140,60,60)")

@@ -49,7 +49,7 @@ class Presser:
             self._guide.ask(f"stretch {length}, do not touch it, then press Enter: ")
 
     def press(self, wanted: Wanted) -> None:
-        """Begin a press with the place and force of `wanted`."""
+        """Begin a press at the position and with the force of `wanted`."""
         if wanted.kind == "mark" and wanted.angle_deg is not None:
             self._guide.say(f"turn the joint upwards to {wanted.angle_deg:g} degrees and hold")
         elif wanted.kind != "joint":

@@ -133,7 +133,7 @@ class _Steps:
     session: Session
 
     def settle(self, options: argparse.Namespace) -> None:
-        """Choose gain, LED current and channels, unless presses for a calibration fix them."""
+        """Choose gain, LED current and channels, unless earlier presses of the session fix them."""
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
         if not session.plan_is_open:
@@ -230,7 +230,7 @@ class _Steps:
         self._series("forces", row)
 
     def marks(self) -> None:
-        """Take the presses that a re-zero repeats."""
+        """Take presses at the marks, which a later re-zero repeats."""
         bench = self.bench
         bench.guide.say("dark frames: touch nothing")
         bench.reader.set_up(dark_s=DARK_S)
@@ -255,7 +255,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at angles up and down, and add the joint to the calibration file."""
+        """Take presses at angles of a joint, up and down; add the joint to the calibration file."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board
@@ -306,7 +306,7 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take the presses of `row` that the session does not have yet."""
+        """Take those presses of `row` that the session does not have; `title` names the series."""
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):
@@ -343,5 +343,5 @@ class _Steps:
 
 
 def _along(length_um: float, count: int) -> list[float]:
-    """Return positions along the strip in um, rounded to 0.1 mm as on a ruler."""
+    """Return `count` positions from end to end of a strip in um, rounded to 0.1 mm for a ruler."""
     return np.round(np.linspace(0, length_um, count), -2).tolist()

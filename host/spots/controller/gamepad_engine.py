@@ -225,7 +225,7 @@ class _Button:
         self._zone_um = settings.from_percent * percent_um, settings.to_percent * percent_um
 
     def has(self, position_um: float) -> bool:
-        """Return whether a position is in the zone of the button."""
+        """Return whether a position in um is in the button's zone of the strip."""
         return self._zone_um[0] <= position_um <= self._zone_um[1]
 
     def begin(self, mine: bool) -> None:
@@ -264,7 +264,7 @@ _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
 
 
 class _Sender:
-    """Limits the rate of states: sends each change of a button, but only the latest axes."""
+    """Limits the rate of gamepad states; skips states of the axes, but no change of a button."""
 
     def __init__(self, rate_hz: float):
         self._every_s = 1 / rate_hz

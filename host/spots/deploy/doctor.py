@@ -159,8 +159,8 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
     """Measure the light of the LED in lit samples between two dark frames.
 
-    A press also couples ambient light into the strip, and ambient light changes. So each channel's
-    larger dark count is subtracted from its smallest lit count.
+    A press also couples ambient light into the strip, and ambient light changes. So for each
+    channel, the larger one of two dark counts is subtracted from the smallest lit count.
 
     Parameters
     ----------

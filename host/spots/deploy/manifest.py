@@ -12,7 +12,7 @@ _LINE = re.compile(rb"([0-9a-f]{64})  (\w[\w.-]*(?:/\w[\w.-]*)*)")
 
 
 def entries_of(files: dict[str, bytes]) -> set[tuple[str, str]]:
-    """Return a pair (path, SHA-256 in hexadecimal) for each file."""
+    """Return the entries of a manifest for these files: pairs of path and SHA-256 (hexadecimal)."""
     return {(path, hashlib.sha256(data).hexdigest()) for path, data in files.items()}
 
 

@@ -158,7 +158,7 @@ class Board:
 
     @property
     def drift_ppm(self) -> float:
-        """Drift of the board's clock in ppm, positive if fast; needs a minute of readings."""
+        """How much faster the board's clock is than the host's, in ppm; valid after a minute."""
         return self._clocks.clock.drift_ppm
 
     @property

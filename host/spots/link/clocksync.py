@@ -36,7 +36,7 @@ class ClockSync:
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Schedule the next regular question after host time `now_s` (s); keep the present map."""
+        """Schedule regular questions for the board's time from host time `now_s` on, in seconds."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
@@ -59,7 +59,7 @@ class ClockSync:
         self.due_s = received_s
 
     def ask(self, now_s: float) -> bytes:
-        """Return the question to send to the board now; empty if no question is due."""
+        """Return the command that asks for the board's time; empty if it need not be sent now."""
         if now_s < self.due_s:
             return b""
         self.due_s = now_s + next(self._waits)

@@ -39,7 +39,7 @@ class Angle(NamedTuple):
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
         Angular velocity and its standard error in rad/s, by the board's clock: the mean over the
-        last 3 to 8 readings (fewer for a fast movement). None with fewer than three readings.
+        last readings: 3 for a fast movement, up to 8 for a slow one. None before three readings.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.

@@ -51,7 +51,7 @@ class Limit(IntEnum):
 
 
 class LimitError(SpotsError):
-    """The linkage has no solution for these scalars.
+    """Raised if the linkage has no solution for scalar arguments.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Points for a kinematic calibration: measures them with a linkage, stores them, and fits them."""
+"""Measures, stores and fits the points of a linkage's kinematic calibration."""
 
 import csv
 import io
@@ -89,7 +89,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
     Parameters
     ----------
     source : Source
-        The twin and its boards.
+        The digital twin and its boards.
     points : Path
         Table of points. An existing table is continued.
     ask : callable
@@ -171,7 +171,7 @@ def _append(path: Path, row: Iterable[float]) -> None:
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
-    """Return the points, one per row, and the line number of each in the file."""
+    """Return the points of a table, an array with one row per point, and their line numbers."""
     try:
         text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
         table = csv.DictReader(io.StringIO(text))

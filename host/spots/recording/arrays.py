@@ -217,7 +217,7 @@ class Arrays:
 
     @property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """The four arrays: touches, spectra, keys and contacts."""
+        """The arrays of touches, spectra, keys and contacts, in this order."""
         return self.touches, self.spectra, self.keys, self.contacts
 
 

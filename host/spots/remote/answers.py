@@ -62,7 +62,7 @@ class Answers:
         self._due_s = now_s + min(pause_max_s, max(_EVERY_S, _PAUSE_SHARE * (now_s - began_s)))
 
     def close(self) -> None:
-        """Accept no more queries."""
+        """Stop accepting queries from remote readers."""
         for queryable in self._queryables.values():
             queryable.undeclare()
 

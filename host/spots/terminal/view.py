@@ -54,7 +54,7 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return texts to show: ``link``, for the row of the link, and ``rows``, more rows."""
+        """Return texts to show: ``link`` in the row of the link, and ``rows``: further rows."""
 
 
 class StripView:
@@ -85,7 +85,7 @@ class StripView:
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
 
     def take(self, frame: Frame) -> None:
-        """Add a frame to the picture."""
+        """Update the picture with a frame."""
         if isinstance(frame, Touch):
             self._touch = frame
             self._trace.append(frame)

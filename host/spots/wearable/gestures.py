@@ -119,7 +119,7 @@ class Gestures:
             self.release()
 
     def release(self) -> None:
-        """Drop the touch, and a tap that may become a double tap."""
+        """Ignore the present touch, and forget a tap that may become a double tap."""
         self._contact.spend()
         self._path = self._tap = None
 
@@ -291,7 +291,7 @@ class _Path:
         return _below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
-        """Return the time at which the finger arrived near its last position, if known."""
+        """Return the latest time in s at which the finger was not yet near its last position."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)
@@ -301,7 +301,7 @@ class _Path:
 
 
 def _above(value: float, limit: float) -> float:
-    """Return the confidence that a value is above its limit."""
+    """Return the confidence, 0 to 1, that a measured value is above its limit; 0.5 at the limit."""
     return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
 
 

@@ -52,7 +52,7 @@ LOG.addFilter(_is_fault)
 
 
 class PageApp:
-    """Web application that serves a state; use it in one event loop.
+    """Web application that sends the state of the web UI to browsers; use it in one event loop.
 
     Parameters
     ----------

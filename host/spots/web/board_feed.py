@@ -39,7 +39,7 @@ _NEXT = {
 
 
 class BoardReader:
-    """Reads a board in a thread, and puts the readings into a state, until `stop` is called.
+    """Reads a board in a thread, and shows the readings in the web UI, until `stop` is called.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ _FACTS = (
 
 
 class _Health:
-    """Puts the rate, the losses and the latency of a link into a state, twice a second."""
+    """Shows rate, losses and latency of a link in the web UI, twice a second."""
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
@@ -209,7 +209,7 @@ class _Health:
         self.show()
 
     def show(self) -> None:
-        """Put the values into the state if half a second has passed."""
+        """Show the values in the web UI, if half a second has passed since the last time."""
         if not self._pace.due(time.monotonic()):
             return
         latest, stats = self._latest, self._board.stats
