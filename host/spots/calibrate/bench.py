@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SpotsError
-from .guide import Guide
+from .dialog import Dialog
 from .presser import Presser
 from .presses import Noise, Presses
 from .session import Wanted
@@ -43,7 +43,7 @@ class Bench:
         Reads the board.
     presser : Presser
         Person or machine that presses the strip.
-    guide : Guide
+    guide : Dialog
         Shows what to do, and the progress.
     length_um : float
         Length of the strip at rest, in um.
@@ -53,7 +53,7 @@ class Bench:
 
     reader: SpectrumReader
     presser: Presser
-    guide: Guide
+    guide: Dialog
     length_um: float
     path: Path
 
@@ -126,8 +126,10 @@ class Bench:
         self.presser.release()
         end_s = self.reader.board.now_s() + self.presser.patience_s
         while self.reader.board.now_s() < end_s:
-            if self.reader.read(2).counts.max() < max(1.0, peak / 2):
+            reading = self.reader.read(2)
+            if reading.counts.max() < max(1.0, peak / 2):
                 return
+            self.guide.watch(reading, "release", 0.0)
         raise SpotsError(
             "the strip stays bright after the release: shade the strip, and do not press it"
         )

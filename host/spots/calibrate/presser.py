@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..link.board import Board
 from .dark import take_dark
-from .guide import Guide
+from .dialog import Dialog
 from .presses import FIRM_MN
 from .session import Wanted
 from .spectra import SpectrumReader
@@ -17,7 +17,7 @@ class Presser:
 
     Parameters
     ----------
-    guide : Guide
+    guide : Dialog
         Shows the requests, and reads the answers.
 
     Attributes
@@ -31,7 +31,7 @@ class Presser:
     patience_s = 120.0
     steady = 3
 
-    def __init__(self, guide: Guide):
+    def __init__(self, guide: Dialog):
         self._guide = guide
 
     def stretch(self, strain_ppm: int, length_um: float) -> None:
@@ -79,7 +79,7 @@ class Presser:
             The least force in mN.
         """
         # A scale may show grams. A strip that needs more than a firm press has no positions.
-        return 1000 * self._guide.ask_number(
+        return 1000 * self._number(
             f"press at {wanted.place_um / 1000:.1f} mm with the least force that lights every "
             "channel; what does the scale show, in N? ",
             0.01,
@@ -102,9 +102,22 @@ class Presser:
             The angle that the joint now has, in degrees, and the direction of the turn.
         """
         way = "up" if direction > 0 else "down"
-        angle = self._guide.ask_number(
+        angle = self._number(
             f"turn the joint {way} to its next angle and hold; what is the angle, in degrees? ",
             -_ANGLE_MAX_DEG,
             _ANGLE_MAX_DEG,
         )
         return Wanted(kind="joint", place_um=0, force_mN=0, angle_deg=angle, direction=direction)
+
+    def _number(self, question: str, lowest: float, highest: float) -> float:
+        """Ask for a number until the answer is valid. A decimal comma is valid."""
+        while True:
+            answer = self._guide.ask(question)
+            try:
+                if lowest <= (value := float(answer.replace(",", "."))) <= highest:
+                    return value
+            except ValueError:
+                pass
+            self._guide.say(
+                f"'{answer}' is not valid: type a number from {lowest:g} to {highest:g}"
+            )

@@ -171,6 +171,26 @@ class Session:
             raise SpotsError(f"cannot write the session {self.path}: {error.strerror}") from None
         self.points.append(taken)
 
+    def undo(self) -> Point | None:
+        """Remove the last point, and return it; None if there is no point."""
+        if self.points:
+            self.remove(last := self.points[-1])
+            return last
+        return None
+
+    def remove(self, point: Point) -> None:
+        """Remove a point from the file, which is replaced atomically.
+
+        Raises
+        ------
+        SpotsError
+            If the file cannot be written.
+        """
+        kept = [p for p in self.points if p is not point]
+        text = "".join(msgspec.json.encode(p).decode() + "\n" for p in kept)
+        atomic.write_text(text, self.path)
+        self.points, self._whole = kept, len(text.encode())
+
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
         """Return the points of one kind at one strain.
 

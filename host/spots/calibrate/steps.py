@@ -17,6 +17,7 @@ from ..link import lamps
 from . import calibration_file as file
 from .bench import Bench, judge_force, judge_place
 from .choose import choose, passes
+from .dialog import UndoError
 from .fit import PLACES_MIN
 from .joint import ANGLES_MIN, fit_joint, joint_marks
 from .make import make
@@ -73,6 +74,24 @@ def calibrate(
     SpotsError
         If the session has another board or other settings, or its presses give no calibration.
     """
+    while True:
+        try:
+            _run(bench, session, kind, count, strain_percent, options)
+            return
+        except UndoError:
+            bench.release()
+            undone = session.undo()
+            bench.guide.say(f"undone: {undone}" if undone else "there is no press to undo")
+
+
+def _run(
+    bench: Bench,
+    session: Session,
+    kind: str,
+    count: int,
+    strain_percent: float | None,
+    options: argparse.Namespace,
+) -> None:
     session.check(bench.reader.conditions)
     steps = _Steps(bench, session)
     if kind == "joint":
