@@ -58,7 +58,7 @@ def recorded(bench, serve, tmp_path):
     held.press = Press(40.0, 4000, 4.0)
     one = bench(held, record_to=tmp_path)
     ready(one)
-    return one, serve(one.state, recordings=one.recordings)
+    return one, serve(one.state, orders=one.orders)
 
 
 def test_a_recording_of_the_page_is_one_like_any_other(recorded, open_page, tmp_path):
@@ -140,7 +140,7 @@ def test_what_cannot_be_is_told(recorded, tmp_path, serve):
     assert post(server, "stop", token=token)[0] == 204
     state = PageState()
     nobody = Recordings(tmp_path, state)
-    lonely = serve(state, recordings=nobody)
+    lonely = serve(state, orders={"recording": nobody})
     assert post(lonely, "start", token=token_of(lonely)) == (
         409,
         "there is no board to record: plug one in",

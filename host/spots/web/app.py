@@ -1,7 +1,8 @@
 """The web application: static files, a WebSocket for the state, and requests if allowed.
 
-A message on the WebSocket changes nothing. A request is a POST, and needs the token. A browser acknowledges each message after drawing it, and
-then gets the newest state. Messages to a browser are never queued, neither here nor in sockets.
+A message on the WebSocket changes nothing. A request is a POST, and needs the token. A browser
+acknowledges each message after drawing it, and then gets the newest state. Messages to a browser
+are never queued, neither here nor in sockets.
 """
 
 import asyncio

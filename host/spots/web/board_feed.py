@@ -85,6 +85,8 @@ class BoardReader:
     def stop(self, timeout_s: float = 5.0) -> None:
         """Stop the thread and close the board; wait at most `timeout_s` seconds for the thread."""
         self._stopping.set()
+        for one in self._orders:
+            one.stopping = True
         if self._thread.is_alive():
             self._thread.join(timeout_s)
 
@@ -138,7 +140,7 @@ class BoardReader:
                     self._stopping.wait(_TICK_S)
                 feel.tick(board.now_s())
                 health.show()
-                if any([one.attend(board) for one in self._orders]):
+                if any(one.attend(board) for one in self._orders):
                     return
                 # A pause in a recording is part of the recording.
                 paused = isinstance(board, Replay) and not board.ended

@@ -17,12 +17,17 @@ class Orders:
     ----------
     nobody : str
         Error message for requests while no board is read.
+
+    Attributes
+    ----------
+    stopping : bool
+        Set by the thread's owner: `attend` must return soon.
     """
 
     def __init__(self, nobody: str):
         self._nobody = nobody
         self._asked: Queue[tuple[Any, Future]] = Queue(_WAITING_MAX)
-        self._attended = False
+        self._attended = self.stopping = False
 
     def decode(self, body: bytes) -> Any:
         """Return the request in the body of a message, or raise ValueError with the reason."""
@@ -60,11 +65,11 @@ class Orders:
             self._refuse()
         return answer
 
-    def _next(self, timeout_s: float = 0.0) -> tuple[Any, Future] | None:
-        """Return the next request whose client still waits, or None after `timeout_s` seconds."""
+    def _next(self) -> tuple[Any, Future] | None:
+        """Return the next request whose client still waits, or None."""
         while True:
             try:
-                asked = self._asked.get(timeout_s > 0, timeout_s)
+                asked = self._asked.get_nowait()
             except Empty:
                 return None
             if asked[1].set_running_or_notify_cancel():  # False after a timeout of the client

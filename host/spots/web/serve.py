@@ -16,8 +16,8 @@ from ..errors import SpotsError, missing
 from ..keyboard.layout import load
 from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import BoardReader, finder
-from .connections import Connections
 from .calibration import PageCalibration
+from .connections import Connections
 from .orders import Orders
 from .recordings import Recordings
 from .state import PageState

@@ -26,7 +26,7 @@ const PANELS = [
   [twin, LOOK, "twin"],
   [spectrum, LOOK, "board", "touch", "spectrum"],
   [history, LOOK, "touch"],
-  [recording, READ, "recording", "may_record"],
+  [recording, READ, "recording", "may_command"],
   [link, READ, "link"],
   [next, READ, "board", "untrusted", "connection"],
 ];
@@ -52,7 +52,7 @@ const receipt = connect(
   },
   (how) => {
     document.body.dataset.link = how;
-    take({ connection: how, may_record: false });
+    take({ connection: how, may_command: false });
     if (how !== "live") clear();
   },
 );
