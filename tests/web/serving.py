@@ -65,6 +65,20 @@ class Bench:
     def __init__(
         self, sensor, calibration, scenario, layout="digits", record_to=None, session=None
     ):
+        self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
+        self.state = PageState()
+        self.recordings = Recordings(record_to, self.state) if record_to else None
+        self.orders = {"recording": self.recordings} if record_to else {}
+        if session:
+            self.orders["calibration"] = PageCalibration(session, self.state)
+        self.link = None
+        self.there = True
+        self.asked_for = []
+        orders = self.orders.values()
+        self.reader = BoardReader(self._open, load(layout), self.state, 0.05, orders=orders)
+        self.reader.start()
+
+    def _open(self, board_id):
         self.asked_for.append(board_id)
         if not self.there:
             raise SpotsError("no board found, plug one in")

@@ -45,7 +45,7 @@ def ready(one):
     """Wait until a board is read."""
     while True:
         with pytest.raises(SpotsError) as refused:
-            one.recordings.ask("stop").result(60)
+            one.recordings.submit("stop").result(60)
         if "no recording to stop" in str(refused.value):
             return
         time.sleep(0.02)
@@ -181,8 +181,8 @@ def test_a_mistake_is_one_sentence(capsys, tmp_path, port, folder, says):
 def test_the_name_of_a_file_stays_in_its_folder(recorded, tmp_path):
     one, _ = recorded
     one.board.info["id"] = "../../e/v\\il\0"
-    one.recordings.ask("start").result(60)
-    one.recordings.ask("stop").result(60)
+    one.recordings.submit("start").result(60)
+    one.recordings.submit("stop").result(60)
     (path,) = tmp_path.iterdir()
     assert path.name.endswith("-evil.spots")
 

@@ -117,7 +117,7 @@ class PageApp:
         except ValueError as error:
             raise web.HTTPBadRequest(text=str(error)) from None
         try:
-            await asyncio.wait_for(asyncio.wrap_future(receiver.ask(wanted)), _ANSWER_S)
+            await asyncio.wait_for(asyncio.wrap_future(receiver.submit(wanted)), _ANSWER_S)
         except SpotsError as error:
             raise web.HTTPConflict(text=str(error)) from None
         except asyncio.TimeoutError:

@@ -14,7 +14,7 @@ from ..calibrate.dialog import Progress, UndoError
 from ..calibrate.presser import Presser
 from ..calibrate.session import Session, Wanted, settings
 from ..calibrate.spectra import Reading, SpectrumReader
-from ..calibrate.steps import calibrate
+from ..calibrate.steps import COUNTS, calibrate
 from ..errors import SpotsError, printable
 from ..guarded import sentence_of
 from ..link.board import Board
@@ -24,10 +24,10 @@ from .state import PageState
 _LENGTH_UM = 85_000.0
 _SAID = 4  # messages that are shown
 _PLACES_MIN = 3  # that show how the colour changes along the strip
-_ALONG = "position", "force", "mark"
+_ALONG = "hand", "position", "force", "mark"
+_MORE = 6  # presses of another session of the same kind
 # Phases of a session: what the page shows.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
-ANSWERED, REFUSED = "answered", "refused"
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
 _BEHIND = "the session has gone on in the meantime: look at the page again"
 
@@ -131,7 +131,9 @@ class PageCalibration(Orders):
             out = self._path.with_suffix(".toml")
             bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, out)
             options = Namespace(plan=None, keep_settings=False)
-            calibrate(bench, self._session, start.kind, 0, None, options)
+            taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
+            count = usual if taken < usual else taken + _MORE
+            calibrate(bench, self._session, start.kind, count, None, options)
         finally:
             with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
                 reader.restore()
@@ -154,6 +156,7 @@ class PageCalibration(Orders):
     def request(self, phase: str) -> None:
         """Show that a press or its release is awaited; the next message is the request."""
         self._step += 1
+        self._state.put("hold", None)
         self._show(phase=phase, step=self._step, todo=None)
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
@@ -178,25 +181,20 @@ class PageCalibration(Orders):
         self._show(fitted=fitted, done=progress.done, total=progress.total)
 
     def say(self, text: str) -> None:
-        """Show a message: a request, why a press or an answer is refused, or a report."""
+        """Show a message: the request of a press, or a report."""
         text = printable(text)
-        phase, todo = self._shown["phase"], self._shown["todo"]
-        if phase not in (PRESS, RELEASE):
-            said = [*self._shown["said"][1 - _SAID :], text]
-            self._show(said=said, phase=REFUSED if phase == ANSWERED else phase)
-        elif todo is None:
+        if self._shown["phase"] in (PRESS, RELEASE) and self._shown["todo"] is None:
             self._show(todo=text)
         else:
-            self._show(note=text)
+            self._show(note=text, said=[*self._shown["said"][1 - _SAID :], text])
 
     def ask(self, question: str) -> str:
         """Show a question, and wait for the answer of a browser."""
-        note = self._shown["said"][-1] if self._shown["phase"] == REFUSED else None
         self._step += 1
-        self._show(phase=ASK, step=self._step, todo=printable(question), note=note)
+        self._show(phase=ASK, step=self._step, todo=printable(question))
         while (text := self._listen()) is None:
             self._live.wait()
-        self._show(phase=ANSWERED)
+        self._show(phase=WORK)
         return text
 
     def _listen(self) -> str | None:

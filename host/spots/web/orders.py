@@ -48,7 +48,7 @@ class Orders:
         self._attended = False
         self._refuse()
 
-    def ask(self, request: Any) -> Future:
+    def submit(self, request: Any) -> Future:
         """Queue a request, from any thread.
 
         Returns

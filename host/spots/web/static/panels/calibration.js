@@ -13,10 +13,12 @@ const OWNED = "The session uses the board: position, keys and controller are sho
 const AGAIN = "Press the strip: its position is shown below. Another session adds presses to this one.";
 const ENDS = { done: "The board is calibrated", stopped: "The session is stopped", failed: "The session has ended early" };
 const N_PER_G = 0.00980665;
+// A question may end with its usual answer, and with others.
+const QUESTION = /^(.*?)\s*(?:\(Enter: (.*)\))?\s*:?\s*$/;
 
 export function calibration(root) {
   const opener = document.getElementById("calibrate");
-  let it = null, may = false, open = null, question = "";
+  let it = null, may = false, open = null, question = "", answered = null;
 
   // The parts of the panel, in the order of reading.
   const title = make("h2"), count = make("b"), bar = make("progress");
@@ -59,8 +61,10 @@ export function calibration(root) {
     } catch {
       refused.textContent = "the server does not answer: try again";
     }
+    if (refused.textContent) answered = null;
     for (const one of root.querySelectorAll("button")) one.disabled = false;
     refused.hidden = !refused.textContent;
+    show();
   }
 
   function button(name, onClick) {
@@ -81,9 +85,9 @@ export function calibration(root) {
 
   // A question that shows its usual answer gets a field for each of its values. An empty field
   // accepts the value.
-  function ask(text) {
-    const [, words, usual] = /^(.*?)\s*(?:\(Enter: (.*)\))?\s*:?\s*$/.exec(text);
-    const values = [...(usual ?? "").matchAll(/([\d.,]+)\s*([^\d\s]+)/g)];
+  function ask(words, offered) {
+    const [usual, ...others] = offered.split("; ");
+    const values = [...usual.matchAll(/([\d.,]+)\s*([^\d\s]+)/g)];
     const fields = values.length ? values.map(([, value, unit]) => field(value, unit))
       : words.includes("?") ? [field("", "")] : [];
     const submit = make("button", "main");
@@ -91,17 +95,24 @@ export function calibration(root) {
     const label = () => {
       submit.textContent = answer() ? `Send ${answer()}` : usual ? `Yes: ${usual}` : "Done";
     };
-    form.replaceChildren(...fields.map((one) => one.root), submit);
+    const reply = (words) => {
+      answered = it.step;  // no second answer by a double click
+      send({ do: "answer", step: answered, text: words });
+      show();
+    };
+    // Other answers have a button; the undo has its own.
+    const rest = others.filter((one) => one !== "undo").map((one) =>
+      button({ again: "Press again" }[one] ?? one, () => reply(one)));
+    form.replaceChildren(...fields.map((one) => one.root), submit, ...rest);
     form.oninput = label;
     form.onsubmit = (event) => {
       event.preventDefault();
-      send({ do: "answer", step: it.step, text: answer() });
+      reply(answer());
     };
     label();
     // On a phone, the focus of a field would cover the strip with the keyboard.
     const first = form.querySelector("input");
     (matchMedia("(pointer: coarse)").matches || !first ? submit : first).focus({ preventScroll: true });
-    return words;
   }
 
   function show() {
@@ -116,14 +127,14 @@ export function calibration(root) {
     bar.hidden = !count.textContent;
     bar.max = it.total || 1;
     bar.value = it.done || 0;
-    const asking = may && phase === "ask";
+    const asking = may && phase === "ask" && it.step !== answered;
     const key = asking ? `${it.step}` : "";
-    let words = { press: it.todo, release: it.todo, ask: it.todo, "": ENDS[it.end] ?? OFFER }[phase] ?? WAIT;
-    if (asking && key !== question) form.dataset.words = ask(it.todo);
-    if (asking) words = form.dataset.words;
+    const [, words, offered = ""] = QUESTION.exec(it.todo ?? "");
+    if (asking && key !== question) ask(words, offered);
     question = key;
     form.hidden = !asking;
-    put(todo, words ?? "");
+    const waits = phase === "work" || it.step === answered || !words;
+    put(todo, running ? (waits ? WAIT : words) : ENDS[it.end] ?? OFFER);
     put(note, it.note ?? "");
     where.hidden = !running;
     aim.hidden = !it.at || phase === "release";
@@ -133,9 +144,9 @@ export function calibration(root) {
     }
     hold.hidden = phase !== "press";
     buttons.hidden = !running || !may;
-    undo.hidden = !it.step || !["press", "ask"].includes(phase);
+    undo.hidden = phase !== "press" || !it.done;
     watching.hidden = may || !running;
-    said.replaceChildren(...(it.said ?? []).map((text) => make("li", "", text)));
+    said.replaceChildren(...(it.said ?? []).filter((text) => text !== it.note).map((text) => make("li", "", text)));
     picture.hidden = !it.fitted;
     if (it.fitted) paint(it.fitted, it.length_um);
     put(hint, running ? OWNED : it.end === "done" ? AGAIN : "");
@@ -235,10 +246,10 @@ function residuals(root) {
     const forces = presses.filter(([, force]) => force > 0).map(([, force, , off]) =>
       [(Math.log(force / 1000) - low) / (high - low), 100 * off, `${(force / 1000).toPrecision(2)} N`]);
     const expected = [`expected error of a position: ${(sigma_um / 1000).toFixed(2)} mm`];
-    if (forces.length) expected.push(`of a force: ${(100 * sigma_share).toFixed(1)} %`);
+    if (sigma_share !== null) expected.push(`of a force: ${(100 * sigma_share).toFixed(1)} %`);
     words.textContent = [expected.join(", "), ...thin.map((one) => `few presses ${one}`)].join("; ");
     chart(charts[0], places, sigma_um / 1000, "mm", ["0", mm(length_um)]);
-    chart(charts[1], forces, 100 * sigma_share, "%", FORCES.map((one) => `${one} N`));
+    chart(charts[1], sigma_share === null ? [] : forces, 100 * sigma_share, "%", FORCES.map((one) => `${one} N`));
   };
 }
 
