@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spots.errors import SpotsError
 from spots_device.calibration import Calibration
 from spots_device.decode import TOO_DARK, TOUCHING
 
@@ -98,6 +99,12 @@ def characterize(
     progress("exposure and calibration")
     change = sensor.change + change
     with Rig(sensor, seed, exposure_us, average) as rig:
+        touch_mN = Calibration(rig.lines).touch_on_mN
+        if touch_mN > FORCE_MN:
+            raise SpotsError(
+                f"this strip needs {touch_mN / 1000:.1f} N for a touch, and is measured with "
+                f"{FORCE_MN / 1000:.0f} N: it needs more light, or a longer exposure"
+            )
         drift = age(rig, change, hand, seed)
         progress("position")
         _position(rig, rng, run)

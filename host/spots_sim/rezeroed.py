@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from spots_device.exposure import DEFAULT_US
 
 from .change import Change
 from .files import SensorFile
+from .kept import kept
 from .rig import Rig
 from .stage import Stage
 from .stage_presser import StagePresser
@@ -88,7 +88,7 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
     return Bench(stage.reader, presser, guide, stage.length_um, _NOBODY)
 
 
-@lru_cache(maxsize=8)
+@kept(tuple[str, ...])
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
     """Calibrate a simulated sensor, change it, and correct the calibration (re-zero).
 

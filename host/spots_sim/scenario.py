@@ -172,6 +172,8 @@ class Held:
     def presses(self, time_s: float) -> list[Press]:
         if self.press is None:
             return []
+        if not self.tremor:
+            return [self.press]
         swing = 1 + self.tremor * math.sin(2 * math.pi * _TREMOR_HZ * time_s)
         return [replace(self.press, force_mN=self.press.force_mN * swing)]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from spots.linkage.fivebar import Linkage
 from spots_device import decode
 
 from .files import LinkageFile, PathFile, SensorFile
+from .kept import kept
 from .lockstep import LockstepLink
 from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
@@ -60,7 +60,7 @@ class Turned(NamedTuple):
     counts: np.ndarray
 
 
-@lru_cache(maxsize=16)
+@kept(CalibrationFile)
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from spots.calibrate.fit import fit
@@ -13,6 +11,7 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 
 from .files import SensorFile
+from .kept import kept
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -246,7 +245,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
         board.command("set " + _calibrated(sensor)[1])
 
 
-@lru_cache(maxsize=8)
+@kept(tuple[tuple[str, ...], str])
 def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
     """Return the calibration lines, and the LED settings as assignments for ``set``."""
     with Stage(sensor) as stage:

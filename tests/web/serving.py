@@ -12,7 +12,9 @@ from spots.errors import PortLostError, SpotsError
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
+from spots.web.app import NOTHING
 from spots.web.board_feed import BoardReader
+from spots.web.calibration import PageCalibration
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
@@ -60,16 +62,20 @@ class Bench:
         Of the board that is plugged in.
     """
 
-    def __init__(self, sensor, calibration, scenario, layout="digits", record_to=None):
+    def __init__(
+        self, sensor, calibration, scenario, layout="digits", record_to=None, session=None
+    ):
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
         self.state = PageState()
         self.recordings = Recordings(record_to, self.state) if record_to else None
+        self.orders = {"recording": self.recordings} if record_to else {}
+        if session:
+            self.orders["calibration"] = PageCalibration(session, self.state)
         self.link = None
         self.there = True
         self.asked_for = []
-        self.reader = BoardReader(
-            self._open, load(layout), self.state, 0.05, recordings=self.recordings
-        )
+        orders = self.orders.values()
+        self.reader = BoardReader(self._open, load(layout), self.state, 0.05, orders=orders)
         self.reader.start()
 
     def _open(self, board_id):
@@ -106,8 +112,8 @@ class Bench:
 class Serving:
     """A server in a thread with an event loop of its own."""
 
-    def __init__(self, state, address="127.0.0.1", port=0, recordings=None):
-        self._server = Server(state, address, port, recordings=recordings)
+    def __init__(self, state, address="127.0.0.1", port=0, orders=NOTHING):
+        self._server = Server(state, address, port, orders)
         self._up = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._main()), daemon=True)
         self._thread.start()

@@ -17,7 +17,7 @@ from .spectra import Reading, SpectrumReader
 
 _TRIES = 5
 _WINDOW_S = 0.24
-_MARK_S = 1.5
+_MARK_S = 3.0
 _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
 # Of a mark, which only needs the colour. With 100 ms, the tremor of a finger looks like slow drift.

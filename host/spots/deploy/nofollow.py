@@ -155,37 +155,26 @@ class Tree:
         If `make` is true, a missing folder is created.
         """
         *folders, name = path.split("/")
-        walk = self._by_handle if _BY_HANDLE else self._by_path
-        with walk(folders, make) as (parent, prefix):
-            yield parent, prefix + name
-
-    @contextlib.contextmanager
-    def _by_handle(self, folders: list[str], make: bool) -> Iterator[tuple[int, str]]:
-        handle = os.dup(self._root)
+        handle, prefix = (os.dup(self._root), "") if _BY_HANDLE else (None, f"{self.port}/")
         try:
-            for i, folder in enumerate(folders):
+            for i, folder in enumerate(folders, 1):
+                so_far = "/".join(folders[:i])
                 if make:
                     with contextlib.suppress(FileExistsError):
-                        os.mkdir(folder, dir_fd=handle)
-                path = "/".join(folders[: i + 1])
-                inner = self._handle(path, folder, _FOLDER, handle)
-                os.close(handle)
-                handle = inner
-                self._check(path, stat.S_ISDIR, os.fstat(handle))
-            yield handle, ""
+                        os.mkdir(prefix + folder, dir_fd=handle)
+                if handle is None:
+                    prefix += f"{folder}/"
+                    status = os.lstat(prefix[:-1])
+                else:
+                    inner = self._handle(so_far, folder, _FOLDER, handle)
+                    os.close(handle)
+                    handle = inner
+                    status = os.fstat(handle)
+                self._check(so_far, stat.S_ISDIR, status)
+            yield handle, prefix + name
         finally:
-            os.close(handle)
-
-    @contextlib.contextmanager
-    def _by_path(self, folders: list[str], make: bool) -> Iterator[tuple[None, str]]:
-        place = self.port
-        for i, folder in enumerate(folders):
-            place = os.path.join(place, folder)
-            if make:
-                with contextlib.suppress(FileExistsError):
-                    os.mkdir(place)
-            self._check("/".join(folders[: i + 1]), stat.S_ISDIR, os.lstat(place))
-        yield None, os.path.join(place, "")
+            if handle is not None:
+                os.close(handle)
 
     def _handle(self, path: str, name: str, flags: int, parent: int | None) -> int:
         try:

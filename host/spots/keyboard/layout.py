@@ -24,11 +24,7 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
 _FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
-LAYER_VERBS = {
-    "layer": lines_of.MOMENTARY,
-    "toggle": lines_of.TOGGLE,
-    "once": lines_of.ONCE,
-}
+LAYER_VERBS = {"layer": lines_of.MOMENTARY, "toggle": lines_of.TOGGLE, "once": lines_of.ONCE}
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 
 

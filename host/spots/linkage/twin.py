@@ -3,14 +3,12 @@
 import argparse
 import json
 import math
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
-
-from rich.console import Console
 
 from ..errors import SpotsError, printable
 from ..link.ports import offered
-from ..terminal.view import Pace, live
+from ..terminal.view import Pace, drawn
 from .digital_twin import Terminal
 from .mounted import is_mounted
 from .twin_points import fit, measure
@@ -94,18 +92,17 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
     SpotsError
         If a board is lost.
     """
-    console, pace, count = Console(), Pace(), 0
-    drawing = console.is_terminal and not as_json
+    pace, count = Pace(), 0
     on_terminal = _json if as_json else Lines()
     view = TwinView(source.twin, [board.port for board in source.boards])
-    with suppress(KeyboardInterrupt), live(console) if drawing else nullcontext() as display:
+    with suppress(KeyboardInterrupt), drawn(not as_json) as display:
         pairs = source.readings(seconds)
-        for joint, touch in paced(pairs) if played and drawing else pairs:
+        for joint, touch in paced(pairs) if played and display else pairs:
             for terminal in source.twin.take(joint, touch):
                 count += 1
-                if not drawing:
+                if not display:
                     on_terminal(terminal)
-            if drawing and pace.due(touch.time_s):
+            if display and pace.due(touch.time_s):
                 stats = [board.stats for board in source.boards]
                 display.update(view.picture(stats, touch.time_s), refresh=True)
     return count

@@ -4,13 +4,12 @@ import math
 from itertools import groupby, pairwise
 
 import numpy as np
-from rich.console import Group
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from ..errors import printable
 from ..link.frames import LinkStats
+from ..terminal.view import framed
 from .digital_twin import Terminal, Twin
 
 _COLUMNS, _ROWS = 74, 20
@@ -58,9 +57,7 @@ class TwinView:
         self._frame = np.array([seen.min(axis=0), seen.max(axis=0)]) if len(seen) else seen
         remark = self._twin.silence(now_s) or (last.remark if last else "")
         parts = [self._plot(path, bars, last), _numbers(last, remark), _facts(stats)]
-        return Panel(
-            Group(*parts), title=Text(printable(self._title)), width=_COLUMNS + 6, padding=(0, 2)
-        )
+        return framed(parts, self._title, _COLUMNS + 6, rows=0)
 
     def _plot(self, path: np.ndarray, bars: list[np.ndarray], last: Terminal | None) -> Text:
         lit = self._cells(path)

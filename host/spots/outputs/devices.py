@@ -9,8 +9,7 @@ A process that is killed by SIGKILL runs no code. On Linux the kernel then remov
 device and releases its keys.
 """
 
-import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 from ..errors import SpotsError
@@ -218,41 +217,18 @@ class Gamepad(Output):
         raise NotImplementedError
 
 
-_print = functools.partial(print, flush=True)
-
-
 class PrintedKeyboard(Keyboard):
-    """Keyboard that prints a line for each key that is pressed or released.
-
-    Parameters
-    ----------
-    write : callable
-        Function that takes each line.
-    """
-
-    def __init__(self, write: Callable[[str], None] = _print):
-        super().__init__()
-        self._write = write
+    """Keyboard that prints a line for each key that is pressed or released."""
 
     def _set(self, one, pressed):
-        self._write(f"{'down' if pressed else 'up':4}  {one.name}")
+        print(f"{'down' if pressed else 'up':4}  {one.name}", flush=True)
 
 
 class PrintedGamepad(Gamepad):
-    """Gamepad that prints a line for each state.
-
-    Parameters
-    ----------
-    write : callable
-        Function that takes each line.
-    """
-
-    def __init__(self, write: Callable[[str], None] = _print):
-        super().__init__()
-        self._write = write
+    """Gamepad that prints a line for each state."""
 
     def _send(self, state):
-        self._write(line(state))
+        print(line(state), flush=True)
 
 
 def line(state: State) -> str:

@@ -2,11 +2,12 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from shutil import get_terminal_size
 from typing import Protocol
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
@@ -115,9 +116,7 @@ class StripView:
         if self.advice:
             parts.append(Text(self.advice, style="yellow"))
         title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
-        return Panel(
-            Group(*parts), title=Text(printable(title)), width=strip_columns() + 16, padding=(1, 2)
-        )
+        return framed(parts, title, strip_columns() + 16)
 
     def _strip(self) -> Text:
         # The light gets redder away from the sensor. A press is bright.
@@ -172,6 +171,27 @@ class StripView:
     def _bars(self) -> Table:
         plan = self._info["plan"]
         return bars(plan, self._spectrum.counts if self._spectrum else [0] * len(plan), 1000)
+
+
+def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int = 1) -> Panel:
+    """Return a picture: parts below each other in a frame with a title.
+
+    Parameters
+    ----------
+    parts : iterable of renderables
+        Parts of the picture, such as texts and tables.
+    title : str
+        Title in the frame.
+    columns : int
+        Width of the frame.
+    rows : int
+        Number of empty rows below and above the parts.
+
+    Returns
+    -------
+    rich.panel.Panel
+    """
+    return Panel(Group(*parts), title=Text(printable(title)), width=columns, padding=(rows, 2))
 
 
 def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
@@ -260,6 +280,14 @@ def plain(touch: Touch, started_s: float) -> str:
 def live(console: Console) -> Live:
     """Return a display that redraws in place with ``update(picture, refresh=True)``."""
     return Live(console=console, auto_refresh=False, transient=False)
+
+
+@contextmanager
+def drawn(wanted: bool) -> Iterator[Live | None]:
+    """Yield a display as `live` does; None if not wanted, or if the output is not a terminal."""
+    console = Console()
+    with live(console) if wanted and console.is_terminal else nullcontext() as display:
+        yield display
 
 
 class Pace:

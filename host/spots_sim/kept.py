@@ -1,0 +1,60 @@
+"""Keeps calibrations of simulated strips, which take a second of simulation, for later processes.
+
+The environment variable SPOTS_CALIBRATIONS names the folder. The calibrations in it are valid for
+one version of firmware and simulator: use an empty folder for another one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import lru_cache, wraps
+from hashlib import sha256
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from spots.atomic import replacing
+
+from .runtimes import is_cpython
+
+FOLDER = "SPOTS_CALIBRATIONS"
+_IN_MEMORY = 16
+
+T = TypeVar("T")
+
+
+def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """Cache the results of a function, in memory and in the folder if there is one.
+
+    Parameters
+    ----------
+    kind : type
+        Type of the results, which msgspec encodes, as it does the arguments.
+
+    Returns
+    -------
+    callable
+        Decorator.
+    """
+
+    def decorator(make: Callable[..., T]) -> Callable[..., T]:
+        @lru_cache(_IN_MEMORY)
+        @wraps(make)
+        def cached(*arguments) -> T:
+            if not os.environ.get(FOLDER):
+                return make(*arguments)
+            # Both runtimes give the same calibration, but neither proves that for the other.
+            key = msgspec.json.encode([make.__name__, is_cpython(), arguments])
+            path = Path(os.environ[FOLDER]) / f"{sha256(key).hexdigest()}.json"
+            if path.exists():
+                return msgspec.json.decode(path.read_bytes(), type=kind)
+            made = make(*arguments)
+            with replacing(path) as file:
+                file.write(msgspec.json.encode(made))
+            return made
+
+        return cached
+
+    return decorator
