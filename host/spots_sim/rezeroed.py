@@ -50,7 +50,7 @@ class Hand:
     error_um: float = 0.0
 
     def check(self) -> None:
-        """Raise SpotsError if the number of marks or the error is invalid."""
+        """Raise SpotsError if `marks` or `error_um` is invalid."""
         if self.marks not in (0, 1, len(MARKS)):
             raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
         if self.error_um < 0:

@@ -230,7 +230,7 @@ def load(path: Path) -> CalibrationFile:
             "'spots calibrate force'"
         ) from None
     except OSError as error:
-        raise SpotsError(f"cannot read {path}: {error.strerror}") from None
+        raise SpotsError(f"cannot read {path} ({error.strerror}): name another file") from None
     except UnicodeDecodeError:
         raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
