@@ -141,7 +141,9 @@ class Session:
         try:
             data = read_bytes(path, SESSION_MAX_BYTES) if path.exists() else b""
         except OSError as error:
-            raise SpotsError(f"cannot read the session {path} ({error.strerror}): name another file") from None
+            raise SpotsError(
+                f"cannot read the session {path} ({error.strerror}): name another file"
+            ) from None
         lines = data.split(b"\n")
         self._whole = len(data) - len(lines[-1])
         for number, line in enumerate(lines[:-1], 1):
