@@ -61,19 +61,19 @@ class Dialog(Protocol):
         """Begin a series of `total` presses of a strip, with the names of the channels."""
 
     def skip(self, count: int = 1) -> None:
-        """Increase the number of presses taken by `count`, which may be negative."""
+        """Count `count` more presses as taken in the progress display; it may be negative."""
 
     def want(self, wanted: Wanted) -> None:
         """Show where to press next."""
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading, why it is not steady, and the share of steady readings, 0 to 1."""
+        """Show a reading, why it is not steady, and the share (0 to 1) of steady readings."""
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
         """Show that a press was taken."""
 
     def fitted(self, progress: Progress) -> None:
-        """Show the state of a session by hand; called after each of its presses."""
+        """Show the progress after each press of a session in which a person presses."""
 
     def say(self, text: str) -> None:
         """Show a message."""
