@@ -111,7 +111,7 @@ class _Section:
             signal.signal(number, self.handle)
 
     def _ignore(self, numbers: list[int]) -> list[int]:
-        """Ignore those of the signals `numbers` that this section handles; return their numbers."""
+        """Ignore the signals in `numbers` that this section handles; return their numbers."""
         handled = [one for one in numbers if signal.getsignal(one) == self.handle]
         for one in handled:
             signal.signal(one, signal.SIG_IGN)

@@ -12,7 +12,7 @@ from .spectra import Reading
 
 
 class UndoError(Exception):
-    """Request to drop the last press and to ask for it again. `watch` and `ask` may raise it."""
+    """Raised by `watch` and `ask` to drop the last press, and to ask for that press again."""
 
 
 @dataclass(frozen=True)
