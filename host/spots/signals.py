@@ -59,7 +59,7 @@ class _Section:
         self._act()
 
     def handle(self, number: int, frame=None) -> None:
-        """Signal handler: act on the signal `number` now, or at the end of a ``with SECTION`` block."""
+        """Signal handler: act on the signal `number` now, or at the end of a ``with`` block."""
         if self.ended_by is not None:
             return  # the process is ending: a SIGCONT now must not raise a second exception
         if number not in self._pending:
