@@ -71,7 +71,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return a bench that prints nothing, for a re-zero of a simulated strip.
+    """Return a `Bench` that prints nothing, to correct a simulated strip's calibration (re-zero).
 
     Parameters
     ----------

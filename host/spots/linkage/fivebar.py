@@ -373,7 +373,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and its `Limit` codes (for both arms those of arm 1).
+    """Return the angle of an arm in rad, and its `Limit` codes, which name arm 1 for either arm.
 
     (`x`, `y`) is the end point relative to the arm's joint; `inner` and `outer` are the lengths of
     the arm's bars, all in mm.
