@@ -45,7 +45,7 @@ def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
         def cached(*arguments) -> T:
             if not os.environ.get(FOLDER):
                 return make(*arguments)
-            # Both runtimes give the same calibration, but neither proves that for the other.
+            # One entry for each runtime: both must give the same calibration, which tests compare.
             key = msgspec.json.encode([make.__name__, is_cpython(), arguments])
             path = Path(os.environ[FOLDER]) / f"{sha256(key).hexdigest()}.json"
             if path.exists():

@@ -312,7 +312,7 @@ def _text(calibration: CalibrationFile) -> str:
 
 
 def _pairs(fields: dict) -> list[str]:
-    # JSON's numbers, strings and lists are also TOML; a date stands without quotes.
+    # JSON's numbers, strings and lists are also TOML; dates have no quotes.
     return [
         f"{name} = {value if name == 'date' else json.dumps(value)}"
         for name, value in fields.items()
