@@ -71,12 +71,15 @@ _EVEN = const(74_000)  # 1.05
 _NEAR_UM = const(2000)
 _APART_UM = const(4500)  # least distance between two fingers
 _AGREE_UM = const(600)
-_SURE_UM = const(2500)
+_SURE_UM = const(4000)
 _RISEN = const(30_000)  # 1.02: a finger arrives
 _CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
 _EARLY = const(1)
 _LATE = const(2)
+# Uncertainty of a second finger that presses a key, in eighths: a key that is late is better than none.
+_SOON = const(5)
+_LATER = const(4)
 _FALL_T = const(34)  # longest time in which a finger lifts
 _CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
@@ -569,7 +572,7 @@ class ContactTracker:
         agrees = self._guessed and abs(at_um - self._x_guess_um) <= _AGREE_UM + (
             slack_um + self._slack_guess_um >> 1
         )
-        if agrees and abs(b - self._b_guess) <= _OTHER:
+        if agrees and abs(b - self._b_guess) <= _OTHER and (fits or not self._calm):
             return  # the same share of the light always gives the same position
         self._guessed = True
         self._x_guess_um = at_um
@@ -577,14 +580,19 @@ class ContactTracker:
         self._b_guess = b
         if not agrees or slack_um > _SURE_UM:
             return
-        self._second = self.sink.second(at_um, slack_um * 5 >> 2, t)
+        self._second = self.sink.second(at_um, slack_um * _SOON >> 3, t)
         self._x_second_um = at_um
         self._b_second = b
 
     def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
         """Estimate both fingers while the light of the first one is unknown."""
         found = self._found
-        if not self._pair or brightness < b_last + _EVEN:
+        if not self._pair:
+            return
+        if brightness < b_last + _EVEN:
+            # Both rest. Without a second pair, only a spectrum of two fingers confirms the first one.
+            if self._guessed and self._rested and not fits:
+                self._found_both(fits, x_um, brightness, t)
             return
         limit_um = self._length_um + _NEAR_UM if x_um > self.x_um else -_NEAR_UM
         if (
@@ -605,8 +613,11 @@ class ContactTracker:
             self._x_guess_um = at_um
             self._slack_guess_um = slack_um
             self._b_guess = b
-        if not agrees:
-            return
+        if agrees:
+            self._found_both(fits, x_um, brightness, t)
+
+    def _found_both(self, fits, x_um, brightness, t):
+        found = self._found
         self._b = self._b_guess
         self._even = True
         self._rises = False
@@ -616,7 +627,7 @@ class ContactTracker:
             self._guessed = False
             return
         self._b_guess = found[2]
-        self._second = self.sink.second(self._x_guess_um, self._slack_guess_um * 5 >> 2, t)
+        self._second = self.sink.second(self._x_guess_um, self._slack_guess_um * _SOON >> 3, t)
         self._x_second_um = self._x_guess_um
         self._b_second = found[2]
 
@@ -633,7 +644,7 @@ class ContactTracker:
         slack_um = self._found[1]
         if slack_um > _SURE_UM or abs(at_um - self.x_um) < _APART_UM + slack_um:
             return
-        if self.sink.second(at_um, slack_um * 5 >> 2, t):
+        if self.sink.second(at_um, slack_um * _LATER >> 3, t):
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
@@ -642,6 +653,11 @@ class ContactTracker:
             return True  # with two fingers, this change of force would move the position
         first = self._b
         if self._second:
+            apart_um = self._x_second_um - self.x_um
+            if off_um < 0:
+                apart_um = -apart_um
+            if abs(off_um) < apart_um - _NEAR_UM and brightness < self._b_since - _EVEN:
+                return False  # both lift
             # A third finger may be there, and the second one may not have left.
             return not self._solve(
                 self._x_second_um,
