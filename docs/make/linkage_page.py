@@ -27,8 +27,8 @@ _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 _HEAD = """# The five-bar linkage and its twin
 
 `make paper` writes this document, and measures all numbers except the published one. Two strips in
-the base joints of a planar five-bar linkage are its encoders. The position of the linkage's end point follows
-from their angles (paper, section IV, Eqs. 3 and 4, Fig. 7).
+the base joints of a planar five-bar linkage are its encoders. The position of the linkage's end
+point follows from their angles (paper, section IV, Eqs. 3 and 4, Fig. 7).
 
 ![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
@@ -271,7 +271,7 @@ between two readings and the error of the dark frame. The board takes the dark f
 and takes no other while the strip is pressed. In a joint, the indenter always presses the strip.
 With a long exposure the noise is small, and the error of the dark frame is the largest one.
 
-![SUST: the path of the end point and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
+![SUST: the end point and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """
     )
 
