@@ -91,10 +91,14 @@ class Pacing:
     def learn(self):
         """Update the oscillator's deviation, which is the same for all exposures. Allocates.
 
-        Call it before `start`. If the period was measured since the last `start`, the deviation is
-        exact. Otherwise 0.2 s of samples give a first rough value; with fewer, it does not change.
+        Call it before `start`. A measurement since the last `start` replaces a deviation that it
+        contradicts. Otherwise 0.2 s of samples give a first rough value.
         """
         if self.sampled:
+            expected_us = self.sampled * self.exposure_us
+            expected_us += expected_us * self._off >> _Q
+            if self._off and self.lasted_us <= expected_us <= self.longest_us:
+                return
             lasted_us = self.lasted_us + self.longest_us
             nominal_us = 2 * self.sampled * self.exposure_us
         elif not self._off and (self._taken + self._samples) * self.period_us >= _LEARN_US:

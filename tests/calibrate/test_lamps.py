@@ -49,14 +49,20 @@ def accuracy_um(sensor, exposure_us):
 
 
 @pytest.mark.parametrize(
-    ("flicker_hz", "clock_error_percent", "exposure_us"),
-    [(100.0, -3.0, 10_000), (120.0, 3.0, 8333), (120.0, -3.0, 100_000)],
+    ("sensor", "flicker_hz", "clock_error_percent", "exposure_us"),
+    [
+        ("default", 100.0, -3.0, 10_000),
+        ("default", 120.0, 3.0, 8333),
+        ("default", 120.0, -3.0, 100_000),
+        ("short_30mm", 100.0, -3.0, 100_000),
+    ],
 )
 def test_bright_lamps_of_full_swing_cost_little_accuracy(
-    flicker_hz, clock_error_percent, exposure_us
+    sensor, flicker_hz, clock_error_percent, exposure_us
 ):
-    dark = accuracy_um(load(SensorFile, "default"), exposure_us)
-    assert accuracy_um(lit(150.0, flicker_hz, clock_error_percent), exposure_us) < 1.5 * dark
+    dark = accuracy_um(load(SensorFile, sensor), exposure_us)
+    under_lamp = lit(150.0, flicker_hz, clock_error_percent, sensor=sensor)
+    assert accuracy_um(under_lamp, exposure_us) < 1.5 * dark
 
 
 @pytest.mark.parametrize(
