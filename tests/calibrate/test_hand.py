@@ -18,7 +18,7 @@ from spots.calibrate.session import Session, settings
 from spots.calibrate.typed import typed
 from spots_device.calibration import Calibration
 from spots_device.decode import Decode
-from spots_sim.person import Habits, Person, fingers
+from spots_sim.person import Habits, Person, follow
 from spots_sim.stage import Stage
 
 PLAN = "F3,F4,F5,F6,F7,F8"
@@ -34,13 +34,7 @@ class Room(io.StringIO):
         self.question, self.answers, self.asked = "", [], []
 
     def move(self, way):
-        began = []
-
-        def presses(now_s):
-            began.append(now_s)
-            return fingers(way, began[0], now_s)
-
-        self.stage.held.presses = presses
+        follow(self.stage.held, way)
 
     def write(self, text):
         self.question = text.strip() or self.question
