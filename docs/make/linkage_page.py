@@ -61,9 +61,9 @@ spots twin --json --picture sust.png                 # the same in simulated tim
 ![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
-and singularities. Elsewhere it prints lines. With `--json` it prints an object for each position,
-with the keys of [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`, `singular`
-and `within` (inside the calibrated range of the joints). The web UI shows the same:
+and singularities. Elsewhere it prints lines. With `--json` it prints an object for each position.
+Its keys are those of [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`,
+`singular` and `within` (inside the calibrated range of the joints). The web UI shows the same:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
@@ -117,9 +117,9 @@ spots twin --linkage drawn.toml --measure points.csv     # hold the end point, t
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-This fits the lengths of the four bars and the base, the offsets and gains of the joints, and the
-position and rotation of the measuring grid, by robust least squares (`pip install
-'spots-tactile[kinematics]'`). It needs the angles of the encoders and the position of the end
+Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
+the offsets and gains of the joints, and the position and rotation of the measuring grid.
+This needs the angles of the encoders and the position of the end
 point on any grid, at some places. It reports standard errors, points that do not fit, and
 parameters that these places cannot separate. For example, a picture of unknown scale determines
 only ratios of lengths. `--place-sigma-mm` is the standard error of a measured coordinate. Another

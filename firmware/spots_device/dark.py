@@ -305,7 +305,7 @@ class Baseline:
         self.update()
 
     def update(self):
-        """Compute `floor` after a change of the dark frame."""
+        """Compute `floor`, which is subtracted from readings, after a change of the dark frame."""
         half = 1 << self._shift >> 1
         for i in range(CHANNELS):
             self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift

@@ -1,4 +1,4 @@
-"""The fingers that `contact.ContactTracker` finds, as CONTACT frames; see docs/protocol.md.
+"""Sends the fingers that `contact.ContactTracker` finds as CONTACT frames; see docs/protocol.md.
 
 Imported only while contacts are streamed. Integers only; allocates nothing.
 """

@@ -30,7 +30,8 @@ _STALE_S = 3600.0
 def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
     """Create or replace a file atomically: `path` changes when the block ends without exception.
 
-    A symbolic link with this name is replaced and not followed. A replaced file keeps its mode.
+    A symbolic link with this name is replaced and not followed. The permissions of a replaced file
+    are kept.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Entry points of the installed packages."""
+"""Finds the entry points (plug-ins) of installed packages."""
 
 from functools import cache
 from importlib import metadata

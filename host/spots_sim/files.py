@@ -364,7 +364,7 @@ class PowerFaults(toml.Strict):
 
 
 class ClockFaults(toml.Strict):
-    """Error of the board's oscillator, positive if fast, and intervals in which it stalls."""
+    """Error of the board's oscillator (positive if fast), and times when the processor stops."""
 
     oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
     stalls: Moments = Moments()

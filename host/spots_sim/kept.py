@@ -1,4 +1,4 @@
-"""Keeps calibrations of simulated strips, which take a second of simulation, for later processes.
+"""Stores calibrations of simulated strips in a folder, so that other processes can reuse them.
 
 The environment variable SPOTS_CALIBRATIONS names the folder. The calibrations in it are valid for
 one version of firmware and simulator: use an empty folder for another one.
@@ -26,12 +26,12 @@ T = TypeVar("T")
 
 
 def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Cache the results of a function, in memory and in the folder if there is one.
+    """Return a decorator that caches a function's results, in memory and, if it is set, the folder.
 
     Parameters
     ----------
     kind : type
-        Type of the results, which msgspec encodes, as it does the arguments.
+        Type of the results. Results and arguments must be types that msgspec can encode.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
         def cached(*arguments) -> T:
             if not os.environ.get(FOLDER):
                 return make(*arguments)
-            # Both runtimes give the same calibration, but neither proves that for the other.
+            # One entry for each runtime: both must give the same calibration, which tests compare.
             key = msgspec.json.encode([make.__name__, is_cpython(), arguments])
             path = Path(os.environ[FOLDER]) / f"{sha256(key).hexdigest()}.json"
             if path.exists():

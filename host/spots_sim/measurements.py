@@ -270,7 +270,7 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return, at positions `x_um`, scatter divided by bound of `pair`, and signal-to-noise ratios.
+    """Return noise of the estimate by `pair` over its bound, and signal-to-noise ratios, at `x_um`.
 
     Readings are single samples here. The board rounds the mean counts of averaged readings, which
     would change the noise.

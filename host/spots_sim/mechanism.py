@@ -49,7 +49,7 @@ class Motion:
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y of the end point in mm at times in s; constant outside the motion."""
+        """Return x and y of the end point in mm at times in s; it rests outside the motion."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 

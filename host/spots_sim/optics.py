@@ -93,7 +93,7 @@ class Optics:
     change : Change
         The change since the calibration.
     led_K : float
-        Temperature of the LED above its cold start.
+        Temperature rise of the LED since it was switched on, in K.
     """
 
     names = tuple(_CHANNELS)

@@ -50,7 +50,7 @@ class Hand:
     error_um: float = 0.0
 
     def check(self) -> None:
-        """Raise SpotsError if the number of marks or the error is invalid."""
+        """Raise SpotsError if `marks` or `error_um` is invalid."""
         if self.marks not in (0, 1, len(MARKS)):
             raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
         if self.error_um < 0:
@@ -71,7 +71,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return a bench that prints nothing, for a re-zero of a simulated strip.
+    """Return a `Bench` that prints nothing, to correct a simulated strip's calibration (re-zero).
 
     Parameters
     ----------

@@ -151,7 +151,24 @@ class Rig:
         return self._held(count)
 
     def turned(self, angle_deg: float, direction: int, count: int):
-        """Turn a joint, see `Stage.turn`, and return readings as `readings` does."""
+        """Turn the joint, and return readings and counts as `readings` does.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle is reached from below, -1 if from above.
+        count : int
+            Number of readings.
+
+        Returns
+        -------
+        touches : list of Touch
+            Readings with position and force.
+        counts : numpy.ndarray, shape (count, 6)
+            Dark-subtracted counts of each reading.
+        """
         self.stage.turn(angle_deg, direction)
         return self._held(count)
 

@@ -170,7 +170,7 @@ class StripShape:
 
 
 def has_moulds(length_mm: float) -> bool:
-    """Return whether there are moulds for a length in mm."""
+    """Return whether moulds can be made for a strip with a length in mm."""
     low, high = LENGTHS_MM
     return low <= length_mm <= high
 

@@ -313,7 +313,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return random position errors in mm, shape (number of draws, number of positions).
+    """Return random position errors that errors of the angles cause, in mm, shape (draws, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
     positions. `rng` is the random generator.

@@ -32,7 +32,7 @@ class Stroke:
     key: tuple[int, int] | None
 
     def covers(self, time_s: float) -> bool:
-        """Return whether a press at `time_s` (s of the scenario) may belong to this touch."""
+        """Return whether a key press at `time_s` (s of the scenario) may belong to this touch."""
         return self.began_s <= time_s <= self.ended_s + AFTER_S
 
 

@@ -1,4 +1,4 @@
-"""A person who calibrates a strip by what the page alone shows: text, marks on the strip, fields."""
+"""A person who calibrates a strip with what the web UI shows: text, marks and fields."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOOK = """() => {
   return {
     todo: text(".todo"), note: text(".note.warn"), trouble: text(".hold span:last-child"),
     count: text(".head b"), said: text(".said"), asks: seen(at(".answer .main")),
-    fields: [...document.querySelectorAll("#calibration .answer .field")].map((one) => one.innerText),
+    fields: [...document.querySelectorAll("#calibration .answer .field")].map((f) => f.innerText),
     share: seen(at(".aim")) ? (aim.left + aim.width / 2 - track.left) / track.width : null,
     starts: seen(at(".begin")),
   };
@@ -29,7 +29,7 @@ LOOK = """() => {
 
 
 class Person:
-    """Presses what the page asks for.
+    """Presses where the web UI asks for it, and answers its questions.
 
     Parameters
     ----------

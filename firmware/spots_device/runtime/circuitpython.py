@@ -29,7 +29,7 @@ _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 class BusioBus:
     """Reads and writes the sensor's registers over ``busio``.
 
-    A transfer allocates memory in Adafruit's I2CDevice, but nothing here.
+    Each transfer allocates memory, but only in Adafruit's I2CDevice.
 
     Parameters
     ----------

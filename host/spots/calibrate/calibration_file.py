@@ -232,7 +232,7 @@ def load(path: Path) -> CalibrationFile:
     except FileNotFoundError:
         raise SpotsError(f"there is no file {path}: make it with 'spots calibrate'") from None
     except OSError as error:
-        raise SpotsError(f"cannot read {path}: {error.strerror}") from None
+        raise SpotsError(f"cannot read {path} ({error.strerror}): name another file") from None
     except UnicodeDecodeError:
         raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
@@ -314,7 +314,7 @@ def _text(calibration: CalibrationFile) -> str:
 
 
 def _pairs(fields: dict) -> list[str]:
-    # JSON's numbers, strings and lists are also TOML; a date stands without quotes.
+    # JSON's numbers, strings and lists are also TOML; dates have no quotes.
     return [
         f"{name} = {value if name == 'date' else json.dumps(value)}"
         for name, value in fields.items()

@@ -123,7 +123,7 @@ class Guide:
         self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
 
     def fitted(self, progress: Progress) -> None:
-        """Show how accurate a session by hand is, and where it needs more presses."""
+        """Show the expected accuracy after each press, and where more presses are needed."""
         self._done, self._total = progress.done, progress.total
         thin = f"; few presses {', '.join(progress.thin)}" if progress.thin else ""
         force = f", force {progress.sigma_share:.1%}" if progress.force_mN.any() else ""

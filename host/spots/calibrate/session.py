@@ -144,7 +144,9 @@ class Session:
         try:
             data = read_bytes(path, SESSION_MAX_BYTES) if path.exists() else b""
         except OSError as error:
-            raise SpotsError(f"cannot read the session {path}: {error.strerror}") from None
+            raise SpotsError(
+                f"cannot read the session {path} ({error.strerror}): name another file"
+            ) from None
         lines = data.split(b"\n")
         self._whole = len(data) - len(lines[-1])
         for number, line in enumerate(lines[:-1], 1):
@@ -171,7 +173,9 @@ class Session:
                 atomic.sync(file)
                 self._whole = file.seek(0, os.SEEK_END)
         except OSError as error:
-            raise SpotsError(f"cannot write the session {self.path}: {error.strerror}") from None
+            raise SpotsError(
+                f"cannot write the session {self.path} ({error.strerror}): make room on the disk"
+            ) from None
         self.points.append(taken)
 
     def undo(self) -> Point | None:

@@ -16,8 +16,8 @@ from ..link.board import Board
 from ..link.frames import Frame, Spectrum, Touch
 from .presses import own_variance
 
-_CHANNELS_MIN = 3  # of fewer, the noise that all share cannot be separated
-_TIMEOUT_S = 10.0  # more than any dark window takes
+_CHANNELS_MIN = 3  # with fewer, the noise that all channels share cannot be separated
+_TIMEOUT_S = 10.0  # more than any dark frame takes
 
 
 @dataclass(frozen=True)

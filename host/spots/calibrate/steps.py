@@ -44,7 +44,7 @@ _DARK_SHARE = 0.85
 _LEAST_MARGIN = 1.05  # the least force is increased by this factor
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARK_S = 2.5  # of marks, whose noise shifts whole tables; an LED that is off for longer cools
+DARK_S = 2.5  # dark frames of the marks, whose noise shifts tables; longer, and the LED cools
 
 
 def calibrate(

@@ -27,7 +27,7 @@ _DIM = 0.01  # share of full scale; with less light a position is noise
 _BRIGHTEST = 0.95  # share of full scale
 # Share of the highest rate: transfers and dark frames take time, too.
 _SLOWEST = 0.7
-_RATE_S = 0.5  # of readings, in which the commands before and after them cost little
+_RATE_S = 0.5  # duration of readings; the commands before and after them cost little time
 _MISSED = 0.15  # share of the samples: more than commands and dark frames cost
 # Wire to check first, by kind of the LED.
 _WIRES = {

@@ -7,7 +7,7 @@ import hashlib
 import re
 
 MANIFEST = "spots.sha256"
-LARGEST_BYTES = 1 << 16  # more is not read of a manifest on a board
+LARGEST_BYTES = 1 << 16  # of a manifest on a board; the rest is not read
 _LINE = re.compile(rb"([0-9a-f]{64})  (\w[\w.-]*(?:/\w[\w.-]*)*)")
 
 

@@ -204,7 +204,7 @@ class ClockMap:
     def _best_slope(self) -> float:
         if self._trips[-1][0] - self._trips[0][0] < _DRIFT_US:
             return 0.0
-        # The room between the bounds is a concave function of the slope.
+        # The distance of the bounds is a concave function of the slope.
         low, high = -_DRIFT_MOST, _DRIFT_MOST
         for _ in range(_HALVINGS):
             third = (high - low) / 3

@@ -81,7 +81,7 @@ class ClockSync:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 
     def learn(self) -> None:
-        """Apply the recorded answer. Call it between two reads, so that a recorder can store it."""
+        """Update the map with the last answer. Call this between two reads of the link."""
         if self._answer is not None:
             self.clock.round_trip(*self._answer)
             self._answer = None

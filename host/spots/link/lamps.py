@@ -22,7 +22,7 @@ _ROUNDING = 1 / 12  # variance of a count
 
 
 def mains_hz(board: Board) -> int:
-    """Measure for a second which mains frequency the lamps around a strip have.
+    """Measure the mains frequency of the lamps around a strip, for a second.
 
     The settings of the board are restored at the end. Meanwhile the LED is off, if the board can
     set its current.
@@ -35,7 +35,7 @@ def mains_hz(board: Board) -> int:
     Returns
     -------
     int
-        Value of the setting ``mains_hz``: 50 or 60, or 0 without flicker at twice this frequency.
+        Value of the setting ``mains_hz``: 50 or 60; 0 if no light flickers at 100 or 120 Hz.
 
     Raises
     ------

@@ -38,7 +38,7 @@ class Link(Protocol):
     name: str
 
     def now_s(self) -> float:
-        """Return the host's time by this link's clock, in seconds."""
+        """Return the host's time in seconds, by the clock of this link."""
         return time.monotonic()
 
     def read(self, timeout_s: float) -> bytes:

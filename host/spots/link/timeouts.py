@@ -1,7 +1,7 @@
 """Timeouts and back-off while a board is silent or unplugged, by the clock of its link.
 
-When readings stop, the link asks the board after `ASK_S`, applications release their keys after
-`RELEASE_S`, the state becomes stalled after `STALLED_S`, and the web UI closes the board and
+When readings stop, the link sends a question to the board after `ASK_S`. Applications release their
+keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and
 searches again after `SEARCH_S`. The search for an unplugged port has a growing back-off, and
 `Board.frames` raises an error after `PATIENCE_S`.
 """

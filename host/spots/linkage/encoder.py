@@ -124,7 +124,7 @@ class Encoder:
             self._recent.clear()  # the board restarted, or no touch for a long time
         self._recent.append((device_s, indenter_deg))
         self._follow(indenter_deg, noise_deg)
-        # A joint at rest may stand anywhere in its backlash.
+        # A joint at rest may be anywhere in its backlash.
         moving = self._direction and self._still_for < _WINDOW
         backlash_var = 0.0 if moving else joint.backlash_deg**2 / 12
         # Standard error from mean absolute error; half the backlash is corrected below.

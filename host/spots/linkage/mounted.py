@@ -75,7 +75,7 @@ class Mounted(toml.Strict, kw_only=True):
 
     @property
     def linkage(self) -> Linkage:
-        """Linkage with these lengths. The origin is joint 1; the x axis points to joint 2."""
+        """Linkage with this file's lengths; origin at joint 1, x axis towards joint 2."""
         return Linkage(self.bar_mm, self.base_mm, self.assembly)
 
     @property

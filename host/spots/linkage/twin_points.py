@@ -167,7 +167,9 @@ def _append(path: Path, row: Iterable[float]) -> None:
                 file.write("\r\n")  # some editors omit the end of the last line
             table.writerow(f"{value:.5f}" for value in row)
     except OSError as error:
-        raise SpotsError(f"cannot write the file of points {path}: {error.strerror}") from None
+        raise SpotsError(
+            f"cannot write the file of points {path} ({error.strerror}): name another file"
+        ) from None
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:

@@ -1,4 +1,4 @@
-"""Calibration sessions by hand that a browser starts, answers and stops."""
+"""Calibration sessions in the web UI: a person presses the strip, and answers in a browser."""
 
 import sys
 from argparse import Namespace
@@ -33,41 +33,41 @@ _BEHIND = "the session has gone on in the meantime: look at the page again"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
-    """Starts or continues the session with a strip of a length in mm."""
+    """Request of a browser: start or continue the session; `length_mm` is the strip's length."""
 
     kind: Literal["rough", "fine"]
     length_mm: Annotated[float, msgspec.Meta(ge=1, le=1000)]
 
 
 class Answer(msgspec.Struct, tag_field="do", tag="answer", forbid_unknown_fields=True):
-    """Answers the question of a step."""
+    """Request of a browser: the answer to the question that the session asked in a step."""
 
     step: int
     text: Annotated[str, msgspec.Meta(max_length=40)]
 
 
 class Undo(msgspec.Struct, tag_field="do", tag="undo", forbid_unknown_fields=True):
-    """Drops the last press, if the session is still at this step."""
+    """Request of a browser: drop the last press, if the session is still at this step."""
 
     step: int
 
 
 class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields=True):
-    """Ends the session; its presses are stored."""
+    """Request of a browser: end the session; its presses are stored."""
 
 
 _DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
 
 
 class PageCalibration(Orders):
-    """Runs one session at a time, in the thread that reads the board; it is the session's dialog.
+    """Runs calibration sessions for browsers, one at a time, in the thread that reads the board.
 
     Parameters
     ----------
     path : Path
         Session file; the calibration file has its name with ``.toml``.
     state : PageState
-        State that gets the parts ``calibration`` and ``hold``, and meanwhile ``spectrum``.
+        State of the web UI; a session sets its parts ``calibration``, ``hold`` and ``spectrum``.
 
     Raises
     ------
@@ -85,11 +85,11 @@ class PageCalibration(Orders):
         self._show(length_um=length_um)
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
-        """Return the request in a message; `msgspec.DecodeError` is a ValueError."""
+        """Return the request in a browser's message; raise a ValueError if it is invalid."""
         return _DECODER.decode(body)
 
     def attend(self, board: Board) -> bool:
-        """Run the session that a browser starts; return True after a session."""
+        """If a browser has requested it, run a session to its end; return whether one ran."""
         self._attended = True
         while asked := self._next():
             request, answer = asked
@@ -146,7 +146,7 @@ class PageCalibration(Orders):
         self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK)
 
     def skip(self, count: int = 1) -> None:
-        """Increase the number of presses taken by `count`, which may be negative."""
+        """Count `count` more presses as taken in the progress display; it may be negative."""
         self._show(done=self._shown["done"] + count)
 
     def want(self, wanted: Wanted) -> None:
@@ -154,13 +154,13 @@ class PageCalibration(Orders):
         self._show(at={"place_um": wanted.place_um, "force_mN": wanted.force_mN})
 
     def request(self, phase: str) -> None:
-        """Show that a press or its release is awaited; the next message is the request."""
+        """Show that the session waits for a press (`phase` is `PRESS`) or for its release."""
         self._step += 1
         self._state.put("hold", None)
         self._show(phase=phase, step=self._step, todo=None)
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show how steady the press is and about where it is; handle the requests of browsers."""
+        """Show how steady the press is, and roughly where; handle the requests of browsers."""
         place_um = self._place_um(reading.counts)
         self._state.put("hold", {"trouble": trouble, "steady": steady, "place_um": place_um})
         if self._board.stats.restarts != self._restarts:
@@ -168,7 +168,7 @@ class PageCalibration(Orders):
         self._listen()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
-        """Count a press."""
+        """Show that one more press was taken."""
         self._show(done=self._shown["done"] + 1, phase=WORK, note=None)
 
     def fitted(self, progress: Progress) -> None:
@@ -181,7 +181,7 @@ class PageCalibration(Orders):
         self._show(fitted=fitted, done=progress.done, total=progress.total)
 
     def say(self, text: str) -> None:
-        """Show a message: the request of a press, or a report."""
+        """Show a message: a request to press, or a report."""
         text = printable(text)
         if self._shown["phase"] in (PRESS, RELEASE) and self._shown["todo"] is None:
             self._show(todo=text)
@@ -198,7 +198,7 @@ class PageCalibration(Orders):
         return text
 
     def _listen(self) -> str | None:
-        """Show the newest counts, and handle a request; return a valid answer, or None."""
+        """Show the newest counts, and handle a request; return an answer, or None."""
         while self._live.unread:
             counts = next(self._live).counts
             if not self._live.unread:
@@ -221,7 +221,7 @@ class PageCalibration(Orders):
         return request.text
 
     def _place_um(self, counts: np.ndarray) -> float | None:
-        """Return about where a press is, by the colour of the presses taken; None if unknown."""
+        """Return the rough position of a press in um, from earlier presses; None if unknown."""
         known = [p for p in self._session.points if p.plan == self._plan and p.kind in _ALONG]
         known.sort(key=lambda p: p.place_um)
         if len({p.place_um for p in known}) < _PLACES_MIN or (counts < 1).any():
@@ -240,18 +240,18 @@ class PageCalibration(Orders):
 
 
 class _Person(Presser):
-    """A person whose requests are shown on the web UI."""
+    """A person who presses the strip, and is asked for it in the web UI."""
 
     def __init__(self, page: PageCalibration):
         super().__init__(page)
         self._page = page
 
     def press(self, wanted: Wanted) -> None:
-        """Ask for a press."""
+        """Ask the person for a press."""
         self._page.request(PRESS)
         super().press(wanted)
 
     def release(self) -> None:
-        """Ask for the release."""
+        """Ask the person to release the strip."""
         self._page.request(RELEASE)
         super().release()

@@ -40,7 +40,7 @@ class Feel:
         self._state, self._layout = state, layout
         self._engine = self._gestures = self._controller = None
         self._untrusted = Untrusted()
-        self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> place
+        self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
         length_um = info.get("length_um")
         if length_um:

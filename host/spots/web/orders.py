@@ -1,4 +1,4 @@
-"""Requests of browsers that wait for the thread that reads the board."""
+"""Passes requests of browsers to the thread that reads the board."""
 
 from concurrent.futures import Future
 from queue import Empty, Full, Queue
@@ -21,7 +21,7 @@ class Orders:
     Attributes
     ----------
     stopping : bool
-        Set by the thread's owner: `attend` must return soon.
+        Whether the thread must end, so that `attend` must return soon.
     """
 
     def __init__(self, nobody: str):
@@ -44,7 +44,7 @@ class Orders:
         raise NotImplementedError
 
     def leave(self) -> None:
-        """Handle the end of the board's connection."""
+        """Handle the loss of the board: refuse all waiting requests."""
         self._attended = False
         self._refuse()
 

@@ -92,7 +92,7 @@ class Server:
         except OSError as error:
             await self._runner.cleanup()
             raise SpotsError(
-                f"cannot serve on {self._address} port {self._port}: {error.strerror}: choose "
+                f"cannot serve on {self._address} port {self._port}: {error.strerror}; choose "
                 "another port with --http-port, or an address of this machine with --address"
             ) from None
         address, port = self._listener.sockets[0].getsockname()[:2]
