@@ -170,7 +170,7 @@ class AS7341:
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
-        step_us = pacing.sampled * _STEP_US
+        step_us = pacing.sampled * _STEP_US * (self._written[1] + 1)
         return not pacing.lasted_us - step_us <= expected_us <= pacing.longest_us + step_us
 
     def stop(self):

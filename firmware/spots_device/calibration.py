@@ -163,15 +163,12 @@ class Calibration:
                 conditions.board,
             )
         if conditions.plan != made.plan:
-            return "the calibration was made with plan=%s; set this, or calibrate again" % (
-                ",".join(made.plan)
-            )
-        if (conditions.gain, conditions.led_mA) != (made.gain, made.led_mA):
-            return (
-                "the calibration was made at gain=%d led_mA=%d; set these, or calibrate again"
-                % (made.gain, made.led_mA)
-            )
-        return None
+            what = "with plan=" + ",".join(made.plan)
+        elif (conditions.gain, conditions.led_mA) != (made.gain, made.led_mA):
+            what = "at gain=%d led_mA=%d" % (made.gain, made.led_mA)
+        else:
+            return None
+        return "the calibration was made %s; set this, or calibrate again" % what
 
 
 class CalibrationSlot:

@@ -125,7 +125,7 @@ class Fingers:
         if not second.there:
             self._begin(second)
         second.x_um = x_um
-        second.sigma_um = min(slack_um >> 1, _SIGMA_MAX_UM)
+        second.sigma_um = min(slack_um * 3 >> 2, _SIGMA_MAX_UM)
         return not self._sink or self._sink.second(x_um, slack_um, t)
 
     def left(self, second, t):

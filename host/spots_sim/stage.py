@@ -20,7 +20,7 @@ FORCES = 30
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
 WARM_S = 120.0  # the LED is warm before the first press
-_OSCILLATOR_S = 5.0  # time in which a board measures its sensor's oscillator
+_OSCILLATOR_S = 30.0  # time in which a board measures its sensor's oscillator to 10 ppm
 _SEARCH_TIMEOUT_S = 600.0
 
 

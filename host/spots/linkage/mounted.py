@@ -1,7 +1,5 @@
 """The linkage file: lengths of a five-bar linkage, and the mounting of the strips in its joints."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated
@@ -120,7 +118,7 @@ class Mounted(toml.Strict, kw_only=True):
             for strip, *mounting in zip(strips, self.offset_rad, self.gain)
         )
 
-    def found(self, kinematics: Kinematics, calibrations: list[str]) -> Mounted:
+    def found(self, kinematics: Kinematics, calibrations: list[str]) -> "Mounted":
         """Return a copy with the lengths and the mounting from a kinematic calibration.
 
         Parameters

@@ -1,7 +1,5 @@
 """Records the bytes of a link in files, while a program reads from the link."""
 
-from __future__ import annotations
-
 import re
 import secrets
 import threading
@@ -87,7 +85,7 @@ class Recorder:
             raise exists(part_path(self._path, parts[0]))
         self._begin()
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> "Recorder":
         return self
 
     def __exit__(self, *exception) -> None:

@@ -73,7 +73,6 @@ class Recording:
         self._headers = {self.path: self.header, **_others(self.path, self.header)}
         self.paths = list(self._headers)
         self.size = sum(path.stat().st_size for path in self.paths)
-        self._decoder = Decoder()
         self._restart()
 
     def __iter__(self) -> Iterator[tuple[float, Frame]]:

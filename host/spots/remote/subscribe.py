@@ -42,11 +42,8 @@ def subscribe_command(options: argparse.Namespace) -> None:
     written = _as_json if options.json else _Lines().written
     with open_session() as session:
         session.declare_subscriber(expression, direct(receive))
-        print(
-            f"listening to {printable(str(expression))} (Ctrl-C ends it)",
-            file=sys.stderr,
-            flush=True,
-        )
+        listening = f"listening to {printable(str(expression))} (Ctrl-C ends it)"
+        print(listening, file=sys.stderr, flush=True)
         try:
             _print(mail, written, options.seconds)
         except KeyboardInterrupt:

@@ -81,7 +81,7 @@ class StripView:
         self._port = port
         self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
         self._touch: Touch | None = None
-        self._spectrum: Spectrum | None = None
+        self._counts: Sequence[float] = [0] * len(info["plan"])
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
 
     def take(self, frame: Frame) -> None:
@@ -90,7 +90,7 @@ class StripView:
             self._touch = frame
             self._trace.append(frame)
         elif isinstance(frame, Spectrum):
-            self._spectrum = frame
+            self._counts = frame.counts
 
     def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
         """Return the picture.
@@ -110,7 +110,11 @@ class StripView:
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
         link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}
-        parts += [self._bars(), Text(), *map(_row, (link, *judged["rows"]))]
+        parts += [
+            bars(info["plan"], self._counts, 1000),
+            Text(),
+            *map(_row, (link, *judged["rows"])),
+        ]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
         if self.advice:
@@ -153,24 +157,16 @@ class StripView:
         grid.add_row("force", force, Text(bar(share), style="cyan"))
         return grid
 
-    def _history(self) -> Table:
+    def _history(self) -> Text:
         # The oldest is on the left. The height of a column is the mean position of its readings.
         readings = list(self._trace)[-4 * strip_columns() :]
-        line = Text()
+        line = Text("history".rjust(9) + " ")
         for i in range(0, len(readings), 4):
             held = [t.position_um for t in readings[i : i + 4] if _is_felt(t)]
             share = sum(held) / len(held) / self._length_um if held else 0
             level = 1 + max(0, min(int(share * 8), 7))
             line.append(_LEVELS[level] if held else " ", style="red")
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(justify="right", width=9)
-        grid.add_column()
-        grid.add_row("history", line)
-        return grid
-
-    def _bars(self) -> Table:
-        plan = self._info["plan"]
-        return bars(plan, self._spectrum.counts if self._spectrum else [0] * len(plan), 1000)
+        return line
 
 
 def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int = 1) -> Panel:
