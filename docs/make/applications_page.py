@@ -28,8 +28,9 @@ warmed up since its calibration, and is under a lamp ([drift.md](drift.md)). A r
 mark once, with a warm LED. The last column shows the first seconds or minutes after power-on, while
 the LED still warms.
 
-There are ten keys on the strip. At each speed, {seeds} seeds of {touches} touches are typed with exposures
-of 10 ms; the statistics of the touches are published ([typist.py](../host/spots_sim/typist.py)).
+There are ten keys on the strip. At each speed, {seeds} seeds of {touches} touches are typed.
+Exposures are 10 ms; the statistics of touches are published
+([typist.py](../host/spots_sim/typist.py)).
 Errors are wrong, missed and extra keys as a share of touches. "No finger" is the share of pressed
 keys that no finger was on. Latency is from the first light to the press of right keys; p99 is that
 of the worst seed. The controller follows the fingers of the demo for {seconds:g} s;
