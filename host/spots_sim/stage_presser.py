@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spots.calibrate.presser import Presser
+from spots.calibrate.presses import FIRM_MN
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
 from spots.link.board import Board
@@ -36,10 +37,13 @@ class StagePresser(Presser):
     def press(self, wanted: Wanted) -> None:
         if wanted.kind == "mark" and wanted.angle_deg is not None:
             wanted = self._turned(wanted.angle_deg, 1)
-        self._stage.press(wanted.place_um, wanted.force_mN)
+        self._stage.press(wanted.place_um, wanted.force_mN or FIRM_MN)
 
     def release(self) -> None:
         self._stage.release()
+
+    def read_off(self, wanted: Wanted, length_um: float) -> Wanted:
+        return wanted
 
     def dark(self, board: Board) -> None:
         self._stage.take_dark()

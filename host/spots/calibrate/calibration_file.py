@@ -32,6 +32,7 @@ _HEAD = f"""\
 version = {VERSION}
 """
 _COMMENTS = {
+    "relative_force": "# Forces are relative to the presses: no scale was used.",
     "lines": "# Calibration lines for the board, see docs/protocol.md.",
     "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
@@ -152,6 +153,9 @@ class CalibrationFile(_Struct, kw_only=True):
         Calibration lines for the board, see `spots_device.calibration`.
     original : tuple of str
         Lines before the first re-zero; empty without a re-zero.
+    relative_force : bool
+        Whether the forces of the presses were unknown. A force in mN then is 3000 times the light
+        over the mean light of the presses.
     residuals : list of Residual
         Errors at the presses of the calibration, one entry for each strain.
     joint : Joint or None
@@ -172,6 +176,7 @@ class CalibrationFile(_Struct, kw_only=True):
     led_mA: int
     lines: tuple[str, ...]
     original: tuple[str, ...] = ()
+    relative_force: bool = False
     residuals: list[Residual] = []
     joint: Joint | None = None
     marks: Marks | None = None
@@ -308,7 +313,7 @@ def _text(calibration: CalibrationFile) -> str:
         elif isinstance(value, dict):
             rows += ["", *comment, f"[{name}]", *_pairs(value)]
         else:
-            rows += _pairs({name: value})
+            rows += [*comment, *_pairs({name: value})]
     return _HEAD + "\n".join([*rows, "", ""])
 
 

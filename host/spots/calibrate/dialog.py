@@ -53,8 +53,8 @@ class Progress:
 class Dialog(Protocol):
     """Shows a session and asks its questions; called from the thread of the session.
 
-    `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session; the presses
-    that were taken are stored, and a new session with the same file continues.
+    `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session; the
+    presses that were taken are stored, and a new session with the same file continues.
     """
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:

@@ -126,10 +126,8 @@ class Guide:
         """Show how accurate a session by hand is, and where it needs more presses."""
         self._done, self._total = progress.done, progress.total
         thin = f"; few presses {', '.join(progress.thin)}" if progress.thin else ""
-        self.say(
-            f"expected error: position {progress.sigma_um / 1000:.2f} mm, "
-            f"force {progress.sigma_share:.1%}{thin}"
-        )
+        force = f", force {progress.sigma_share:.1%}" if progress.force_mN.any() else ""
+        self.say(f"expected error: position {progress.sigma_um / 1000:.2f} mm{force}{thin}")
 
     def say(self, text: str) -> None:
         """Show a message."""

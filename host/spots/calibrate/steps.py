@@ -19,6 +19,7 @@ from .bench import Bench, judge_force, judge_place
 from .choose import choose, passes
 from .dialog import UndoError
 from .fit import PLACES_MIN
+from .hand import by_hand
 from .joint import ANGLES_MIN, fit_joint, joint_marks
 from .make import make
 from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
@@ -26,15 +27,17 @@ from .session import Session, Wanted, point, presses
 from .spectra import Reading
 
 _RULER_UM = 100  # resolution of a ruler
-# By kind: usual and least number of places, forces, or angles in each direction.
+# By kind: usual and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
+    "fine": (36, PLACES_MIN),
+    "rough": (11, 8),
     "position": (17, PLACES_MIN),
     "strain": (17, PLACES_MIN),
     "force": (16, 14),
     "joint": (11, ANGLES_MIN),
 }
 _JUDGES = {"position": judge_place, "strain": judge_place, "force": judge_force}
-_CHOOSE_PLACES = 9
+_CHOOSE_PLACES = {"position": 9, "force": 9, "fine": 4}  # none: the present channels are used
 # The light begins a little below the least force that every channel sees, and grows steeply there.
 # The steps of force are even in the logarithm of what lies above this share of the least force.
 _DARK_SHARE = 0.85
@@ -98,25 +101,33 @@ def _run(
         steps.joint(count)
         return
     if kind != "strain":
-        steps.settle(options)
+        steps.settle(options, _CHOOSE_PLACES.get(kind, 0))
     elif missing := missing_step(session):
         raise SpotsError(f"calibrate position and force before strain: first run {missing}")
     if kind == "position":
         steps.places("position", count, 0)
     elif kind == "force":
         steps.forces(count)
+    elif kind in ("fine", "rough"):
+        bench.reader.set_up(dark_s=DARK_S)
+        by_hand(bench, session, count, kind == "rough")
+        steps.finish()
+        return
     else:
         steps.places("strain", count, round(10_000 * strain_percent))
         bench.presser.stretch(0, bench.length_um)
     if missing := missing_step(session):
         bench.guide.say(f"next: {missing}")
     else:
-        steps.marks()
+        if not session.of("hand"):
+            steps.marks()
         steps.finish()
 
 
 def missing_step(session: Session) -> str | None:
     """Return the command that the session needs before a calibration can be made, or None."""
+    if len(session.of("hand")) >= COUNTS["rough"][1]:
+        return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
         taken = {getattr(p, name) for p in session.of(kind)}
         end_um = (session.length_um or 0) - _RULER_UM if kind == "position" else 0
@@ -132,7 +143,7 @@ class _Steps:
     bench: Bench
     session: Session
 
-    def settle(self, options: argparse.Namespace) -> None:
+    def settle(self, options: argparse.Namespace, choose_places: int) -> None:
         """Choose gain, LED current and channels, unless presses for a calibration fix them."""
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
@@ -149,8 +160,8 @@ class _Steps:
             self._mains()
             self._auto()
         # Of an LED that is always on, each plan would need a dark frame of its own.
-        if not wanted_plan and reader.info.get("led") != "always":
-            self._choose()
+        if choose_places and not wanted_plan and reader.info.get("led") != "always":
+            self._choose(choose_places)
 
     def _mains(self) -> None:
         reader, guide = self.bench.reader, self.bench.guide
@@ -176,25 +187,44 @@ class _Steps:
         led = f"{found['led_mA']} mA" if kind == "ldr" else kind
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
-    def _choose(self) -> None:
+    def _choose(self, places: int) -> None:
         reader = self.bench.reader
         known = self.session.of("choose")
         plans = passes(known[0].plan if known else reader.conditions.plan)
         row = [Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN)]
-        for place_um in _along(self.bench.length_um, _CHOOSE_PLACES):
+        for place_um in _along(self.bench.length_um, places):
             row.append(Wanted(kind="choose", place_um=place_um, force_mN=FIRM_MN))
-        for plan in plans:
-            reader.set_up("plan=" + ",".join(plan))
-            self._series("choice of channels", row)
+        self._begin("choice of channels", len(row))
+        for wanted in row:
+            missing = [plan for plan in plans if not self.session.has(wanted, plan)]
+            if not missing:
+                self.bench.guide.skip()
+                continue
+            self._set_plan(missing[0])
+            reading = self.bench.take(wanted, self._noise())
+            for plan in missing:
+                if plan != reader.conditions.plan:
+                    # The LED is off in a dark frame, so the strip may be pressed.
+                    self._set_plan(plan)
+                    reading = reader.read(self.bench.window)
+                self.session.add(
+                    point(wanted, reading, reader.conditions, length_um=self.bench.length_um)
+                )
+            self.bench.guide.taken(wanted, reading)
+            self.bench.release()
         measured = tuple(
             presses([p for p in self.session.of("choose") if p.plan == plan]) for plan in plans
         )
         choice = choose(plans, measured, full_scale(*registers(reader.conditions.exposure_us)))
-        reader.set_up("plan=" + ",".join(choice.plan))
+        self._set_plan(choice.plan)
         self.bench.guide.say(
             f"channels {' '.join(choice.plan)}: {choice.sigma_um:.0f} um per sample; "
             f"{' '.join(plans[0])}: {choice.present_sigma_um:.0f} um"
         )
+
+    def _set_plan(self, plan: tuple[str, ...]) -> None:
+        if plan != self.bench.reader.conditions.plan:
+            self.bench.reader.set_up("plan=" + ",".join(plan))
 
     def places(self, kind: str, count: int, strain_ppm: int) -> None:
         """Take presses at positions along the strip, which is at rest or stretched."""
