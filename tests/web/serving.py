@@ -23,10 +23,14 @@ from spots_sim.paced import PacedLink
 
 
 class Cable(PacedLink):
-    """A link in simulated time that never runs ahead of the real one, with a cable to pull."""
+    """A link in simulated time that never runs ahead of the real one, with a cable to pull.
 
-    def __init__(self, link):
+    With a speed, its time passes so many times faster than the real one.
+    """
+
+    def __init__(self, link, speed=1.0):
         super().__init__(link, 0.0)
+        self._speed = speed
         self.pace()
         self.plugged = True
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
@@ -34,7 +38,11 @@ class Cable(PacedLink):
 
     def pace(self):
         """Keep to the clock from here on."""
-        self._epoch_s = time.monotonic() - self.now_s()
+        self._begun_s, self._epoch_s = self.now_s(), time.monotonic()
+
+    def _wait(self):
+        ahead_s = (self.now_s() - self._begun_s) / self._speed
+        time.sleep(max(ahead_s - (time.monotonic() - self._epoch_s), 0.0))
 
     def read(self, timeout_s):
         self._check()
@@ -63,8 +71,16 @@ class Bench:
     """
 
     def __init__(
-        self, sensor, calibration, scenario, layout="digits", record_to=None, session=None
+        self,
+        sensor,
+        calibration,
+        scenario,
+        layout="digits",
+        record_to=None,
+        session=None,
+        speed=1.0,
     ):
+        self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
         self.state = PageState()
         self.recordings = Recordings(record_to, self.state) if record_to else None
@@ -82,7 +98,7 @@ class Bench:
         self.asked_for.append(board_id)
         if not self.there:
             raise SpotsError("no board found, plug one in")
-        link = Cable(LockstepLink(self._sensor, self._scenario))
+        link = Cable(LockstepLink(self._sensor, self._scenario), self._speed)
         board = Board(link)
         if self._calibration:
             prepare(board, self._calibration)

@@ -111,18 +111,18 @@ class Server:
 def serve_command(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     state, layout, ports = PageState(), load(options.layout), options.port
-    one_board = options.linkage is None and not any(map(is_recording, ports))
-    for option in ("record_to", "session"):
-        if getattr(options, option) is not None and not one_board:
-            raise SpotsError(
-                f"--{option.replace('_', '-')} works with one board: do not use it with --linkage "
-                "or a recording"
-            )
     orders: dict[str, Orders] = {}
     if options.record_to is not None:
         orders["recording"] = Recordings(Path(options.record_to), state)
-    if options.session is not None:
+    elif options.session is not None:
         orders["calibration"] = PageCalibration(Path(options.session), state)
+    if orders and (options.linkage is not None or any(map(is_recording, ports))):
+        option = "--record-to" if options.record_to else "--session"
+        raise SpotsError(
+            f"{option} works with one board: do not use it with --linkage or a recording"
+        )
+    if options.record_to and options.session:
+        raise SpotsError("--record-to, --session: name one of them; a session owns the board")
     if options.linkage is None:
         if len(ports) > 1:
             raise SpotsError(

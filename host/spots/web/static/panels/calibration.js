@@ -120,6 +120,7 @@ export function calibration(root) {
     opener.hidden = !it || running || !may;
     root.hidden = !it || !(running || (open ?? (it.end || (may && uncalibrated))));
     opener.setAttribute("aria-expanded", String(!root.hidden));
+    opener.textContent = root.hidden ? "calibrate" : "close";
     document.body.dataset.session = running ? "on" : "off";
     if (!it) return;
     title.textContent = running && it.title ? `Calibration: ${it.title}` : "Calibration";
@@ -130,9 +131,9 @@ export function calibration(root) {
     const asking = may && phase === "ask" && it.step !== answered;
     const key = asking ? `${it.step}` : "";
     const [, words, offered = ""] = QUESTION.exec(it.todo ?? "");
+    form.hidden = !asking;  // first, because nothing hidden takes the focus
     if (asking && key !== question) ask(words, offered);
     question = key;
-    form.hidden = !asking;
     const waits = phase === "work" || it.step === answered || !words;
     put(todo, running ? (waits ? WAIT : words) : ENDS[it.end] ?? OFFER);
     put(note, it.note ?? "");
