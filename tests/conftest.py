@@ -1,4 +1,4 @@
-"""Shared by all tiers: a calibrated simulated sensor, made once."""
+"""Fixtures of all tests: a calibrated simulated sensor, made once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who imports whom, against the table of rooms in ARCHITECTURE.md."""
+"""Imports between packages, compared with the table of rooms in ARCHITECTURE.md."""
 
 from __future__ import annotations
 

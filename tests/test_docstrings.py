@@ -1,4 +1,4 @@
-"""Docstrings of the public API say what the signatures have: numpydoc, with every parameter.
+"""Docstrings of the public API describe all parameters and results of the signatures (numpydoc).
 
 Of functions and methods that is all of `spots` and `spots_sim`; of classes, what `spots` exports.
 """

@@ -77,7 +77,7 @@ _CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
 _EARLY = const(1)
 _LATE = const(2)
-# Uncertainty of a second finger that presses a key, in eighths: a key that is late is better than none.
+# Uncertainty of a second finger that presses a key, in eighths: a late key is better than no key.
 _SOON = const(5)
 _LATER = const(4)
 _FALL_T = const(34)  # longest time in which a finger lifts
@@ -590,7 +590,7 @@ class ContactTracker:
         if not self._pair:
             return
         if brightness < b_last + _EVEN:
-            # Both rest. Without a second pair, only a spectrum of two fingers confirms the first one.
+            # Both rest. Without a second pair, only a spectrum of two fingers confirms the first.
             if self._guessed and self._rested and not fits:
                 self._found_both(fits, x_um, brightness, t)
             return

@@ -37,9 +37,9 @@ def power(exponent):
 
 
 def _part(decay, off_um, brightness, away_um):
-    """Return the light of the first finger in a reading, in sixteenths of a count.
+    """Return the light of the first finger of two in a reading, in counts times 16.
 
-    `away_um` is the distance of the second finger, `off_um` that of the reading.
+    `away_um` is the distance from first to second finger, `off_um` from it to the reading.
     """
     share = (off_um << 10) // away_um
     bend = decay * away_um >> 14
@@ -50,9 +50,9 @@ def _part(decay, off_um, brightness, away_um):
 
 
 def may_rest(decay, x1_um, first, end_um, x_um, brightness):
-    """Return whether the first finger may have the brightness `first` in a reading.
+    """Return whether the first finger may still have its brightness `first` in a later reading.
 
-    It may not if even a second finger at the end of the strip, `end_um`, would add more light.
+    It may not, if even a second finger at the end of the strip (`end_um`) leaves it less light.
     """
     off_um = x_um - x1_um
     far_um = end_um - x1_um
@@ -84,7 +84,7 @@ def weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
     Returns
     -------
     bool
-        Whether there is such a finger.
+        Whether there is a second finger.
     """
     a_um = x_um - x1_um
     b_um = x_next_um - x1_um

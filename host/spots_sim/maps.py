@@ -149,7 +149,7 @@ def deviation(survey: Survey, path: Path) -> Path:
 
 
 def trajectory(run: PathRun, path: Path) -> Path:
-    """Draw a true path, the path that the twin estimated, and the error over time, as in Fig. 7D.
+    """Draw a true path, its estimate by the digital twin, and the error over time, as in Fig. 7D.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A simulated person who calibrates a strip by hand, and does only what a session asks in words."""
+"""A simulated person, who calibrates a strip by following the texts that a session shows."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ class Habits:
 
 
 class Person:
-    """Reads what a session says, moves a finger, and answers questions.
+    """Reads a session's messages, moves a finger, and answers questions.
 
     Parameters
     ----------
     move : callable
-        ``move(way)`` starts a way of the finger; an empty way lifts it.
+        ``move(way)`` starts a movement of the finger; an empty list lifts the finger.
     length_mm : float
         Length of the strip in mm.
     habits : Habits
@@ -78,7 +78,7 @@ class Person:
         self.presses = 0
 
     def hear(self, text: str) -> None:
-        """Do what a message asks for."""
+        """Do what a message of the session asks for."""
         if found := _PRESS.search(text):
             place_mm, grams, firm, newtons = found.groups()
             low, high = _FIRM_MN
@@ -134,14 +134,14 @@ class Person:
 
 
 def follow(held: Held, way: Way) -> None:
-    """Move the finger of a stage along a way, which begins with the next reading.
+    """Move the simulated stage's finger along a path, which begins with the next reading.
 
     Parameters
     ----------
     held : Held
         Finger of the stage.
     way : list of tuple
-        The way.
+        Pieces of the path: start and end in s from now, and the press.
     """
     began: list[float] = []
 
@@ -155,20 +155,20 @@ def follow(held: Held, way: Way) -> None:
 
 
 def line_of(way: Way) -> str:
-    """Return a way as a line for `follow_pipe`."""
+    """Return a movement of the finger as a line of text for `follow_pipe`."""
     rows = [[start_s, end_s, p.position_mm, p.force_mN, p.width_mm] for start_s, end_s, p in way]
     return json.dumps(rows) + "\n"
 
 
 def follow_pipe(held: Held, pipe: Path) -> None:
-    """Move the finger of a stage in a thread, along the ways that arrive in a named pipe.
+    """Move the simulated stage's finger in a thread, along the paths from a named pipe.
 
     Parameters
     ----------
     held : Held
         Finger of the stage.
     pipe : Path
-        Named pipe with a line for each way, see `line_of`.
+        Named pipe with a line for each path, see `line_of`.
     """
 
     def read() -> None:

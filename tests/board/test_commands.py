@@ -1,4 +1,4 @@
-"""The command protocol on the real firmware: one line, one reply; a bad line changes nothing."""
+"""The command protocol of the real firmware: one reply per line; invalid lines change nothing."""
 
 import pytest
 

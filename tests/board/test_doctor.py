@@ -1,4 +1,4 @@
-"""`spots doctor` on the light: an LED that is not wired never passes, in whatever room."""
+"""`spots doctor` checks the light: an LED that is not wired never passes, in any ambient light."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The firmware onto a virtual board whose file system is empty, through its serial port."""
+"""Flashes a virtual board with an empty file system through its serial port."""
 
 import io
 import subprocess

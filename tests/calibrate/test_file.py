@@ -1,4 +1,4 @@
-"""The calibration file: what is written is read, and nothing else is."""
+"""The calibration file: saved files load again; damaged or invalid files are refused."""
 
 import os
 

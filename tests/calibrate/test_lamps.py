@@ -1,4 +1,4 @@
-"""Lamps on the mains: how they are found; exposures of whole half periods, by the board's clock."""
+"""Lamps on the mains: their detection, and exposures that are multiples of half a mains period."""
 
 import argparse
 import io

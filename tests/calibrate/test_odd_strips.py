@@ -1,4 +1,4 @@
-"""Strips whose channels decay nearly alike, and what must not depend on a choice of channels."""
+"""Strips whose channels decay nearly alike, and results that do not depend on the channels."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Readings to states: what a finger gives, held for a while where it is in doubt, then rest."""
+"""Readings to gamepad states: a touch, untrusted readings that keep the state, then rest."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""A board plays a gamepad: from the scenario's finger to the kernel, and every way it may end."""
+"""A board plays a gamepad: from the scenario's finger to the kernel, for every exit path."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""What goes onto each board: compiled where it can be, and nothing stale."""
+"""The files for each board: compiled if possible, and none from an earlier build."""
 
 import json
 import re

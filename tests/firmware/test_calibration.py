@@ -1,4 +1,4 @@
-"""A calibration is believed only when every line of it makes sense."""
+"""A calibration is accepted only if every line is valid."""
 
 from array import array
 

@@ -1,4 +1,4 @@
-"""The lock on the sensor's clock: no sample missed, none twice, hardly a poll in vain."""
+"""The schedule of polls: no sample is missed or read twice, and few polls are early."""
 
 import random
 

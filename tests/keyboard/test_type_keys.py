@@ -1,4 +1,4 @@
-"""A program that types, or does what gestures mean: whatever ends it, nothing stays down."""
+"""Programs that press keys: on every exit path no key stays pressed."""
 
 import json
 from types import SimpleNamespace

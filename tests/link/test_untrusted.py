@@ -1,4 +1,4 @@
-"""A strip that gives only untrusted readings: every application reports it within a second."""
+"""If all readings of a strip are untrusted, every application reports it within a second."""
 
 import io
 import re

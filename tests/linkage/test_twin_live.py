@@ -1,4 +1,4 @@
-"""The twin of boards: live, recorded, restarted; its linkage file; what the command shows."""
+"""The digital twin of boards: live, recorded, restarted; its linkage file; the command's output."""
 
 from __future__ import annotations
 

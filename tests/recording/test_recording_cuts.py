@@ -1,4 +1,4 @@
-"""However a recording ends or is damaged: the whole frames are there, and no wrong one."""
+"""Cut and damaged recordings: all complete frames are read, and no wrong one."""
 
 import contextlib
 import itertools

@@ -1,4 +1,4 @@
-"""Every thread and callback of the host package goes on after any exception, with a sentence."""
+"""Every thread and callback of the host continues after an exception, which is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A board in simulated time that keeps to the clock, and a page server in a thread."""
+"""A board in simulated time at the pace of its clock, and a web server in a thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person sees, in a real browser, of a real firmware on a simulated strip."""
+"""The web UI in a real browser, with real firmware on a simulated strip."""
 
 from __future__ import annotations
 

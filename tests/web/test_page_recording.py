@@ -1,4 +1,4 @@
-"""A page may start and stop a recording, but only with the token, and nothing else."""
+"""A browser with the token can start and stop a recording, and do nothing else."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class BadPressError(Exception):
 
 
 class TooDarkError(BadPressError):
-    """A channel has no light."""
+    """Raised if a channel has no light during a press."""
 
 
 def samples_of(kind: str, exposure_us: int) -> int:

@@ -1,4 +1,4 @@
-"""A session by hand: presses at any place and force, each chosen from the fit of those before."""
+"""Calibration by hand: asks a person for the press that improves the present fit most."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ALONG, _FORCES = 33, 30
 
 
 def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
-    """Take presses until the session has `count` of them.
+    """Ask a person for presses until the session has `count` presses.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
-    """Return what a fit needs of a session by hand.
+    """Return the data for the fit of a calibration, from a session by hand.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ def material(session: Session, length_um: float) -> tuple[Surface, Presses, Pres
     surface : Surface
         Fit of all presses.
     along : Presses
-        Light of the surface along the strip under one firm force.
+        Presses along the strip with one firm force, computed from `surface`.
     pressed : Presses
-        Light of the surface at a few places under forces from the least to the largest.
+        Presses at a few positions with ascending forces, computed from `surface`.
     """
     surface = _surface(session, length_um)
     along = surface.presses(np.linspace(0, length_um, _ALONG), np.full(_ALONG, FIRM_MN))

@@ -1,11 +1,11 @@
-"""Fits the light of a strip to presses whose places and forces have errors.
+"""Fits a strip's light to presses whose positions and forces were measured with errors.
 
 The model of log2 of the counts of channel c is ``s_c(x) + g(F)``: by Eq. 1 of the paper, place and
 force act on the logarithm separately. `s_c` and `g` are Chebyshev series whose coefficients have a
-Gaussian prior: the higher the degree, the smaller. An error of the place moves the channels along
-the slopes of `s_c`; an error of the force moves all alike. The sizes of these errors and of the
-coefficients are those with the largest evidence (Rasmussen and Williams, Gaussian Processes for
-Machine Learning, section 5.4.1).
+Gaussian prior, which is smaller for higher degrees. An error of the position shifts the channels
+along the slopes of `s_c`; an error of the force shifts all channels alike. The sizes of these
+errors and of the coefficients are those with the largest evidence (Rasmussen and Williams, Gaussian
+Processes for Machine Learning, section 5.4.1).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ _GRIDS = {
 
 
 class Surface:
-    """The light of a strip by place and force.
+    """The counts of a strip as a function of position and force, fitted to presses.
 
     Parameters
     ----------
@@ -172,14 +172,14 @@ class Surface:
         return chebyshev.chebval(share, chebyshev.chebder(series)).T * 2 / self.length_um
 
     def _rises(self, force_mN) -> np.ndarray:
-        """Return the derivatives of the light by the logarithm of the force, shape (n,)."""
+        """Return the derivatives of log2(counts) by the logarithm of the force, shape (n,)."""
         series = np.concatenate([[0.0], self._mean[CHANNELS * _PLACE :]])
         rises = chebyshev.chebval(self._share(force_mN), chebyshev.chebder(series))
         lit = np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0)
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
     def _own(self, place_um, force_mN, counts) -> np.ndarray:
-        """Return the covariance of the logs of presses by their own errors, shape (n, 6, 6)."""
+        """Return the covariance of the logs due to errors of each press, shape (n, 6, 6)."""
         noise = self._noise.log_variance(counts) / self._samples
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
@@ -192,7 +192,7 @@ class Surface:
         )
 
     def logs(self, place_um, force_mN) -> np.ndarray:
-        """Return the light of presses.
+        """Return the logarithms of the counts for presses.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class Surface:
         return Surface(kept, self._noise, self._samples, self.length_um, self.sizes, self)
 
     def find(self, counts: np.ndarray) -> tuple[float, float]:
-        """Return the place in um and the force in mN whose light is most like these counts."""
+        """Return position in um and force in mN whose expected counts are most like `counts`."""
         place_um = np.linspace(0, self.length_um, 101)
         force_mN = np.geomspace(self.least_mN, self.most_mN, 101)
         off = np.log2(counts) - self.logs(place_um, np.full_like(place_um, FIRM_MN))
@@ -230,9 +230,9 @@ class Surface:
         misfit : numpy.ndarray, shape (n,)
             Squared Mahalanobis distance of the six logs.
         off_um : numpy.ndarray, shape (n,)
-            Place by the light, minus the place of the press, in um.
+            Position estimated from the counts, minus the measured position, in um.
         off_share : numpy.ndarray, shape (n,)
-            Force by the light over the force of the press, minus 1.
+            Force estimated from the counts divided by the measured force, minus 1.
         """
         p = self.taken
         rows = self._rows(p.position_um, p.force_mN)
@@ -255,7 +255,7 @@ class Surface:
         return np.array(pairs).transpose(1, 0, 2)
 
     def presses(self, place_um, force_mN) -> Presses:
-        """Return presses with the light of the surface, without noise.
+        """Return presses with the counts of this fit, without noise.
 
         Parameters
         ----------
@@ -271,7 +271,7 @@ class Surface:
         return Presses(place_um, force_mN, counts, self._noise.variance(counts), saturated)
 
     def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return places and forces that light all channels, also forces below the presses."""
+        """Return positions and forces with light in all channels, even below measured forces."""
         low_mN = max(_LOWER * self.least_mN, _LEAST_MN, _ABOVE_DARK * dark_mN)
         forces_mN = np.geomspace(low_mN, FULL_MN, 12)
         far_um = np.full_like(forces_mN, _FAR * self.length_um)
@@ -316,7 +316,7 @@ class Surface:
         Parameters
         ----------
         dark_mN : float
-            A force that was too dark, or 0.
+            Largest force at which a channel had no light, or 0.
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)
@@ -342,7 +342,7 @@ def fitted(
     length_um: float,
     sizes: Sizes | None = None,
 ) -> Surface:
-    """Return the surface of the sizes with the largest evidence.
+    """Return the fit whose assumed sizes of errors make the readings most probable.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Places and forces as a person types them: ``42mm``, ``4.2 cm``, ``120g``, ``1,18 N``."""
+"""Reads positions and forces as a person types them: ``42mm``, ``4.2 cm``, ``120g``, ``1,18 N``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NUMBER = re.compile(r"\s*(\d+(?:[.,]\d+)?)\s*([a-z]+)[\s,;]*", re.IGNORECASE)
 
 
 def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
-    """Return the place and the force that a person typed, in any order.
+    """Return the position and the force that a person typed, in any order.
 
     Parameters
     ----------
@@ -60,5 +60,5 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
 
 
 def grams(force_mN: float) -> str:
-    """Return a force as a kitchen scale and as a force gauge show it."""
+    """Return a force in mN as text, in g as on a kitchen scale and in N as on a force gauge."""
     return f"{force_mN / _STANDARD_GRAVITY:.0f} g ({force_mN / 1000:.3g} N)"
