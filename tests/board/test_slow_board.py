@@ -13,7 +13,7 @@ from spots_sim.scenario import Held, Press
 from spots_sim.vm import HEAP_BYTES
 
 BACK_S = 1.0
-ABSENT_S = [0.3, 2.0, 10.0, 20.0, 60.0]
+ABSENT_S = [0.3, 2.0, 10.0, 60.0]
 BOARDS = ["virtual", "virtual_circuitpython"]
 
 
