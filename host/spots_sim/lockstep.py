@@ -41,10 +41,10 @@ class LockstepLink:
         Name of the virtual board, ``virtual`` or ``virtual_circuitpython``.
     faults : faults.Faults, optional
         Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
-    busy_us : callable, optional
-        ``busy_us(free_bytes) -> float`` returns the processor time of one loop pass in us, for a
-        number of free bytes in the heap. It is added at each read of registers, on MicroPython
-        only. By default the processor takes no time.
+    busy_us : float or callable, optional
+        Processor time of one loop pass in us, added at each read of registers, on MicroPython only;
+        0 by default. A function ``busy_us(free_bytes) -> float`` gets the free bytes of the heap,
+        which the board then reports with each transfer: that doubles the cost of a simulation.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
 
@@ -65,7 +65,7 @@ class LockstepLink:
         started_s: float = 0.0,
         board: str = "virtual",
         faults: Faults | None = None,
-        busy_us: Callable[[int], float] | None = None,
+        busy_us: Callable[[int], float] | float | None = None,
         warm: bool = False,
     ):
         self.clock = SimulatedClock(1e6 * started_s)
@@ -89,6 +89,10 @@ class LockstepLink:
     @bus.setter
     def bus(self, bus) -> None:
         self._board.bus = bus
+
+    def set_busy_us(self, busy_us: float) -> None:
+        """Set the processor time of one loop pass, of a board that was started with one."""
+        self._board.busy_us = busy_us
 
     @property
     def free_bytes(self) -> int | None:

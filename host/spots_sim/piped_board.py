@@ -38,11 +38,13 @@ class PipedBoard:
         File system of the board, see `vm.MicroPythonProcess`.
     board : str
         Name of the virtual board, see `vm.MicroPythonProcess`.
-    busy_us : callable or None
+    busy_us : callable, float or None
         Processor time of a loop pass, see `lockstep.LockstepLink`.
 
     Attributes
     ----------
+    busy_us : callable, float or None
+        As above. A function needs a board that was started with one.
     free_bytes : int or None
         Free bytes of the heap, as last reported by the board.
     """
@@ -55,10 +57,10 @@ class PipedBoard:
         faults: BoardFaults | None,
         folder: Path | None,
         board: str,
-        busy_us: Callable[[int], float] | None,
+        busy_us: Callable[[int], float] | float | None,
     ):
         self.bus, self._usb, self._faults = bus, usb, faults
-        self._busy_us = busy_us
+        self.busy_us = busy_us
         self.free_bytes: int | None = None
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
@@ -80,7 +82,7 @@ class PipedBoard:
             folder,
             board,
             data=data,
-            reports_memory=busy_us is not None,
+            reports_memory=callable(busy_us),
         )
         self._pending = self._next_request()
 
@@ -103,8 +105,9 @@ class PipedBoard:
         """Answer the pending request and run the board until its next request."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
-            if self._busy_us and server.is_poll(self._pending):
-                self.bus.clock.spend_us(self._busy_us(self.free_bytes))
+            if self.busy_us and server.is_poll(self._pending):
+                busy_us = self.busy_us
+                self.bus.clock.spend_us(busy_us(self.free_bytes) if callable(busy_us) else busy_us)
             rate = self._faults.rate if self._faults else 1.0
             server.answer(self._pending, self.bus, self._usb, self._machine.answers, rate)
         else:

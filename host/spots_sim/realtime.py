@@ -232,7 +232,7 @@ def _serve(
             machine.boot()
         elif machine.requests in ready:
             request = server.read_request(machine.requests)
-            fed_us = server.fed_for_us(request or b"")
+            fed_us = server.fed_for_us(request) if request else None
             if fed_us is not None:
                 starved_us = bus.clock.now_us() + fed_us
             off_us = board_faults.step(bus) if board_faults else None

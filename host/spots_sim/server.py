@@ -22,12 +22,12 @@ def read_request(fd: int) -> bytes | None:
 
 def is_reset(request: bytes) -> bool:
     """Return whether the board requests its own hard reset, which gets no answer."""
-    return request[:1] == bytes([protocol.RESET])
+    return request[0] == protocol.RESET
 
 
 def is_poll(request: bytes) -> bool:
     """Return whether the request reads registers; most passes of the board's loop send one."""
-    return request[:1] == bytes([protocol.READ])
+    return request[0] == protocol.READ
 
 
 def reported_free_bytes(request: bytes) -> int | None:
@@ -35,12 +35,12 @@ def reported_free_bytes(request: bytes) -> int | None:
 
     A memory report gets no answer.
     """
-    return _number(request) if request[:1] == bytes([protocol.MEMORY]) else None
+    return _number(request) if request[0] == protocol.MEMORY else None
 
 
 def fed_for_us(request: bytes) -> int | None:
     """Return the timeout of the watchdog in us if a request feeds it; None for other requests."""
-    return 1000 * _number(request) if request[:1] == bytes([protocol.FEED]) else None
+    return 1000 * _number(request) if request[0] == protocol.FEED else None
 
 
 def _number(request: bytes) -> int:

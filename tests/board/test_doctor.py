@@ -97,7 +97,7 @@ def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
     ("exposure_us", "average", "ok"), [(10_000, 1, True), (2_400, 1, False), (2_400, 8, False)]
 )
 def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average, ok):
-    made = rig(busy_us=lambda free_bytes: 2_400.0)
+    made = rig(busy_us=2_400.0)
     made.press(2.0, 8_000)
     made.board.command(f"set exposure_us={exposure_us} average={average}")
     made.settle(1.0)

@@ -15,7 +15,7 @@ import pytest
 from fault_streams import frames
 from spots.link.frames import Decoder
 
-COUNT = 100
+COUNT = 50
 MULTIPLE = 200_000
 
 
