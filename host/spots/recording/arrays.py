@@ -81,6 +81,10 @@ _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
 }
 
 
+# By kind: numbers of the pieces, and the bytes of their payloads, a column for each piece.
+_Groups = dict[int, tuple[np.ndarray, np.ndarray]]
+
+
 class _Run(NamedTuple):
     """Consecutive pieces of a stream: valid frames that have a table, or notes without a body.
 
@@ -99,7 +103,7 @@ class _Run(NamedTuple):
     t_us: np.ndarray
     notes_at: np.ndarray
     since_us: np.ndarray
-    tables: dict[int, tuple[np.ndarray, np.ndarray]]
+    tables: _Groups
 
 
 class _BlockDecoder(Decoder):
@@ -113,7 +117,7 @@ class _BlockDecoder(Decoder):
         starts, ends = starts[ends > starts], ends[ends > starts]
         headers = np.zeros((frame.HEADER_SIZE, len(starts)), np.uint8)
         plain = np.zeros(len(starts), bool)
-        groups: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        groups: _Groups = {}
         for kind, size in _SIZES.items():
             where = np.flatnonzero(ends - starts == size)
             if not len(where):
@@ -135,12 +139,7 @@ class _BlockDecoder(Decoder):
                 self._take(stream[starts[at] : ends[at]].tobytes(), found)
             yield from found
 
-    def _run(
-        self,
-        headers: np.ndarray,
-        begin: int,
-        groups: dict[int, tuple[np.ndarray, np.ndarray]],
-    ) -> _Run:
+    def _run(self, headers: np.ndarray, begin: int, groups: _Groups) -> _Run:
         kinds = headers[0] & 0x0F
         sequence, low, high = headers[1:].T.copy().view("<u2").T.astype(np.int64)
         t_us = low | high << 16
@@ -156,7 +155,7 @@ class _BlockDecoder(Decoder):
             if len(readings):
                 self._lost_at_reading = self.stats.lost + int(gaps[: readings[-1] + 1].sum())
             self.stats.lost += int(gaps.sum())
-        tables: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        tables: _Groups = {}
         for kind, (where, columns) in groups.items():
             first, end = np.searchsorted(where, (begin, begin + len(kinds)))
             if kind != NOTE and end > first:
