@@ -70,11 +70,6 @@ def hello_often(
     return info
 
 
-def length_of(board: Board) -> int:
-    """Return the length of a calibrated board's strip, in um; see `hello_calibrated`."""
-    return hello_calibrated(board)["length_um"] or 0
-
-
 def tell_rest(board: Board) -> None:
     """Make the present spectrum of an untouched strip its baseline; ignore a missing reply."""
     if not board.read_only:
