@@ -20,13 +20,8 @@ from .recording import Recording
 _BLOCK_BYTES = 1 << 18
 _COBS_SIZE = 1
 
-_HEADER = [
-    ("time_s", "<f8"),
-    ("arrived_s", "<f8"),
-    ("t_us", "<u4"),
-    ("sequence", "<u2"),
-    ("sensor", "u1"),
-]
+_TIMES = [("time_s", "<f8"), ("arrived_s", "<f8")]
+_HEADER = [*_TIMES, ("t_us", "<u4"), ("sequence", "<u2"), ("sensor", "u1")]
 
 
 class _Table:
