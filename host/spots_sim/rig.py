@@ -151,7 +151,22 @@ class Rig:
         return self._held(count)
 
     def turned(self, angle_deg: float, direction: int, count: int):
-        """Turn a joint, see `Stage.turn`, and return readings as `readings` does."""
+        """Turn a joint, and return readings that lie completely within the press of its indenter.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle is reached from below, -1 if from above.
+        count : int
+            Number of readings.
+
+        Returns
+        -------
+        touches, counts
+            As from `readings`.
+        """
         self.stage.turn(angle_deg, direction)
         return self._held(count)
 
