@@ -57,14 +57,15 @@ class Segment:
     weights : sequence of int
         Twelve weights in Q13: six for the position, six for the force.
     knots : tuple of array
-        Four arrays of n integers, one for each of the attributes `contrasts` to `offsets`.
+        Four arrays of n integers: `contrasts`, `positions_um`, `fits`, `offsets`.
 
     Attributes
     ----------
     position, force : array of int
         Six weights each, Q13.
     contrasts, positions_um, fits, offsets : array of int
-        Columns of the table of knots: the four numbers of the statement ``x``, see the module.
+        Columns of the table of knots (the points between which the board interpolates): contrast
+        and position, misfit of one press, and correction that is subtracted from the brightness.
     weights, columns : tuple of array
         The same weights and columns, in the form for `kernel.estimate`.
     """
@@ -98,8 +99,8 @@ class Calibration:
     conditions : Conditions
         Board and settings with which the calibration was made.
     drift_max : int
-        Largest shift of the misfit (Q12) by a drift with which a strip still types. The drift of an
-        LED that shifts the misfit as much moves positions by 3 or 4 % of the length.
+        Largest drift of the misfit (Q12) that keys accept. If an LED drifts so far, positions are
+        wrong by 3 to 4 % of the strip's length.
     decay : int
         Decay of the dye in log2 units per um, Q24; at most 1000.
     """
@@ -143,7 +144,7 @@ class Calibration:
         self.decay = min(abs(fall // (x[-1] - x[0])), 1000)
 
     def mismatch(self, conditions):
-        """Return why this calibration is invalid for other conditions.
+        """Return why this calibration cannot be used for readings, if their conditions differ.
 
         Parameters
         ----------
@@ -153,7 +154,7 @@ class Calibration:
         Returns
         -------
         str or None
-            Sentence for the user; None if the calibration is valid.
+            Sentence for the user; None if the calibration can be used.
         """
         made = self.conditions
         if conditions.board != made.board:

@@ -68,7 +68,7 @@ class ControllerScore:
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare a step of X with the finger's movement since the last state.
+        """Compare the change of X since the last state with the finger's movement.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class ControllerScore:
         self.states += 1
 
     def _wanted(self, time_s: float) -> int | None:
-        """Return the true X at a time; None if the number of fingers is not 1."""
+        """Return the true axis X at a time; None if the number of fingers is not 1."""
         presses = self._scenario.presses(time_s - self._started_s)
         if len(presses) != 1 or self._settings is None:
             return None

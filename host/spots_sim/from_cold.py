@@ -1,7 +1,7 @@
-"""A real strip from switching on cold: typing, and a joint: ``python -m spots_sim.from_cold 20``.
+"""Measures typing and a joint while the LED warms up: ``python -m spots_sim.from_cold 20``.
 
-The argument is a number of simulated minutes. The strip is calibrated with a warm LED, and has
-changed since by the table ``[change]`` of its sensor file.
+The argument is a number of simulated minutes. The strip was calibrated with a warm LED, and has
+changed since then as the table ``[change]`` of its sensor file says.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
     seed : int
         Random seed of text, touches and noise.
     rezeroed : bool
-        Whether the strip was re-zeroed once, warm, before.
+        Whether the calibration was corrected before (re-zero), while the LED was warm.
 
     Returns
     -------
     dict
-        Figures of the run, see `demo_applications.type_on_board`.
+        Results of the run, see `demo_applications.type_on_board`.
     """
     rng = np.random.default_rng(seed)
     with Rig(sensor, seed, 10_000, 1) as rig:
@@ -73,7 +73,7 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
 def joint(
     sensor: SensorFile, minutes: float, seed: int, average: int, warm_min: int = WARM_MIN
 ) -> list[dict]:
-    """Measure a joint from the moment at which the board is switched on; re-zero it once.
+    """Measure a joint from the moment at which the board is switched on; correct drift once.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def joint(
     average : int
         Samples of 10 ms in a reading.
     warm_min : int
-        Minutes from switching on to the re-zero.
+        Minutes from switching on to the correction of the drift (re-zero).
 
     Returns
     -------
@@ -126,7 +126,10 @@ def joint(
 
 
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the joint up and down; return angles (n) and positions in um (n, readings)."""
+    """Turn the joint to `shares` of its travel, up and down again; read it at each.
+
+    Returns angles in degrees, shape (n,), and positions in um, shape (n, readings).
+    """
     angles, rows = [], []
     for direction, sweep in ((1, shares), (-1, shares[::-1])):
         for share in sweep:
@@ -159,7 +162,7 @@ def _marks(stage: Stage, shares) -> Marks:
 
 
 def main() -> None:
-    """Parse the command line, and print the figures."""
+    """Parse the command line, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("minutes", type=float, nargs="?", default=20.0)
     parser.add_argument("--sensor", default="real")

@@ -83,7 +83,7 @@ def characterize(
     change : Change
         Change of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        Options of a re-zero after that change.
+        How the calibration is corrected after that change (re-zero).
 
     Returns
     -------
@@ -270,10 +270,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return, for single samples, the pair's scatter over the bound and signal-to-noise ratios.
+    """Return noise of the estimate by `pair` over its bound, and signal-to-noise ratios, at `x_um`.
 
-    The board rounds the mean counts of averaged readings. With them, the rounding would hide noise
-    in the signal-to-noise ratio, and add noise to the pair's scatter.
+    Readings are single samples here. The board rounds the mean counts of averaged readings, which
+    would change the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -325,7 +325,7 @@ def _force(rig: Rig, run: Run) -> None:
 
 
 def _threshold_mN(rig: Rig) -> float:
-    """Return the dead zone: the least force in mN, mid-strip, that gives a position."""
+    """Return the least force in mN that gives a position in the middle of the strip."""
     low, high = 0.0, FORCE_MN
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2
@@ -355,7 +355,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return `_accuracy_um` of the flat, unstretched strip from the results in `run`."""
+    """Return what `_accuracy_um` returned for the flat, unstretched strip, from `run`."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 

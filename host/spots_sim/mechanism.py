@@ -1,6 +1,7 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-The estimates of a twin are compared with it. It shares no formula with `linkage.fivebar`.
+It gives the true positions, with which a digital twin is compared. It shares no formula with
+`linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Motion:
     x_mm, y_mm : numpy.ndarray, shape (n,)
         Positions of the end point in mm.
     drawing : numpy.ndarray of bool, shape (n,)
-        True on a stroke, False between two strokes.
+        True where the motion draws a stroke, False on the way to the next stroke.
     """
 
     time_s: np.ndarray
@@ -44,11 +45,11 @@ class Motion:
 
     @property
     def seconds(self) -> float:
-        """Time of the last sample in seconds."""
+        """End of the motion: time of its last sample, in seconds."""
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y of the end point in mm at times in s; constant outside the motion."""
+        """Return x and y of the end point in mm at times in s; it rests outside the motion."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
@@ -207,7 +208,7 @@ class JointScenario:
         return Pose(bend_deg=float(self._at(time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return the press of the indenter at a time in seconds."""
+        """Return a list with the press of the joint's indenter at a time in seconds."""
         place_mm = float(self._at(time_s, self._place_mm))
         return [Press(place_mm, self._force_mN, _WIDTH_MM)]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from spots.linkage.fivebar import Linkage
 from spots_device import decode
 
 from .files import LinkageFile, PathFile, SensorFile
+from .kept import kept
 from .lockstep import LockstepLink
 from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
@@ -60,11 +60,11 @@ class Turned(NamedTuple):
     counts: np.ndarray
 
 
-@lru_cache(maxsize=16)
+@kept(CalibrationFile)
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, then its joint; re-zero it after the change of its sensor file.
+    """Calibrate a simulated strip, then its joint, then apply the change in its sensor file.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def calibrated(
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the stops of the joint are pressed after the change.
+        Whether the calibration is corrected after the change (re-zero), at the joint's stops.
 
     Returns
     -------
@@ -130,9 +130,9 @@ class Simulation:
     run : int
         Number of the run. Runs with the same seed have the same strips, but different noise.
     rezeroed : bool, optional
-        Whether the strips were re-zeroed after the change of the sensor file.
+        Whether the calibrations were corrected after the change in the sensor file (re-zero).
     misfits : bool, optional
-        Whether readings that fit no press of the calibration are trusted.
+        Whether readings are used even if their spectrum does not fit the calibration.
 
     Attributes
     ----------
@@ -262,7 +262,7 @@ class Endless:
 
 
 def start_s(sensor: SensorFile) -> float:
-    """Return the time in s at which a motion begins: LEDs that warm up are warm by then."""
+    """Return the time in s at which a motion may begin, because the LED is warm by then."""
     return START_S + (WARM_S if sensor.temperature.led_K_per_mA else 0.0)
 
 
@@ -273,7 +273,7 @@ def _strips(
 
 
 def _seeds(seed: int, what: int) -> list[int]:
-    """Return two seeds, for the strips (`what` 0) or for the noise of run number `what` - 1."""
+    """Return a seed for each strip: for its properties (`what` is 0), or for the noise of a run."""
     return [int(s) for s in np.random.SeedSequence((seed, what)).generate_state(2)]
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from spots.calibrate.fit import fit
@@ -13,6 +11,7 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 
 from .files import SensorFile
+from .kept import kept
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -91,7 +90,7 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """If the LED cannot be switched off, unplug it while the dark frame is taken."""
+        """Take a dark frame of an LED that is always on; the LED is unplugged meanwhile."""
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
@@ -218,7 +217,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        The text names the position of the first such press.
+        The text names the position of the press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
@@ -231,7 +230,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
-    """Set lamps and LED on a board as `calibrate` did, and the LED's dark frame if it took one.
+    """Give a board the mains frequency and LED settings, with dark frame, that `calibrate` used.
 
     Parameters
     ----------
@@ -246,7 +245,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
         board.command("set " + _calibrated(sensor)[1])
 
 
-@lru_cache(maxsize=8)
+@kept(tuple[tuple[str, ...], str])
 def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
     """Return the calibration lines, and the LED settings as assignments for ``set``."""
     with Stage(sensor) as stage:

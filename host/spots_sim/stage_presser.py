@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from spots.calibrate.presser import Presser
+from spots.calibrate.presses import FIRM_MN
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
 from spots.link.board import Board
@@ -32,12 +33,15 @@ class StagePresser(Presser):
 
     def press(self, wanted: Wanted) -> None:
         if wanted.angle_deg is None:
-            self._stage.press(wanted.place_um, wanted.force_mN)
+            self._stage.press(wanted.place_um, wanted.force_mN or FIRM_MN)
         else:
             self._stage.turn(wanted.angle_deg, wanted.direction or 1)
 
     def release(self) -> None:
         self._stage.release()
+
+    def read_off(self, wanted: Wanted, length_um: float) -> Wanted:
+        return wanted
 
     def dark(self, board: Board) -> None:
         self._stage.take_dark()
