@@ -97,10 +97,10 @@ def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough
         stage.board.command("set " + settings(Session(path).conditions))
         stage.reader.set_up()
         room = Room(stage, Habits(place_mm=0.1, force_share=0.01, slips=0))
-        made = calibrate(room, path, "fine", 26)
+        made = calibrate(room, path, "fine", 22)
         assert not made.relative_force
         assert np.abs(errors_um(stage, made)).mean() < 200
-    assert len(Session(path).of("hand")) == 26
+    assert len(Session(path).of("hand")) == 22
     assert made.residuals[0].force_rms_mN < 300
 
 
