@@ -123,7 +123,7 @@ async def calibration(browser: Browser) -> None:
                     await confirm.wait_for(state="hidden")
             await expect(asked).to_contain_text("press at", timeout=_LONG_MS)
             held.press = Press(float((await mark.inner_text()).split()[0]) - 9, 6000, 4.0)
-            await page.locator("#calibration .press.on").wait_for()
+            await page.locator("#calibration .finger.on").wait_for()
             await page.screenshot(path=_HERE / "page-calibration.png")
             await context.close()
             print(_HERE / "page-calibration.png")
