@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from .scenario import Press
+from .scenario import Held, Press
 
 _PRESS = re.compile(r"press at ([\d.]+) mm with (?:(?:about )?(\d+) g|(a firm finger)|([\d.]+) N)")
 _QUESTION = re.compile(r"what (?:does|do) the ruler|what do ruler and scale show")
@@ -130,18 +133,48 @@ class Person:
         return " ".join(words)
 
 
-def fingers(way: Way, began_s: float, now_s: float) -> list[Press]:
-    """Return the presses of a way at a time.
+def follow(held: Held, way: Way) -> None:
+    """Move the finger of a stage along a way, which begins with the next reading.
 
     Parameters
     ----------
+    held : Held
+        Finger of the stage.
     way : list of tuple
-        Way of a finger.
-    began_s, now_s : float
-        Start of the way and the present time, in s.
-
-    Returns
-    -------
-    list of Press
+        The way.
     """
-    return [press for start_s, end_s, press in way if start_s <= now_s - began_s < end_s]
+    began: list[float] = []
+
+    def presses(time_s: float) -> list[Press]:
+        began.append(time_s)
+        since_s = time_s - began[0]
+        del began[1:]
+        return [press for start_s, end_s, press in way if start_s <= since_s < end_s]
+
+    held.presses = presses
+
+
+def line_of(way: Way) -> str:
+    """Return a way as a line for `follow_pipe`."""
+    rows = [[start_s, end_s, p.position_mm, p.force_mN, p.width_mm] for start_s, end_s, p in way]
+    return json.dumps(rows) + "\n"
+
+
+def follow_pipe(held: Held, pipe: Path) -> None:
+    """Move the finger of a stage in a thread, along the ways that arrive in a named pipe.
+
+    Parameters
+    ----------
+    held : Held
+        Finger of the stage.
+    pipe : Path
+        Named pipe with a line for each way, see `line_of`.
+    """
+
+    def read() -> None:
+        with pipe.open() as lines:
+            for line in lines:
+                rows = json.loads(line)
+                follow(held, [(start_s, end_s, Press(*press)) for start_s, end_s, *press in rows])
+
+    threading.Thread(target=read, daemon=True).start()

@@ -117,3 +117,25 @@ def test_a_session_blocks_on_an_answer_from_another_thread(sensor, tmp_path):
     assert "least force?" in dialog.said
     assert len(found[0]) == 42
     assert min(p.force_mN for p in found[0]) == pytest.approx(420)
+
+
+def test_two_undo_requests_drop_two_presses(sensor, tmp_path):
+    path, dialog = tmp_path / "a.jsonl", Recorded()
+    dialog.raises = {5: UndoError()}
+    with Stage(sensor, seed=2) as stage:
+        presser = StagePresser(stage)
+        released = presser.release
+
+        def release():
+            if len(dialog.wanted) == 5 and "undone" not in str(dialog.said[-2]):
+                presser.release = released
+                dialog.raises = {5: UndoError()}
+            else:
+                released()
+
+        presser.release = release
+        bench = Bench(stage.reader, presser, dialog, stage.length_um, tmp_path / "a.toml")
+        steps.calibrate(bench, Session(path), "position", 0, None, OPTIONS)
+    undone = [text for text in dialog.said if text.startswith("undone: ")]
+    assert len(undone) == 2
+    assert len(Session(path).points) == 17

@@ -79,7 +79,7 @@ def reading(flags):
         (TOUCHING | MISFIT, "fit one press"),
         (MISFIT, "fit one press"),
         (SATURATED | MISFIT | TOUCHING, "saturated"),
-        (NOT_CALIBRATED, "spots calibrate position"),
+        (NOT_CALIBRATED, "spots calibrate"),
         (LED_OFF, "dark frame"),
     ],
 )

@@ -230,10 +230,7 @@ def load(path: Path) -> CalibrationFile:
     try:
         text = read_text(path)
     except FileNotFoundError:
-        raise SpotsError(
-            f"there is no file {path}: make it with 'spots calibrate position' and "
-            "'spots calibrate force'"
-        ) from None
+        raise SpotsError(f"there is no file {path}: make it with 'spots calibrate'") from None
     except OSError as error:
         raise SpotsError(f"cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError:

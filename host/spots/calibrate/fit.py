@@ -27,7 +27,8 @@ PLACES_MIN = 12
 FORCES_MIN = 10
 _NOISE_PLACES = 21
 # A touch begins at the least force with this standard deviation of the position, at every place.
-_TOUCH_SIGMA_UM = 500.0
+# On a long strip it is a share of the length, like the width of a key.
+_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 170
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of what fits 31 bits, for bends and for strain
@@ -89,11 +90,12 @@ def fit(
     ]
     dimmer = (brightnesses - firm) / ONE_Q20
     sigma_um, sigma_misfit = _sigmas(rest, parts, test, noise, dimmer)
-    if sigma_um.min() > _TOUCH_SIGMA_UM:
+    limit_um = max(_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE * np.ptp(rest.ends_um))
+    if sigma_um.min() > limit_um:
         raise SpotsError(
             "the position is too noisy at every force: raise exposure, gain or LED current"
         )
-    begin = round(float(forces[np.argmax(sigma_um <= _TOUCH_SIGMA_UM)]))
+    begin = round(float(forces[np.argmax(sigma_um <= limit_um)]))
     end = max(round(_TOUCH_HYSTERESIS * begin), round(float(forces[0])) + 1)
     lines.append(f"touch {max(begin, end)} {end}")
     # The largest misfit of a single press is added to the noise.

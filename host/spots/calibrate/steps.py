@@ -29,8 +29,8 @@ from .spectra import Reading
 _RULER_UM = 100  # resolution of a ruler
 # By kind: usual and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
-    "fine": (36, PLACES_MIN),
-    "rough": (11, 8),
+    "fine": (34, PLACES_MIN),
+    "rough": (10, 8),
     "position": (17, PLACES_MIN),
     "strain": (17, PLACES_MIN),
     "force": (16, 14),
@@ -64,9 +64,9 @@ def calibrate(
     session : Session
         Presses taken so far; new ones are added.
     kind : str
-        ``position``, ``strain``, ``force`` or ``joint``.
+        ``fine`` or ``rough`` by hand; ``position``, ``strain``, ``force`` or ``joint``.
     count : int
-        Number of positions or forces, or of angles in each direction.
+        Number of presses by hand, positions, forces, or angles in each direction; 0 for the usual.
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
@@ -77,13 +77,16 @@ def calibrate(
     SpotsError
         If the session has another board or other settings, or its presses give no calibration.
     """
+    released = True
     while True:
         try:
-            _run(bench, session, kind, count, strain_percent, options)
+            if not released:
+                bench.release()
+                released = True
+            _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
             return
         except UndoError:
-            bench.release()
-            undone = session.undo()
+            undone, released = session.undo(), False
             bench.guide.say(f"undone: {undone}" if undone else "there is no press to undo")
 
 

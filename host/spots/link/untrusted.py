@@ -10,9 +10,7 @@ from .frames import Touch
 _UNTRUSTED_S = 0.7
 # By flag; the first flag that is set gives the cause.
 _CAUSES = {
-    decode.NOT_CALIBRATED: (
-        "the board has no calibration for its settings; next: spots calibrate position"
-    ),
+    decode.NOT_CALIBRATED: ("the board has no calibration for its settings; next: spots calibrate"),
     decode.SATURATED: (
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
     ),
