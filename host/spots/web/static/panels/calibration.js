@@ -27,8 +27,8 @@ export function calibration(root) {
   const todo = make("p", "todo"), note = make("p", "note warn"), refused = make("p", "note warn");
   todo.role = "status";
   note.role = refused.role = "alert";
-  const aim = make("div", "aim", make("b")), finger = make("div", "press"), ticks = make("div", "ticks");
-  const where = make("div", "where", make("div", "guide", make("div", "track", finger, aim)), ticks);
+  const aim = make("div", "aim", make("b")), finger = make("div", "finger"), ticks = make("div", "ticks");
+  const where = make("div", "where", make("div", "guide", make("div", "along", finger, aim)), ticks);
   where.role = "img";
   const filled = make("i"), steady = make("div", "meter", filled), word = make("span");
   steady.role = "meter";
@@ -140,7 +140,9 @@ export function calibration(root) {
     where.hidden = !running;
     aim.hidden = !it.at || phase === "release";
     if (it.at) {
-      aim.style.left = `${100 * Math.min(it.at.place_um / it.length_um, 1)}%`;
+      const share = Math.min(it.at.place_um / it.length_um, 1);
+      aim.style.left = `${100 * share}%`;
+      aim.style.setProperty("--share", share);
       aim.firstChild.textContent = mm(it.at.place_um);
     }
     hold.hidden = phase !== "press";
