@@ -14,7 +14,11 @@ DOWN  TWO    otherwise; the first finger keeps its position of one reading *earl
 TWO   DOWN   the position rests where the first finger was: the second finger has left
 TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or it
              was never that of two fingers, or no second finger could cause this position
-TWO   TWO    the first finger rests, and two readings agree on the second one (second.py)
+TWO   DOWN   only the brightness changes, which would move a position between two fingers
+TWO   TWO    the first finger rests, and readings agree on the second one (second.py); its light
+             may be unknown if they agree on that, too
+TWO   DOWN   one of two known fingers has left: one reading shows which
+TWO   TWO    the first finger began to lift `_FALL_T` ago: the second one becomes the first
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
@@ -77,7 +81,8 @@ _CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
 _EARLY = const(1)
 _LATE = const(2)
-# Uncertainty of a second finger that presses a key, in eighths: a key that is late is better than none.
+# Share of the estimate's uncertainty that must be inside a key, in eighths; about two standard
+# deviations at once, and one if the key would be lost otherwise.
 _SOON = const(5)
 _LATER = const(4)
 _FALL_T = const(34)  # longest time in which a finger lifts
@@ -590,7 +595,7 @@ class ContactTracker:
         if not self._pair:
             return
         if brightness < b_last + _EVEN:
-            # Both rest. Without a second pair, only a spectrum of two fingers confirms the first one.
+            # Both rest: instead of a second pair, a spectrum of two fingers confirms the first one.
             if self._guessed and self._rested and not fits:
                 self._found_both(fits, x_um, brightness, t)
             return
