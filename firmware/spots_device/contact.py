@@ -91,7 +91,6 @@ _CHANGED = const(150_000)  # 1.1
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
-_ALONE_T = const(18)
 
 
 def elapsed(since, now):
@@ -677,12 +676,8 @@ class ContactTracker:
         if self._falls and not self._third and elapsed(self._fell, t) >= _FALL_T:
             return True
         if self._third:
-            # Return True only if the light is too low for two fingers for some time.
-            return (
-                elapsed(self._since, t) >= _ALONE_T
-                and brightness < self._peak - _LOST
-                and (alone or brightness < first + _SINGLE)
-            )
+            # Return True only if the light is too low for two fingers.
+            return brightness < self._peak - _LOST and (alone or brightness < first + _SINGLE)
         if alone:
             return True
         if self._dipped or self._least < min(first, brightness) - _DIPPED:
