@@ -44,7 +44,7 @@ spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --
 
 
 def measured() -> list[tuple[str, list[str]]]:
-    """Return the rows of the table: what was measured, and its value for each of `STRIPS`."""
+    """Return the rows of the table: name of a quantity, and its value for each of `STRIPS`."""
     rows = []
     for speed in WORDS_PER_MIN:
         print(f"typing, {speed} words a minute ...", file=sys.stderr)

@@ -22,9 +22,9 @@ TWO   TWO    the first finger began to lift `_FALL_T` ago: the second one become
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-When one finger is alone again, another one that rested beside it and was never found is estimated
-from the last readings of both. A release is delayed by `release_ms` (release debounce). Integers
-only; allocates nothing.
+When one finger is alone again, a second finger that rested beside it, but was not found, is
+estimated from the last readings of both. A release is delayed by `release_ms` (release debounce).
+Integers only; allocates nothing.
 """
 
 try:
@@ -99,7 +99,7 @@ def elapsed(since, now):
 
 
 def _counts(brightness):
-    """Return the light of a brightness (Q20 of log2), in sixteenths of a count; at least 1."""
+    """Convert a brightness (log2 in Q20) to counts times 16; the result is at least 1."""
     return max(power(brightness) >> 6, 1)
 
 
@@ -346,7 +346,7 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
-        """Return whether a reading away from the finger may be of two fingers; if so, enter TWO.
+        """Return whether a reading at another position may be of two fingers; if so, enter TWO.
 
         Parameters
         ----------
@@ -538,7 +538,7 @@ class ContactTracker:
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside one at `x1_um` from a reading, see `second.locate`.
 
-        Returns whether it is on the strip. `_found` then is its position and uncertainty in um.
+        Returns whether the result is on the strip: position and uncertainty in um, in `_found`.
         """
         found = self._found
         return (
@@ -652,7 +652,7 @@ class ContactTracker:
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left; positions now rest `off_um` away from it."""
+        """Return whether the first finger has left, if positions now rest `off_um` um from it."""
         if brightness > self._b_since + _DIPPED:
             return True  # with two fingers, this change of force would move the position
         first = self._b

@@ -41,7 +41,6 @@ class Guarded:
             return self._function(*arguments)
         except Exception as error:
             self.failed(error)
-            return None
 
     def failed(self, error: Exception) -> None:
         """Report an exception; never raise one, even when memory is short."""

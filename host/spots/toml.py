@@ -39,6 +39,10 @@ _UNKNOWN = re.compile(r"(?:unknown field `|Invalid enum value ')(.*?)[`'](?: - a
 _STEP = re.compile(r"\.([^.\[]+)|\[[^]]*\]")
 
 
+class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base class of the tables in a TOML file; unknown keys are errors."""
+
+
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     """Return path and text of a TOML file of the user, or of one that is part of the package.
 

@@ -5,12 +5,32 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from spots.cli import arguments
 from spots.cli.parser import Parser
 from spots.errors import SpotsError
 
 PURPOSE = "simulate, without hardware"
+
+
+def _whole(text: str) -> int:
+    with _explained(text, "whole number"):
+        return int(text)
+
+
+def _number(text: str) -> float:
+    with _explained(text, "number"):
+        return float(text)
+
+
+@contextmanager
+def _explained(text: str, what: str) -> Iterator[None]:
+    try:
+        yield
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a {what}") from None
 
 
 def demo(parser: Parser):
@@ -41,7 +61,7 @@ def demo(parser: Parser):
 
 
 def characterize(parser: Parser):
-    """Measure a simulated sensor on a simulated stage.
+    """Measure the accuracy of a simulated sensor.
 
     examples:
       spots characterize
@@ -51,16 +71,19 @@ def characterize(parser: Parser):
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="random seed of the noise")
     parser.add_argument(
-        "--exposure-us", type=int, default=100_000, help="integration time, 1000 to 1000000"
+        "--exposure-us", type=_whole, default=100_000, help="integration time, 1000 to 1000000"
     )
-    parser.add_argument("--average", type=int, default=1, help="samples in a reading, 1 to 64")
+    parser.add_argument("--average", type=_whole, default=1, help="samples in a reading, 1 to 64")
     _add_change(parser)
     parser.add_argument(
-        "--rezero", type=int, default=0, metavar="MARKS", help="re-zero at 0, 1 or 3 marks"
+        "--rezero", type=_whole, default=0, metavar="MARKS", help="re-zero at 0, 1 or 3 marks"
     )
     parser.add_argument("--presses", type=arguments.presses, default=1, help="presses on each mark")
     parser.add_argument(
-        "--mark-error-um", type=float, default=0.0, help="standard deviation of the press position"
+        "--mark-error-um",
+        type=_number,
+        default=0.0,
+        help="standard deviation of the press position",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--out", metavar="DIR", help="draw figures into this folder")
@@ -75,12 +98,12 @@ def design(parser: Parser):
       spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --out strip --strips 2
       spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --measure-dye --test-dose 2
     """
-    parser.add_argument("--length-mm", type=float, required=True, help="length of the strip")
-    parser.add_argument("--resolution-um", type=float, required=True, help="position resolution")
-    parser.add_argument("--rate-hz", type=float, required=True, help="readings per second")
+    parser.add_argument("--length-mm", type=_number, required=True, help="length of the strip")
+    parser.add_argument("--resolution-um", type=_number, required=True, help="position resolution")
+    parser.add_argument("--rate-hz", type=_number, required=True, help="readings per second")
     parser.flag("--json", "print one JSON object")
     parser.option("--out", "DIR", "write sensor file, figure, moulds, drawings and recipe there")
-    parser.option("--strips", "N", "number of strips in the recipe", type=int, default=1)
+    parser.option("--strips", "N", "number of strips in the recipe", type=_whole, default=1)
     parser.option(
         "--breakout",
         "NAME",

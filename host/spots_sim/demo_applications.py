@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 
 from rich.console import Console
 
@@ -17,7 +17,7 @@ from spots.link.board import Board
 from spots.link.calibrated import hello_calibrated
 from spots.link.frames import Key, Touch
 from spots.outputs.devices import Gamepad, PrintedGamepad
-from spots.terminal.view import Pace, live
+from spots.terminal.view import Pace, drawn
 from spots.wearable.gestures import Gesture
 from spots.wearable.wearable import Mapping, play
 
@@ -67,7 +67,7 @@ def play_controller(
     with (
         suppress(KeyboardInterrupt),
         gamepad,
-        live(Console()) if drawing else nullcontext() as display,
+        drawn(drawing) as display,
     ):
         view = ControllerView(board, controller, settings, display)
         play_gamepad(board, controller, gamepad, seconds, [score, view])
@@ -120,11 +120,10 @@ def type_on_board(
     board.command("stream touch")
     length_mm = engine.length_um / 1000
     score = TypingScore(truth.file, layout, length_mm, board.now_s() - started_s)
-    console = Console()
-    drawing = console.is_terminal and not quiet
+    drawing = Console().is_terminal and not quiet
     pace, touch = Pace(), None
     try:
-        with live(console) if drawing else nullcontext() as display:
+        with drawn(drawing) as display:
             for frame in board.frames(seconds):
                 if isinstance(frame, Touch):
                     touch = frame

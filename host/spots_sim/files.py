@@ -37,11 +37,7 @@ Coordinate = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
 
 
-class _SimulationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class Led(_SimulationFile):
+class Led(toml.Strict):
     """A phosphor-converted white LED: two Gaussian peaks.
 
     Attributes
@@ -77,11 +73,11 @@ class Led(_SimulationFile):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the LED current in mA while it is on; `driver_mA` is the chip's setting."""
+        """Return the LED current in mA while the LED is on; `driver_mA` is the sensor's setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
-class Dye(_SimulationFile):
+class Dye(toml.Strict):
     """Decay of the light in the dyed guide, by wavelength.
 
     Attributes
@@ -100,7 +96,7 @@ class Dye(_SimulationFile):
     clear_per_mm: NotNegative
 
 
-class ContactFile(_SimulationFile):
+class ContactFile(toml.Strict):
     """Contact area by force, see `world.coupling`.
 
     Attributes
@@ -120,7 +116,7 @@ class ContactFile(_SimulationFile):
     early_mN: Positive = 50.0
 
 
-class Converter(_SimulationFile):
+class Converter(toml.Strict):
     """Noise of the chip (`chip.ChipNoise`) and behaviour that no document defines (`Quirks`)."""
 
     read_noise_counts: NotNegative
@@ -134,7 +130,7 @@ class Converter(_SimulationFile):
     clock_error_percent: Annotated[float, msgspec.Meta(ge=-6, le=6)] = 0.0
 
 
-class Stretch(_SimulationFile):
+class Stretch(toml.Strict):
     """Effect of stretching and bending on the guides, see `optics.Optics.press`.
 
     Attributes
@@ -149,7 +145,7 @@ class Stretch(_SimulationFile):
     bend_loss_percent: Annotated[float, msgspec.Meta(ge=0, lt=100)] = 5.0
 
 
-class Surroundings(_SimulationFile):
+class Surroundings(toml.Strict):
     """Constant ambient light; a scenario can add more.
 
     Attributes
@@ -166,7 +162,10 @@ class Surroundings(_SimulationFile):
     flicker_phase_deg: Degrees = 0.0
 
 
-class JointFile(_SimulationFile):
+JOINT_TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
+
+
+class JointFile(toml.Strict):
     """An indenter that a joint slides along the strip.
 
     Attributes
@@ -188,25 +187,8 @@ class JointFile(_SimulationFile):
         """Distance in um that the indenter slides per degree of the joint."""
         return 1000 * self.radius_mm * math.pi / 180
 
-    def slid_um(self, angle_deg: float, direction: int) -> float:
-        """Return how far the indenter has slid from its place at 0 degrees, in um.
 
-        Parameters
-        ----------
-        angle_deg : float
-            Angle of the joint in degrees.
-        direction : int
-            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
-            joint by half the backlash.
-
-        Returns
-        -------
-        float
-        """
-        return (angle_deg - direction * self.play_deg / 2) * self.um_per_deg
-
-
-class SensorFile(_SimulationFile):
+class SensorFile(toml.Strict):
     """A strip and the chip at its end.
 
     Attributes
@@ -232,17 +214,41 @@ class SensorFile(_SimulationFile):
 
     @property
     def mains_hz(self) -> int:
-        """Value of the setting ``mains_hz`` for the ambient light; 0 without flicker."""
+        """Mains frequency of the lamps around the strip in Hz: 50 or 60; 0 without flicker."""
         around = self.surroundings
         lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
         return lamps.get(around.flicker_hz, 0)
 
+    @property
+    def joint_travel_deg(self) -> float:
+        """Angle by which the joint turns while its indenter slides along `JOINT_TRAVEL`."""
+        start, end = JOINT_TRAVEL
+        return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
+
+    def indenter_um(self, angle_deg: float, direction: int) -> float:
+        """Return the place of a joint's indenter, in um from the sensor's end.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
+            joint by half the backlash.
+
+        Returns
+        -------
+        float
+        """
+        lagging_deg = angle_deg - direction * self.joint.play_deg / 2
+        return 1000 * JOINT_TRAVEL[0] * self.length_mm + lagging_deg * self.joint.um_per_deg
+
     def unchanged(self) -> SensorFile:
-        """Return a copy without the change since the calibration."""
+        """Return a copy of the sensor as it was when it was calibrated."""
         return msgspec.structs.replace(self, change=Change())
 
 
-class Finger(_SimulationFile):
+class Finger(toml.Strict):
     """One finger.
 
     Attributes
@@ -265,7 +271,7 @@ class Finger(_SimulationFile):
             raise ValueError("the times of a touch must ascend")
 
 
-class Ambient(_SimulationFile):
+class Ambient(toml.Strict):
     """Ambient light that changes in steps.
 
     Attributes
@@ -287,7 +293,7 @@ class Ambient(_SimulationFile):
             raise ValueError("the times of the steps must ascend")
 
 
-class Moments(_SimulationFile):
+class Moments(toml.Strict):
     """Start times and duration of a fault: fixed times, random times, or both.
 
     Attributes
@@ -306,12 +312,12 @@ class Moments(_SimulationFile):
 
 
 class Bursts(Moments):
-    """Intervals in which `damage_percent` of the bytes are damaged, equally in four ways."""
+    """Intervals in which `damage_percent` of the bytes are flipped, lost, doubled or inserted."""
 
     damage_percent: Percent = 100.0
 
 
-class SerialFaults(_SimulationFile):
+class SerialFaults(toml.Strict):
     """Damage to the bytes in one direction.
 
     Attributes
@@ -335,7 +341,7 @@ class SerialFaults(_SimulationFile):
             raise ValueError("the shares of damaged bytes must add up to at most 100 %")
 
 
-class BusFaults(_SimulationFile):
+class BusFaults(toml.Strict):
     """Damage to transfers on the I2C bus.
 
     `nack_percent` of all transfers are not acknowledged; during `nack_bursts` no transfer is.
@@ -349,7 +355,7 @@ class BusFaults(_SimulationFile):
     sda_low: Moments = Moments()
 
 
-class PowerFaults(_SimulationFile):
+class PowerFaults(toml.Strict):
     """Faults of the power: brown-outs stop board and sensor, the others affect only the sensor."""
 
     brown_outs: Moments = Moments()
@@ -357,14 +363,14 @@ class PowerFaults(_SimulationFile):
     sensor_unplugged: Moments = Moments()
 
 
-class ClockFaults(_SimulationFile):
-    """Error of the board's oscillator, positive if fast, and intervals in which it stalls."""
+class ClockFaults(toml.Strict):
+    """Error of the board's oscillator (positive if fast), and times when the processor stops."""
 
     oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
     stalls: Moments = Moments()
 
 
-class FaultsFile(_SimulationFile):
+class FaultsFile(toml.Strict):
     """Faults of a scenario; they begin at the time `from_s` of the run, see module `faults`."""
 
     from_s: Time = 0.0
@@ -385,7 +391,7 @@ class FaultsFile(_SimulationFile):
         }
 
 
-class ScenarioFile(_SimulationFile):
+class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
     Positions are those on the strip as stretched at that time. These keys are lists of points:
@@ -432,8 +438,8 @@ class ScenarioFile(_SimulationFile):
                 )
 
 
-class LinkageFile(_SimulationFile):
-    """A five-bar linkage with a strip in each base joint: nominal values and their true errors.
+class LinkageFile(toml.Strict):
+    """A five-bar linkage with a strip in each base joint: nominal values, and their errors.
 
     Attributes
     ----------
@@ -456,14 +462,14 @@ class LinkageFile(_SimulationFile):
     mount_error_deg: tuple[Degrees, Degrees] = (0.0, 0.0)
 
 
-class Stroke(_SimulationFile):
+class Stroke(toml.Strict):
     """A line through points (x mm, y mm), which the end point follows; a curve if `smooth`."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
     smooth: bool = False
 
 
-class PathFile(_SimulationFile):
+class PathFile(toml.Strict):
     """Path along which a hand guides the end point of a linkage.
 
     Attributes
@@ -482,7 +488,7 @@ class PathFile(_SimulationFile):
     tremor_hz: Positive = 8.0
 
 
-class _ChangeFile(_SimulationFile):
+class _ChangeFile(toml.Strict):
     change: Change
 
 

@@ -12,6 +12,7 @@ import time
 
 import pytest
 
+from spots.outputs import devices
 from spots.outputs.devices import PrintedKeyboard
 from spots.signals import on_console_event, released_by_signals
 
@@ -201,9 +202,10 @@ def test_nor_where_the_tests_were_started_with_signals_ignored():
     assert ran.returncode == 0, ran.stdout
 
 
-def test_a_console_event_of_windows_waits_until_all_is_released():
+def test_a_console_event_of_windows_waits_until_all_is_released(monkeypatch):
     """Its handler runs in a thread, and the process ends when that returns."""
     released, lines, found = threading.Event(), [], []
+    monkeypatch.setattr(devices, "print", lambda line, flush: lines.append(line), raising=False)
 
     def close():
         found.append((on_console_event(2, released), list(lines)))
@@ -212,7 +214,7 @@ def test_a_console_event_of_windows_waits_until_all_is_released():
     with released_by_signals():
         with (
             contextlib.suppress(KeyboardInterrupt),
-            PrintedKeyboard(lines.append) as keyboard,
+            PrintedKeyboard() as keyboard,
         ):
             keyboard.key(7, 4, 0, True)
             thread.start()
@@ -237,7 +239,7 @@ def test_an_end_that_is_caught_in_the_block_is_no_end():
     with released_by_signals(), contextlib.suppress(KeyboardInterrupt):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(DEADLINE_S)
-    with released_by_signals(), PrintedKeyboard(lambda line: None) as keyboard:
+    with released_by_signals(), PrintedKeyboard() as keyboard:
         keyboard.key(7, 4, 0, True)
         assert keyboard._down
 

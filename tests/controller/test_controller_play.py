@@ -25,6 +25,7 @@ from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, PrintedGamepad, State
 from spots.outputs.uinput import UInputGamepad
+from spots.terminal import view
 from spots_device.decode import TOO_DARK, TOUCHING
 from spots_sim import demo, demo_applications, virtual
 from spots_sim.controller_score import ControllerScore
@@ -122,14 +123,14 @@ def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
 
 def test_light_at_the_skin_of_an_arm_is_followed(rig):
     made = rig(Scenario(load(ScenarioFile, "arm")))
-    made.play(PrintedGamepad(lambda line: None), 26.0)
+    made.play(PrintedGamepad(), 26.0)
     assert made.score.summary()["x_rms_percent"] < 1.9  # not followed, it shifts faint touches: 2.0
     assert made.board.command("get")["baseline"] == 1
 
 
 def test_the_figures_see_a_jump_that_no_finger_made(rig):
     made = rig(the_demo())
-    made.play(PrintedGamepad(lambda line: None), 3.0)
+    made.play(PrintedGamepad(), 3.0)
     assert made.score.summary()["largest_unexplained_jump_percent"] < 1
     made.score.sent(State(-20_000, 0, 1000, 0), made.board.now_s())
     made.score.sent(State(20_000, 0, 1000, 0), made.board.now_s() + 0.01)
@@ -145,7 +146,7 @@ def test_lost_frames_make_no_jump_and_leave_nothing_behind(rig):
         return b"\0".join(one for one in pieces if dice.random() > 0.3 or not one)
 
     made.cable.fault = loses
-    made.play(PrintedGamepad(lambda line: None), 10.0)
+    made.play(PrintedGamepad(), 10.0)
     assert made.board.stats.lost > 200
     figures = made.score.summary()
     assert figures["largest_unexplained_jump_percent"] < 2
@@ -154,7 +155,7 @@ def test_lost_frames_make_no_jump_and_leave_nothing_behind(rig):
 
 def test_a_cable_that_falls_silent_lets_go_and_the_board_is_felt_again(rig):
     made = rig(pressing())
-    silent = PrintedGamepad(lambda line: None)
+    silent = PrintedGamepad()
     made.play(silent, 0.5)
     last_s, last = made.states[-1]
     assert last.x > 10_000
@@ -174,7 +175,7 @@ def test_a_cable_that_falls_silent_lets_go_and_the_board_is_felt_again(rig):
 
 def test_nobody_on_a_real_strip_sends_nothing(rig):
     made = rig(Held())
-    made.play(PrintedGamepad(lambda line: None), 5.0)
+    made.play(PrintedGamepad(), 5.0)
     assert made.states == []
 
 
@@ -428,7 +429,7 @@ def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, r
 def test_a_board_without_a_calibration_is_told(sensor):
     with (
         Board(LockstepLink(sensor, Held())) as board,
-        pytest.raises(SpotsError, match="spots calibrate position"),
+        pytest.raises(SpotsError, match="run 'spots calibrate'"),
     ):
         play.controller_for(board, load_settings())
 
@@ -482,13 +483,13 @@ def test_a_terminal_gets_the_picture_and_what_is_none_gets_lines(monkeypatch, ca
     screen = io.StringIO()
     made = rig(the_demo())
     terminal = {"file": screen, "force_terminal": True, "width": 100, "height": 40}
-    for module in (play, demo_applications):
+    for module in (view, demo_applications):
         monkeypatch.setattr(module, "Console", lambda: Console(**terminal))
     demo_applications.play_controller(made.board, the_demo(), 0.0, 2.0, quiet=False)
     assert screen.getvalue().count("SPOTS controller") > 20
     for part in ("╪", "buttons", "states 9"):
         assert part in screen.getvalue()
-    for module in (play, demo_applications):
+    for module in (view, demo_applications):
         monkeypatch.setattr(module, "Console", lambda: Console(file=io.StringIO()))
     assert capsys.readouterr().out == ""
     demo_applications.play_controller(made.board, the_demo(), 0.0, 2.0, quiet=False)

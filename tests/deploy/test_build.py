@@ -58,7 +58,7 @@ def test_viper_is_for_boards_whose_machine_code_is_known(said, tmp_path, monkeyp
     text = f'title = "Odd"\n{said}\nviper = true\n[device]\n'
     (tmp_path / "odd" / "board.toml").write_text(text)
     monkeypatch.setattr(staging, "BOARDS", tmp_path)
-    with pytest.raises(SpotsError, match=r"odd/board\.toml: viper needs MicroPython and a march"):
+    with pytest.raises(SpotsError, match=r"odd/board\.toml: viper needs runtime = micropython"):
         device_of("odd")
 
 

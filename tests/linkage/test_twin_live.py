@@ -51,7 +51,7 @@ class Machine:
     def __init__(self, sensor, folder):
         linkage = load(LinkageFile, "default")
         self._sensor = sensor
-        self.strip = calibrated(sensor, linkage, 0, EXPOSURE_US)
+        self.strip = calibrated(sensor, 0, EXPOSURE_US)
         self.mechanism = mechanism = Mechanism(linkage, sensor)
         self.motion = guided(load(PathFile, "sust"), START_S)
         self._scenarios = mechanism.drive(self.motion)

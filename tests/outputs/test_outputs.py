@@ -19,19 +19,16 @@ SHIFT, CONTROL = 1 << 1, 1 << 0
 ENDS = [KeyboardInterrupt, RuntimeError, SpotsError, SystemExit]
 
 
-class Lines(list):
-    def __call__(self, line):
-        self.append(line)
-
-
 @pytest.fixture
-def lines():
-    return Lines()
+def lines(monkeypatch):
+    found = []
+    monkeypatch.setattr(outputs, "print", lambda line, flush: found.append(line), raising=False)
+    return found
 
 
 @pytest.fixture
 def printed(lines):
-    return PrintedKeyboard(lines)
+    return PrintedKeyboard()
 
 
 def down(*key, modifiers=0):
@@ -110,7 +107,7 @@ def test_a_key_that_no_keyboard_has_presses_nothing_not_even_its_modifiers(print
 
 def test_the_block_lets_go_whatever_ends_it(lines):
     for end in ENDS:
-        ended(PrintedKeyboard(lines), end)
+        ended(PrintedKeyboard(), end)
         assert lines == ["down  LEFT_SHIFT", "down  A", "up    A", "up    LEFT_SHIFT"]
         lines.clear()
 
@@ -302,7 +299,7 @@ def test_each_system_has_its_own(evdev, pynput, monkeypatch):
 
 
 def test_a_gamepad_sends_only_what_changes(lines):
-    with PrintedGamepad(lines) as gamepad:
+    with PrintedGamepad() as gamepad:
         for _ in range(3):
             gamepad.update(0, 0, 0, 0)
         assert lines == []

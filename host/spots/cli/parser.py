@@ -37,7 +37,15 @@ def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser of `spots` or of one of its commands."""
+    """A parser of `spots` or of one of its commands.
+
+    Attributes
+    ----------
+    command : callable or None
+        Function that adds the options when they are first needed, see `CommandList.add`.
+    """
+
+    command: Callable[["Parser"], Callable] | None = None
 
     def __init__(self, **options):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
@@ -91,6 +99,9 @@ class Parser(argparse.ArgumentParser):
         unknown : list of str
             Always empty.
         """
+        if self.command:
+            add_options, self.command = self.command, None
+            self.set_defaults(run=add_options(self))
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = [name for name in self._option_string_actions if name.startswith("--")]
@@ -101,16 +112,6 @@ class Parser(argparse.ArgumentParser):
                 else f"unexpected argument '{unknown[0]}'"
             )
         return namespace, unknown
-
-    def _get_value(self, action, arg_string):
-        try:
-            return super()._get_value(action, arg_string)
-        except argparse.ArgumentError:
-            if action.type not in (int, float):
-                raise
-            whole = "whole " if action.type is int else ""
-            text = f"'{arg_string}' is not a {whole}number"
-            raise argparse.ArgumentError(action, text) from None
 
     def _check_value(self, action, value):
         if action.choices is not None and value not in action.choices:
@@ -158,4 +159,4 @@ class CommandList:
             parser = self._subparsers.add_parser(
                 command.__name__, description=textwrap.fill(summary, self._columns) + "\n" + more
             )
-            parser.set_defaults(run=command(parser))
+            parser.command = command

@@ -2,11 +2,9 @@
 
 import argparse
 from collections.abc import Sequence
-from contextlib import nullcontext
 from typing import Protocol
 
 import msgspec
-from rich.console import Console
 from rich.live import Live
 from rich.panel import Panel
 
@@ -18,7 +16,7 @@ from ..link.frames import Touch
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
 from ..signals import released_by_signals
-from ..terminal.view import Pace, live
+from ..terminal.view import Pace, drawn
 from .controller_settings import DEFAULT, ControllerSettings, load
 from .controller_setup import set_up
 from .gamepad_engine import Controller
@@ -41,11 +39,8 @@ def controller_command(options: argparse.Namespace) -> None:
                 "the board is a gamepad itself, so each touch would count twice: run "
                 "'spots command gamepad off' first"
             )
-        drawing = Console().is_terminal and not options.dry_run
-        with (
-            open_gamepad(options.dry_run) as gamepad,
-            live(Console()) if drawing else nullcontext() as display,
-        ):
+        dry_run = options.dry_run
+        with open_gamepad(dry_run) as gamepad, drawn(not dry_run) as display:
             view = ControllerView(board, controller, settings, display)
             play(board, controller, gamepad, options.seconds, [view])
 
@@ -186,7 +181,7 @@ class ControllerView:
         self._states += 1
 
     def picture(self) -> Panel:
-        """Return the picture of the present state."""
+        """Return a picture of the controller's present state, for a terminal."""
         stats = self._board.stats
         facts = f"states {self._states}   frames {stats.frames}   lost {stats.lost}"
         controller = self._controller

@@ -23,11 +23,7 @@ Rate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
 Hertz = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class Smooth(_Struct):
+class Smooth(toml.Strict):
     """Settings of an axis's filter, whose signal is the deflection (-1 to 1).
 
     Attributes
@@ -41,7 +37,7 @@ class Smooth(_Struct):
     derivative_cutoff_hz: Hertz = 10.0
 
 
-class _Axis(_Struct, tag_field="from"):
+class _Axis(toml.Strict, tag_field="from"):
     deadband: Annotated[float, msgspec.Meta(ge=0, le=0.9)] = 0.0
     expo: Share = 0.0
     invert: bool = False
@@ -83,7 +79,7 @@ class ForceAxis(_Axis, tag="force"):
             raise ValueError("rest_mN must be below max_mN")
 
 
-class _Button(_Struct, tag_field="when"):
+class _Button(toml.Strict, tag_field="when"):
     number: Annotated[int, msgspec.Meta(ge=1, le=16)]
     from_percent: Percent = 0.0
     to_percent: Percent = 100.0
@@ -130,7 +126,7 @@ class Tapped(_Button, tag="tapped"):
     pulse_ms: Annotated[float, msgspec.Meta(ge=1, le=10_000)] = 50.0
 
 
-class ControllerSettings(_Struct):
+class ControllerSettings(toml.Strict):
     """All settings of a controller.
 
     Attributes

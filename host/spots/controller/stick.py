@@ -1,12 +1,10 @@
 """Picture of a controller for a terminal: stick, force and buttons."""
 
-from rich.console import Group
 from rich.panel import Panel
 from rich.text import Text
 
-from ..errors import printable
 from ..outputs.devices import AXIS_MAX, BUTTONS, REST, State
-from ..terminal.view import bar, figures
+from ..terminal.view import bar, figures, framed
 
 _COLUMNS = 61  # odd, so that there is a middle column
 _KNOB = 7
@@ -43,7 +41,7 @@ def picture(
     parts = [*_stick(state), Text(), numbers, Text(), _buttons(state.buttons, buttons)]
     if facts:
         parts += [Text(), Text("  " + facts, style="dim")]
-    return Panel(Group(*parts), title=Text(printable(title)), width=_COLUMNS + 19, padding=(1, 2))
+    return framed(parts, title, _COLUMNS + 19)
 
 
 def _stick(state: State) -> list[Text]:

@@ -64,10 +64,7 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
 def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erase asks for a confirmation: add --yes to run it without a terminal")
-    print(
-        f"remove the firmware, the settings and the calibration from {printable(port)}? [y/N] ",
-        end="",
-        flush=True,
-    )
+    what = f"the firmware, the settings and the calibration from {printable(port)}"
+    print(f"remove {what}? [y/N] ", end="", flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise SpotsError("nothing was removed, because the answer was not yes")

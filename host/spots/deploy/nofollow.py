@@ -150,39 +150,31 @@ class Tree:
 
     @contextlib.contextmanager
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Yield the `dir_fd` of a path's folder and the file's name; `make` creates the folder."""
-        *folders, name = path.split("/")
-        walk = self._by_handle if _BY_HANDLE else self._by_path
-        with walk(folders, make) as (parent, prefix):
-            yield parent, prefix + name
+        """Yield the descriptor of the folder that contains `path`, and the name of the file in it.
 
-    @contextlib.contextmanager
-    def _by_handle(self, folders: list[str], make: bool) -> Iterator[tuple[int, str]]:
-        handle = os.dup(self._root)
+        If `make` is true, a missing folder is created.
+        """
+        *folders, name = path.split("/")
+        handle, prefix = (os.dup(self._root), "") if _BY_HANDLE else (None, f"{self.port}/")
         try:
-            for i, folder in enumerate(folders):
+            for i, folder in enumerate(folders, 1):
+                so_far = "/".join(folders[:i])
                 if make:
                     with contextlib.suppress(FileExistsError):
-                        os.mkdir(folder, dir_fd=handle)
-                path = "/".join(folders[: i + 1])
-                inner = self._handle(path, folder, _FOLDER, handle)
-                os.close(handle)
-                handle = inner
-                self._check(path, stat.S_ISDIR, os.fstat(handle))
-            yield handle, ""
+                        os.mkdir(prefix + folder, dir_fd=handle)
+                if handle is None:
+                    prefix += f"{folder}/"
+                    status = os.lstat(prefix[:-1])
+                else:
+                    inner = self._handle(so_far, folder, _FOLDER, handle)
+                    os.close(handle)
+                    handle = inner
+                    status = os.fstat(handle)
+                self._check(so_far, stat.S_ISDIR, status)
+            yield handle, prefix + name
         finally:
-            os.close(handle)
-
-    @contextlib.contextmanager
-    def _by_path(self, folders: list[str], make: bool) -> Iterator[tuple[None, str]]:
-        place = self.port
-        for i, folder in enumerate(folders):
-            place = os.path.join(place, folder)
-            if make:
-                with contextlib.suppress(FileExistsError):
-                    os.mkdir(place)
-            self._check("/".join(folders[: i + 1]), stat.S_ISDIR, os.lstat(place))
-        yield None, os.path.join(place, "")
+            if handle is not None:
+                os.close(handle)
 
     def _handle(self, path: str, name: str, flags: int, parent: int | None) -> int:
         try:
@@ -229,6 +221,6 @@ class Tree:
 
 
 def settle(folder: int | None) -> None:
-    """Flush a folder, so that its renames are on the medium in order and before a reset."""
+    """Wait until all renames in a folder (an open descriptor, or None) are on the medium."""
     if folder is not None:  # Windows writes to a removable drive at once
         os.fsync(folder)

@@ -1,7 +1,5 @@
 """A board's raw prompt: runs programs on the board; lists, hashes, writes and removes files."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import errno
@@ -117,7 +115,7 @@ class Prompt:
             self.close()
             raise
 
-    def __enter__(self) -> Prompt:
+    def __enter__(self) -> "Prompt":
         return self
 
     def __exit__(self, *exception) -> None:
@@ -209,7 +207,7 @@ class Prompt:
         self.close()
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the board's serial port."""
         if self._transport is not None:
             with contextlib.suppress(*self._failures):  # already disconnected
                 self._transport.close()

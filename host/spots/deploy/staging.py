@@ -17,7 +17,8 @@ from ..errors import SpotsError, did_you_mean, missing
 
 # An installed package contains the folders boards and firmware; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
-_CHECKOUT = Path(spots_device.__file__).resolve().parents[2]
+_FIRMWARE = Path(spots_device.__file__).resolve().parent
+_CHECKOUT = _FIRMWARE.parents[1]
 _ROOT = _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
 BOARDS = _ROOT / "boards"
 
@@ -36,7 +37,7 @@ LIBRARIES = {
 KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
 
 
-class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Device(toml.Strict, kw_only=True):
     """Content of a board file, board.toml.
 
     Attributes
@@ -70,7 +71,7 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def __post_init__(self):
         if self.viper and (self.runtime != "micropython" or self.march is None):
-            raise ValueError("viper needs MicroPython and a march; add them")
+            raise ValueError("viper needs runtime = micropython, and the key march: add them")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(
@@ -79,7 +80,7 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def name(self) -> str:
-        """Name of the board in commands."""
+        """Name of the board in commands such as ``spots flash pico``."""
         return self.device["NAME"]
 
 
@@ -113,8 +114,7 @@ def names(runtime: str) -> set[str]:
 
     They identify the firmware on boards without a manifest, after ``mip`` or a copy of the sources.
     """
-    firmware = Path(spots_device.__file__).parent
-    modules = [path.relative_to(firmware.parent) for path in firmware.rglob("*.py")]
+    modules = [path.relative_to(_FIRMWARE.parent) for path in _FIRMWARE.rglob("*.py")]
     forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}
     return {*ENTRIES[runtime], CONFIG, *forms}
 
@@ -138,15 +138,14 @@ def stage(board: str, folder: Path) -> None:
     for library in LIBRARIES[device.runtime]:
         _copy_library(library, folder / "lib")
     (others,) = set(ENTRIES) - {device.runtime}
-    firmware = Path(spots_device.__file__).parent
     shutil.copytree(
-        firmware,
+        _FIRMWARE,
         folder / "spots_device",
         ignore=shutil.ignore_patterns("__pycache__", f"*{others}.py", KERNEL_VIPER),
         dirs_exist_ok=True,
     )
     if device.viper:
-        shutil.copy(firmware / KERNEL_VIPER, folder / "spots_device" / KERNEL)
+        shutil.copy(_FIRMWARE / KERNEL_VIPER, folder / "spots_device" / KERNEL)
     for entry in ENTRIES[device.runtime]:
         shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
     config = "".join(f"{name} = {value!r}\n" for name, value in device.device.items())

@@ -1,7 +1,5 @@
 """Runs the board's key engine on the host, with the same code and layout."""
 
-from __future__ import annotations
-
 from spots_device.contact import TICK_US, TICKS
 from spots_device.decode import DROPPED, LED_OFF
 from spots_device.keypad import Keypad

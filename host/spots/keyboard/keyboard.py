@@ -1,7 +1,5 @@
 """``spots keyboard``: touches on a strip press keys of this computer."""
 
-from __future__ import annotations
-
 import argparse
 import math
 

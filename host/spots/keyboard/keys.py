@@ -1,8 +1,6 @@
 """``spots keys``: shows and validates layout files, and uploads a layout to a board."""
 
-from __future__ import annotations
-
-from rich.console import Console, Group
+from rich.console import Console
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -12,6 +10,7 @@ from spots_device.settings import checksum
 from ..errors import printable
 from ..link.board import Board
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
+from ..terminal.view import framed
 from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load
 
 COLUMNS = 74
@@ -65,9 +64,7 @@ def picture(layout: KeyLayout) -> Panel:
     parts = []
     for name, keys in layout.layers.items():
         parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
-    return Panel(
-        Group(*parts[:-1]), title=Text(printable(layout.name)), width=COLUMNS + 6, padding=(1, 2)
-    )
+    return framed(parts[:-1], layout.name, COLUMNS + 6)
 
 
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:

@@ -1,13 +1,11 @@
 """Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
-A file contains layers, and a layer contains keys. A key is the action of a tap, or a table of the
-actions ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (a slide towards the sensor) and
-``slide_plus`` (away from it). An action is the name of a computer's key with optional modifiers
+A file contains layers, and a layer contains keys. A key is the action of a tap, or a table of
+actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus``. The slides are
+towards the sensor and away from it. An action is the name of a computer's key with modifiers
 (``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names are those of
 `usages`.
 """
-
-from __future__ import annotations
 
 import re
 from dataclasses import dataclass
@@ -26,19 +24,11 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
 _FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
-LAYER_VERBS = {
-    "layer": lines_of.MOMENTARY,
-    "toggle": lines_of.TOGGLE,
-    "once": lines_of.ONCE,
-}
+LAYER_VERBS = {"layer": lines_of.MOMENTARY, "toggle": lines_of.TOGGLE, "once": lines_of.ONCE}
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
-
-
-class _Key(_Struct):
+class _Key(toml.Strict):
     tap: str = ""
     double: str = ""
     hold: str = ""
@@ -49,7 +39,7 @@ class _Key(_Struct):
     label: Optional[str] = None
 
 
-class _Layer(_Struct):
+class _Layer(toml.Strict):
     name: str
     keys: Annotated[list[Union[str, _Key]], msgspec.Meta(min_length=1)]
     gap_percent: Annotated[float, msgspec.Meta(ge=0, le=80)] = 0.0
@@ -65,13 +55,11 @@ _Tuning = msgspec.defstruct(
         if name != "flavour"
     ]
     + [("flavour", Literal[_FLAVOURS], _FLAVOURS[LIMITS["flavour"][2]])],
-    frozen=True,
-    forbid_unknown_fields=True,
-    kw_only=True,
+    bases=(toml.Strict,),
 )
 
 
-class _File(_Struct):
+class _File(toml.Strict):
     name: str
     layer: Annotated[list[_Layer], msgspec.Meta(min_length=1, max_length=lines_of.LAYERS_MAX)]
     tuning: _Tuning = _Tuning()

@@ -1,6 +1,7 @@
 """Maps a board's time to the host's time."""
 
 from collections import deque
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ _HALVINGS = 60
 _OFF_S = 1.0  # a larger error of the board's time shows that the board restarted
 
 
+@dataclass(eq=False)
 class ClockMap:
     """Unwraps a board's 32-bit microseconds and maps them to the host's clock.
 
@@ -38,46 +40,37 @@ class ClockMap:
         Drift of the offset, in seconds per second of board time.
     """
 
-    def __init__(
-        self,
-        last_us: int = 0,
-        low_s: float = float("-inf"),
-        high_s: float = float("inf"),
-        at_us: int = 0,
-        slope: float = 0.0,
-    ):
-        self._last_us, self._low_s, self._high_s = last_us, low_s, high_s
-        self._at_us, self._slope = at_us, slope
+    last_us: int = 0
+    low_s: float = float("-inf")
+    high_s: float = float("inf")
+    at_us: int = 0
+    slope: float = 0.0
+
+    def __post_init__(self):
         self._trips: deque[tuple[int, float, float]] = deque(maxlen=_TRIPS)
 
     @property
     def uncertainty_s(self) -> float:
-        """Largest error of the mapped time, in seconds: half the distance of the bounds."""
-        return abs(self._high_s - self._low_s) / 2
+        """Largest possible error of the host times that this map returns, in seconds."""
+        return abs(self.high_s - self.low_s) / 2
 
     @property
     def drift_ppm(self) -> float:
         """How much faster the board's clock runs than the host's, in parts per million."""
-        return -1e6 * self._slope
+        return -1e6 * self.slope
 
     def unwrap(self, t_us: int) -> int:
         """Return the board time `t_us` (modulo 2**32) as a count in us that never wraps.
 
         Call this at least every 35 minutes of board time, or a wrap is missed.
         """
-        step = (t_us - self._last_us + _WRAP // 2) % _WRAP - _WRAP // 2
-        self._last_us += step
-        return self._last_us
+        step = (t_us - self.last_us + _WRAP // 2) % _WRAP - _WRAP // 2
+        self.last_us += step
+        return self.last_us
 
     def state(self) -> dict[str, float]:
-        """Return constructor arguments for a new map that maps later times to the same floats."""
-        return {
-            "last_us": self._last_us,
-            "low_s": self._low_s,
-            "high_s": self._high_s,
-            "at_us": self._at_us,
-            "slope": self._slope,
-        }
+        """Return the constructor arguments of a copy, which maps later times to the same floats."""
+        return asdict(self)
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:
         """Return a frame with its host time in `time_s`; return a text unchanged.
@@ -113,9 +106,9 @@ class ClockMap:
         board_us = self._unwrap(t_us, received_s)
         board_s = board_us * 1e-6
         self._trips.append((board_us, sent_s - board_s, received_s - board_s))
-        self._at_us = board_us
-        self._slope = self._best_slope()
-        self._low_s, self._high_s = self._bounds(self._slope)
+        self.at_us = board_us
+        self.slope = self._best_slope()
+        self.low_s, self.high_s = self._bounds(self.slope)
 
     def host_s(self, t_us: int, arrived_s: float) -> float | None:
         """Return the host time of a board time.
@@ -133,7 +126,7 @@ class ClockMap:
             Host time, in seconds; None before the first round trip.
         """
         board_us = self._unwrap(t_us, arrived_s)
-        if self._high_s == float("inf"):
+        if self.high_s == float("inf"):
             return None
         return board_us * 1e-6 + self._offset_s(board_us)
 
@@ -153,13 +146,13 @@ class ClockMap:
             Host times, in seconds; NaN before the first round trip.
         """
         half = _WRAP // 2
-        steps = (np.diff(t_us, prepend=self._last_us) + half) % _WRAP - half
-        board_us = self._last_us + np.cumsum(steps)
+        steps = (np.diff(t_us, prepend=self.last_us) + half) % _WRAP - half
+        board_us = self.last_us + np.cumsum(steps)
         host_s = board_us * 1e-6 + self._offset_s(board_us)
         if not np.all(arrived_s - host_s + _SURE_S < _TURN_S):  # a wrap may be missing
             each = [self.host_s(*one) for one in zip(t_us.tolist(), arrived_s.tolist())]
             return np.array(each, float)
-        self._last_us += int(steps.sum())
+        self.last_us += int(steps.sum())
         return host_s
 
     def shows_restart(self, sent_s: float, t_us: int, received_s: float) -> bool:
@@ -179,31 +172,31 @@ class ClockMap:
         bool
             Always False before the first round trip.
         """
-        if self._high_s == float("inf"):
+        if self.high_s == float("inf"):
             return False
         board_s = t_us * 1e-6
-        offset_s = self._offset_s(self._last_us)
+        offset_s = self._offset_s(self.last_us)
         middle_s = (sent_s + received_s) / 2
         off_s = (middle_s - offset_s - board_s + _TURN_S / 2) % _TURN_S - _TURN_S / 2
-        since_s = max(0.0, received_s - offset_s - self._at_us * 1e-6)
+        since_s = max(0.0, received_s - offset_s - self.at_us * 1e-6)
         return abs(off_s) > _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
 
     def _unwrap(self, t_us: int, arrived_s: float) -> int:
         """Return the unwrapped board time of `t_us`; `arrived_s` resolves gaps of several wraps."""
         board_us = self.unwrap(t_us)
-        if self._high_s != float("inf"):
+        if self.high_s != float("inf"):
             age_s = arrived_s - (board_us * 1e-6 + self._offset_s(board_us))
             # Data from a buffer may be old, but not as old as a wrap.
-            self._last_us += max(0, int((age_s + _SURE_S) // _TURN_S)) * _WRAP
-        return self._last_us
+            self.last_us += max(0, int((age_s + _SURE_S) // _TURN_S)) * _WRAP
+        return self.last_us
 
     def _offset_s(self, board_us: Any) -> Any:
-        middle_s = (self._low_s + self._high_s) / 2
-        return middle_s + self._slope * ((board_us - self._at_us) * 1e-6)
+        middle_s = (self.low_s + self.high_s) / 2
+        return middle_s + self.slope * ((board_us - self.at_us) * 1e-6)
 
     def _bounds(self, slope: float) -> tuple[float, float]:
         lines = [
-            (low_s - (rise_s := slope * ((us - self._at_us) * 1e-6)), high_s - rise_s)
+            (low_s - (rise_s := slope * ((us - self.at_us) * 1e-6)), high_s - rise_s)
             for us, low_s, high_s in self._trips
         ]
         return max(low_s for low_s, _ in lines), min(high_s for _, high_s in lines)
@@ -211,7 +204,7 @@ class ClockMap:
     def _best_slope(self) -> float:
         if self._trips[-1][0] - self._trips[0][0] < _DRIFT_US:
             return 0.0
-        # The room between the bounds is a concave function of the slope.
+        # The distance of the bounds is a concave function of the slope.
         low, high = -_DRIFT_MOST, _DRIFT_MOST
         for _ in range(_HALVINGS):
             third = (high - low) / 3

@@ -1,7 +1,5 @@
 """The linkage file: lengths of a five-bar linkage, and the mounting of the strips in its joints."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +20,7 @@ _Length = Annotated[float, msgspec.Meta(ge=1, le=10_000)]
 _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 
 
-class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Mounting(toml.Strict, kw_only=True):
     """Mounting of a strip in a joint: joint angle = offset + gain * angle of the calibration.
 
     Attributes
@@ -44,7 +42,7 @@ class Mounting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             raise ValueError("gain must be about 1, or about -1 if the joint turns the other way")
 
 
-class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Mounted(toml.Strict, kw_only=True):
     """Content of a linkage file.
 
     Attributes
@@ -77,17 +75,17 @@ class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     @property
     def linkage(self) -> Linkage:
-        """Linkage with these lengths. The origin is joint 1; the x axis points to joint 2."""
+        """Linkage with this file's lengths; origin at joint 1, x axis towards joint 2."""
         return Linkage(self.bar_mm, self.base_mm, self.assembly)
 
     @property
     def offset_rad(self) -> tuple[float, ...]:
-        """Offsets of encoder 1 and encoder 2, in rad."""
+        """Joint angles at the calibrated angle 0, for encoder 1 and encoder 2, in rad."""
         return tuple(math.radians(joint.offset_deg) for joint in self.joint)
 
     @property
     def gain(self) -> tuple[float, ...]:
-        """Gains of encoder 1 and encoder 2."""
+        """Gains of encoder 1 and encoder 2: joint angle per calibrated angle."""
         return tuple(joint.gain for joint in self.joint)
 
     def strips(self, path: Path) -> list[CalibrationFile]:
@@ -120,7 +118,7 @@ class Mounted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             for strip, *mounting in zip(strips, self.offset_rad, self.gain)
         )
 
-    def found(self, kinematics: Kinematics, calibrations: list[str]) -> Mounted:
+    def found(self, kinematics: Kinematics, calibrations: list[str]) -> "Mounted":
         """Return a copy with the lengths and the mounting from a kinematic calibration.
 
         Parameters

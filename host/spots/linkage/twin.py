@@ -1,16 +1,14 @@
-"""``spots twin``: shows a linkage's twin as picture, lines or JSON, or tests it in simulation."""
+"""``spots twin``: shows a linkage's digital twin as picture, lines or JSON, or tests it."""
 
 import argparse
 import json
 import math
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
-
-from rich.console import Console
 
 from ..errors import SpotsError, printable
 from ..link.ports import offered
-from ..terminal.view import Pace, live
+from ..terminal.view import Pace, drawn
 from .digital_twin import Terminal
 from .mounted import is_mounted
 from .twin_points import fit, measure
@@ -70,7 +68,7 @@ def twin_command(options: argparse.Namespace) -> None:
 
 
 def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
-    """Show a twin as a live picture or as lines, until the time is over or until Ctrl-C.
+    """Show a linkage's digital twin as a live picture or as lines, until the end or Ctrl-C.
 
     Parameters
     ----------
@@ -94,18 +92,17 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
     SpotsError
         If a board is lost.
     """
-    console, pace, count = Console(), Pace(), 0
-    drawing = console.is_terminal and not as_json
+    pace, count = Pace(), 0
     on_terminal = _json if as_json else Lines()
     view = TwinView(source.twin, [board.port for board in source.boards])
-    with suppress(KeyboardInterrupt), live(console) if drawing else nullcontext() as display:
+    with suppress(KeyboardInterrupt), drawn(not as_json) as display:
         pairs = source.readings(seconds)
-        for joint, touch in paced(pairs) if played and drawing else pairs:
+        for joint, touch in paced(pairs) if played and display else pairs:
             for terminal in source.twin.take(joint, touch):
                 count += 1
-                if not drawing:
+                if not display:
                     on_terminal(terminal)
-            if drawing and pace.due(touch.time_s):
+            if display and pace.due(touch.time_s):
                 stats = [board.stats for board in source.boards]
                 display.update(view.picture(stats, touch.time_s), refresh=True)
     return count

@@ -9,8 +9,7 @@ A process that is killed by SIGKILL runs no code. On Linux the kernel then remov
 device and releases its keys.
 """
 
-import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 from ..errors import SpotsError
@@ -63,16 +62,16 @@ class Output:
         self.close()
 
     def release(self) -> None:
-        """Release everything."""
+        """Release all keys or buttons, and centre all axes."""
         raise NotImplementedError
 
     def mute(self) -> None:
-        """Release everything, and ignore presses until `signals.resumed` is called."""
+        """Release all keys and buttons, and ignore presses until `signals.resumed` is called."""
         self.muted = True
         self.release()
 
     def close(self) -> None:
-        """Release everything and close the device; idempotent."""
+        """Release all keys and buttons, and close the device; idempotent."""
         with SECTION:
             if self._closed:
                 return
@@ -88,7 +87,7 @@ class Output:
 
 
 class KeySink(Protocol):
-    """Receiver of key events."""
+    """Receiver of key events, for example a keyboard of this computer."""
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
         """Handle a key event.
@@ -218,41 +217,18 @@ class Gamepad(Output):
         raise NotImplementedError
 
 
-_print = functools.partial(print, flush=True)
-
-
 class PrintedKeyboard(Keyboard):
-    """Keyboard that prints a line for each key that is pressed or released.
-
-    Parameters
-    ----------
-    write : callable
-        Function that takes each line.
-    """
-
-    def __init__(self, write: Callable[[str], None] = _print):
-        super().__init__()
-        self._write = write
+    """Keyboard that prints a line for each key that is pressed or released."""
 
     def _set(self, one, pressed):
-        self._write(f"{'down' if pressed else 'up':4}  {one.name}")
+        print(f"{'down' if pressed else 'up':4}  {one.name}", flush=True)
 
 
 class PrintedGamepad(Gamepad):
-    """Gamepad that prints a line for each state.
-
-    Parameters
-    ----------
-    write : callable
-        Function that takes each line.
-    """
-
-    def __init__(self, write: Callable[[str], None] = _print):
-        super().__init__()
-        self._write = write
+    """Gamepad that prints a line for each state."""
 
     def _send(self, state):
-        self._write(line(state))
+        print(line(state), flush=True)
 
 
 def line(state: State) -> str:

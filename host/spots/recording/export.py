@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 from numpy.lib import format as npy
 
-from ..atomic import replacing, sync
-from ..errors import SpotsError, missing
+from ..atomic import not_written, replacing, sync
+from ..errors import missing
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .header import Header
@@ -57,36 +57,31 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     """
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
-    with ExitStack() as stack:
-        files = _Files(stack)
+    with _Files() as files:
         EXPORTS[kind](recording.header, rows(recording), out, files)
-        files.sync()
-    return files.paths
+        return files.sync()
 
 
-class _Files:
+class _Files(ExitStack):
     """New files that are written atomically: either all of them get their names, or none does."""
 
-    def __init__(self, stack: ExitStack):
-        self._stack = stack
-        self._files: list[IO] = []
-        self.paths: list[Path] = []
+    def __init__(self):
+        super().__init__()
+        self._files: dict[Path, IO] = {}
 
     def new(self, path: Path, kind: str = "b", **options) -> IO:
-        file = self._stack.enter_context(replacing(path, kind, new=True, **options))
-        self._files.append(file)
-        self.paths.append(path)
+        file = self.enter_context(replacing(path, kind, new=True, **options))
+        self._files[path] = file
         return file
 
-    def sync(self) -> None:
+    def sync(self) -> list[Path]:
         """Flush all files to the storage medium; call this before the first file is renamed."""
-        for path, file in zip(self.paths, self._files):
+        for path, file in self._files.items():
             try:
                 sync(file)
             except OSError as error:
-                raise SpotsError(
-                    f"cannot write {path}: {error.strerror}; name another file with --out"
-                ) from None
+                raise not_written(path, error) from None
+        return list(self._files)
 
 
 def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
@@ -135,7 +130,7 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 
 class _Spool:
-    """Stores the rows of a table on disk until their number and the longest text are known."""
+    """Stores the rows of a table on disk, because an array's header needs the number of rows."""
 
     def __init__(self, table: Table, file: IO):
         self._table, self._file = table, file
@@ -159,12 +154,8 @@ class _Spool:
                 for name, kind in self._table.columns.items()
             ]
         )
-        shape = {
-            "descr": npy.dtype_to_descr(dtype),
-            "fortran_order": False,
-            "shape": (self._count,),
-        }
-        npy.write_array_header_1_0(member, shape)
+        head = {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": (self._count,)}
+        npy.write_array_header_1_0(member, head)
         self._file.seek(0)
         with suppress(EOFError):
             while True:

@@ -25,13 +25,12 @@ _LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 
 
 def schema(table: Table) -> dict:
-    """Return the JSON schema of a row of a table."""
+    """Return the JSON schema of the messages for one kind of frame."""
     properties = {}
     for name, dtype in table.columns.items():
-        scalar = dtype[0] if isinstance(dtype, tuple) else dtype
-        properties[name] = kind = {"type": _TYPES[scalar[0]]}
-        if isinstance(dtype, tuple):
-            properties[name] = {"type": "array", "items": kind}
+        is_array = isinstance(dtype, tuple)
+        kind = {"type": _TYPES[(dtype[0] if is_array else dtype)[0]]}
+        properties[name] = {"type": "array", "items": kind} if is_array else kind
     return {"title": f"spots.{table.name.capitalize()}", "type": "object", "properties": properties}
 
 

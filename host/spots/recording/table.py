@@ -46,13 +46,7 @@ _TOUCH = {
     "flags": "u1",
 }
 _SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
-_CONTACT = {
-    "id": "u1",
-    "state": "u1",
-    "position_um": "i4",
-    "sigma_um": "u2",
-    "force_mN": "u2",
-}
+_CONTACT = {"id": "u1", "state": "u1", "position_um": "i4", "sigma_um": "u2", "force_mN": "u2"}
 _KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
 
 # In the order of the arrays.
@@ -105,11 +99,8 @@ def _text_rows(texts: list[tuple[float, Text]], begun_s: float) -> Iterator[Row]
 
 def shown(recording: RecordingBlocks) -> Iterator[Arrays]:
     """Yield the blocks of a recording, and show the progress on a terminal."""
-    columns = (
-        TextColumn(printable(recording.path.name), markup=False),
-        BarColumn(),
-        TimeRemainingColumn(),
-    )
+    name = TextColumn(printable(recording.path.name), markup=False)
+    columns = name, BarColumn(), TimeRemainingColumn()
     console = Console(stderr=True)
     quiet = not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:

@@ -42,11 +42,8 @@ def subscribe_command(options: argparse.Namespace) -> None:
     written = _as_json if options.json else _Lines().written
     with open_session() as session:
         session.declare_subscriber(expression, direct(receive))
-        print(
-            f"listening to {printable(str(expression))} (Ctrl-C ends it)",
-            file=sys.stderr,
-            flush=True,
-        )
+        listening = f"listening to {printable(str(expression))} (Ctrl-C ends it)"
+        print(listening, file=sys.stderr, flush=True)
         try:
             _print(mail, written, options.seconds)
         except KeyboardInterrupt:
@@ -98,7 +95,7 @@ def _as_json(name: str, content: dict) -> str:
 
 
 class _Lines:
-    """Formats messages as readable lines; omits some of the frequent messages."""
+    """Formats the messages of published boards as lines of text; omits some frequent messages."""
 
     def __init__(self):
         self._began_s = time.time()

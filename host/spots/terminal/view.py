@@ -2,11 +2,12 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from shutil import get_terminal_size
 from typing import Protocol
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
@@ -53,7 +54,7 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return texts to show: ``link``, for the row of the link, and ``rows``, more rows."""
+        """Return texts to show: ``link`` in the row of the link, and ``rows``: further rows."""
 
 
 class StripView:
@@ -80,16 +81,16 @@ class StripView:
         self._port = port
         self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
         self._touch: Touch | None = None
-        self._spectrum: Spectrum | None = None
+        self._counts: Sequence[float] = [0] * len(info["plan"])
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
 
     def take(self, frame: Frame) -> None:
-        """Add a frame to the picture."""
+        """Update the picture with a frame."""
         if isinstance(frame, Touch):
             self._touch = frame
             self._trace.append(frame)
         elif isinstance(frame, Spectrum):
-            self._spectrum = frame
+            self._counts = frame.counts
 
     def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
         """Return the picture.
@@ -109,15 +110,17 @@ class StripView:
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
         link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}
-        parts += [self._bars(), Text(), *map(_row, (link, *judged["rows"]))]
+        parts += [
+            bars(info["plan"], self._counts, 1000),
+            Text(),
+            *map(_row, (link, *judged["rows"])),
+        ]
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
         if self.advice:
             parts.append(Text(self.advice, style="yellow"))
         title = f"SPOTS  {info['board']} · {info['runtime']} · {self._port}"
-        return Panel(
-            Group(*parts), title=Text(printable(title)), width=strip_columns() + 16, padding=(1, 2)
-        )
+        return framed(parts, title, strip_columns() + 16)
 
     def _strip(self) -> Text:
         # The light gets redder away from the sensor. A press is bright.
@@ -154,24 +157,37 @@ class StripView:
         grid.add_row("force", force, Text(bar(share), style="cyan"))
         return grid
 
-    def _history(self) -> Table:
+    def _history(self) -> Text:
         # The oldest is on the left. The height of a column is the mean position of its readings.
         readings = list(self._trace)[-4 * strip_columns() :]
-        line = Text()
+        line = Text("history".rjust(9) + " ")
         for i in range(0, len(readings), 4):
             held = [t.position_um for t in readings[i : i + 4] if _is_felt(t)]
             share = sum(held) / len(held) / self._length_um if held else 0
             level = 1 + max(0, min(int(share * 8), 7))
             line.append(_LEVELS[level] if held else " ", style="red")
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(justify="right", width=9)
-        grid.add_column()
-        grid.add_row("history", line)
-        return grid
+        return line
 
-    def _bars(self) -> Table:
-        plan = self._info["plan"]
-        return bars(plan, self._spectrum.counts if self._spectrum else [0] * len(plan), 1000)
+
+def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int = 1) -> Panel:
+    """Return a picture: parts below each other in a frame with a title.
+
+    Parameters
+    ----------
+    parts : iterable of renderables
+        Parts of the picture, such as texts and tables.
+    title : str
+        Title in the frame.
+    columns : int
+        Width of the frame.
+    rows : int
+        Number of empty rows below and above the parts.
+
+    Returns
+    -------
+    rich.panel.Panel
+    """
+    return Panel(Group(*parts), title=Text(printable(title)), width=columns, padding=(rows, 2))
 
 
 def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
@@ -210,7 +226,7 @@ def bar(share: float) -> str:
 
 
 def figures() -> Table:
-    """Return an empty table with the columns name, figure and picture."""
+    """Return an empty table with the columns name, number and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
     grid.add_column(justify="right", width=10)
@@ -260,6 +276,14 @@ def plain(touch: Touch, started_s: float) -> str:
 def live(console: Console) -> Live:
     """Return a display that redraws in place with ``update(picture, refresh=True)``."""
     return Live(console=console, auto_refresh=False, transient=False)
+
+
+@contextmanager
+def drawn(wanted: bool) -> Iterator[Live | None]:
+    """Yield a display as `live` does; None if not wanted, or if the output is not a terminal."""
+    console = Console()
+    with live(console) if wanted and console.is_terminal else nullcontext() as display:
+        yield display
 
 
 class Pace:

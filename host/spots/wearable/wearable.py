@@ -2,12 +2,10 @@
 
 import argparse
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
-from rich.console import Console
 
 from .. import toml
 from ..errors import SpotsError, did_you_mean
@@ -19,7 +17,7 @@ from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
 from ..signals import released_by_signals
-from ..terminal.view import Pace, live
+from ..terminal.view import Pace, drawn
 from .gestures import NAMES, Gesture, Gestures
 from .wearable_view import picture
 
@@ -28,7 +26,7 @@ DEFAULT = FOLDER / "media.toml"
 _TICK_S = 0.02
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _File(toml.Strict):
     gestures: dict[str, str]
     least_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.6
 
@@ -98,8 +96,8 @@ def wearable_command(options: argparse.Namespace) -> None:
         open_named(options) as board,
         open_keyboard(options.dry_run) as keyboard,
     ):
-        drawing = Console().is_terminal and not options.dry_run
-        if options.dry_run:
+        drawing = not options.dry_run
+        if not drawing:
             print(f"waiting for one of these gestures: {', '.join(mapping.names)}", flush=True)
         play(board, lambda one: mapping.do(one, keyboard), options.seconds, drawing, mapping)
 
@@ -122,7 +120,7 @@ def play(
     seconds : float or None
         Time after which to end, in seconds by the link's clock; no limit if None.
     drawing : bool
-        Whether to show a live picture.
+        Whether to show a live picture on a terminal.
     mapping : Mapping
         Keys of the gestures, for the picture.
 
@@ -138,7 +136,7 @@ def play(
     gestures, found = Gestures(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]
     pace, touch = Pace(), None
-    with live(Console()) if drawing else nullcontext() as display:
+    with drawn(drawing) as display:
         for touches in ticks(board, seconds, _TICK_S, gestures.release):
             for touch in touches:
                 for gesture in gestures.take(touch, board.now_s()):
@@ -148,7 +146,7 @@ def play(
             if gestures.rests:
                 gestures.rests = 0
                 tell_rest(board)
-            if drawing and pace.due(board.now_s()):
+            if display and pace.due(board.now_s()):
                 view = picture(touch, length_um, found, mapping.names, board.stats)
                 display.update(view, refresh=True)
     return found

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from rich.console import Group
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
 from ..errors import printable
 from ..link.frames import LinkStats, Touch
+from ..terminal.view import framed
 from .gestures import NAMES, Gesture
 
 _COLUMNS = 74
@@ -60,11 +60,11 @@ def picture(
         table.add_row()
     facts = f"gestures {len(found)}   frames {stats.frames}   lost {stats.lost}"
     parts = [_strip(touch, length_um), Text(), table, Text(facts, style="dim")]
-    return Panel(Group(*parts), title="SPOTS wearable", width=_COLUMNS + 6, padding=(1, 2))
+    return framed(parts, "SPOTS wearable", _COLUMNS + 6)
 
 
 def spoken(name: str) -> str:
-    """Return the name of a gesture in words."""
+    """Return the name of a gesture in words, such as ``double tap``."""
     return name.replace("_minus", " to sensor").replace("_plus", " away").replace("_", " ")
 
 
