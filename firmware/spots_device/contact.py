@@ -672,7 +672,9 @@ class ContactTracker:
             )
         x_um = self.x_um + off_um
         # No second finger on the strip could cause this position while the first one rests.
-        alone = self._seen > 1 and not self._solve(self.x_um, first - _MORE, x_um, brightness, True)
+        alone = (self._seen > 1 or brightness < first + _SINGLE) and not self._solve(
+            self.x_um, first - _MORE, x_um, brightness, True
+        )
         if self._falls and not self._third and elapsed(self._fell, t) >= _FALL_T:
             return True
         if self._third:
