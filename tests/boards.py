@@ -1,4 +1,4 @@
-"""Virtual boards in real time for the tests, and what is said and answered on the way."""
+"""Virtual boards in real time for the tests, and checks of their messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared by all tiers: a calibrated simulated sensor, made once."""
+"""Fixtures of all tests: a calibrated simulated sensor, made once."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import pytest
 from hypothesis import settings
 
 from spots_sim.files import SensorFile, load
+from spots_sim.kept import FOLDER
 from spots_sim.stage import calibrate
 
 # A loaded machine is slow, not wrong.
@@ -47,30 +48,41 @@ def sensor():
 
 
 @pytest.fixture(scope="session")
-def once(tmp_path_factory):
-    """Return a function that makes a file or a folder once for all processes of a test run."""
+def shared_folder(tmp_path_factory):
+    """The folder that all processes of a test run share."""
     folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
+    return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="session")
+def once(shared_folder):
+    """Return a function that makes a file or a folder once for all processes of a test run."""
 
     def once(name, make):
         """Return the path; the first caller makes it with ``make(path)``, and others wait."""
-        path = folder / name
-        with open(folder / f"{name}.lock", "a") as lock:
+        path = shared_folder / name
+        with open(shared_folder / f"{name}.lock", "a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():
-                make(folder / f"{name}.part")
-                os.replace(folder / f"{name}.part", path)
+                make(shared_folder / f"{name}.part")
+                os.replace(shared_folder / f"{name}.part", path)
         return path
 
     return once
 
 
+@pytest.fixture(scope="session", autouse=True)
+def kept_calibrations(shared_folder):
+    """Let programs that tests start reuse the calibrations of their virtual boards."""
+    folder = shared_folder / "calibrations"
+    folder.mkdir(exist_ok=True)
+    os.environ[FOLDER] = str(folder)
+
+
 @pytest.fixture(scope="session")
-def calibration(sensor, once):
+def calibration(sensor):
     """Lines of its calibration, from presses of the simulated stage."""
-    path = once("calibration.txt", lambda path: path.write_text("\n".join(calibrate(sensor))))
-    return path.read_text().split("\n")
+    return list(calibrate(sensor))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,4 +1,4 @@
-"""A recording's arrays beside its frames: equal to the last bit, or the same refusal."""
+"""Compares a recording's arrays with its frames: equal to the last bit, or the same error."""
 
 from __future__ import annotations
 

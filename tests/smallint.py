@@ -1,4 +1,4 @@
-"""An int that refuses to leave 31 bits, as a small int of MicroPython on a 32-bit board."""
+"""An int that raises an error beyond 31 bits, like a small int on a 32-bit board."""
 
 from __future__ import annotations
 

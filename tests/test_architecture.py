@@ -1,9 +1,10 @@
-"""Who imports whom, against the table of rooms in ARCHITECTURE.md."""
+"""Imports between packages, compared with the table of rooms in ARCHITECTURE.md."""
 
 from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -41,10 +42,7 @@ def imports(module):
     """Yield what a module imports, and whether it does so in a function."""
     path = MODULES[module]
     package = module.split(".") if path.stem == "__init__" else module.split(".")[:-1]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    functions = [node for node in ast.walk(tree) if isinstance(node, FUNCTION)]
-    lazy = {id(node) for function in functions for node in ast.walk(function)}
-    for node in ast.walk(tree):
+    for node, lazy in statements(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             targets = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -55,12 +53,26 @@ def imports(module):
         else:
             continue
         for target in targets:
-            yield target, id(node) in lazy
+            yield target, lazy
 
 
-IMPORTS = [(module, target, lazy) for module in MODULES for target, lazy in imports(module)]
-NEEDING = {m for m, target, lazy in IMPORTS if target.startswith(OPTIONAL) and not lazy}
-ARROWS = [arrow for arrow in IMPORTS if arrow[1].split(".")[0] in OURS]
+def statements(node, lazy=False):
+    """Yield the statements below a node, and whether they are in a function."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.expr):  # imports nothing
+            continue
+        yield child, lazy
+        yield from statements(child, lazy or isinstance(child, FUNCTION))
+
+
+@cache
+def all_imports():
+    """Return (module, what it imports, whether in a function)."""
+    return [(module, target, lazy) for module in MODULES for target, lazy in imports(module)]
+
+
+def arrows():
+    return [arrow for arrow in all_imports() if arrow[1].split(".")[0] in OURS]
 
 
 def test_no_room_imports_what_it_may_not():
@@ -68,7 +80,7 @@ def test_no_room_imports_what_it_may_not():
     assert {room(module) for module in MODULES} <= set(allowed)
     forbidden = [
         f"{module} -> {target}"
-        for module, target, _ in ARROWS
+        for module, target, _ in arrows()
         if room(module) != room(target) and room(target) not in allowed[room(module)]
     ]
     assert forbidden == []
@@ -76,18 +88,19 @@ def test_no_room_imports_what_it_may_not():
 
 def test_no_circle_of_modules():
     graph: dict[str, set[str]] = {module: set() for module in MODULES}
-    for module, target, _ in ARROWS:
+    for module, target, _ in arrows():
         if target in MODULES and target != module:
             graph[module].add(target)
     TopologicalSorter(graph).prepare()
 
 
 def test_functions_import_only_modules_that_need_an_optional_package_or_are_dispatched():
+    needing = {m for m, target, lazy in all_imports() if target.startswith(OPTIONAL) and not lazy}
     dispatching = {"spots_sim.cli", *(module for module in MODULES if room(module) == "cli")}
     unexpected = [
         f"{module} -> {target}"
-        for module, target, lazy in ARROWS
-        if lazy and module not in dispatching and target not in NEEDING
+        for module, target, lazy in arrows()
+        if lazy and module not in dispatching and target not in needing
     ]
     assert unexpected == []
 

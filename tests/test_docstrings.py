@@ -1,4 +1,4 @@
-"""Docstrings of the public API say what the signatures have: numpydoc, with every parameter.
+"""Docstrings of the public API describe all parameters and results of the signatures (numpydoc).
 
 Of functions and methods that is all of `spots` and `spots_sim`; of classes, what `spots` exports.
 """
@@ -34,10 +34,10 @@ def public(body, prefix):
 
 
 def modules():
-    """Yield the names of the modules of both packages, and their syntax trees."""
+    """Yield the names of the modules of both packages, and their statements."""
     for path in sorted(HOST.rglob("*.py")):
         name = ".".join(path.relative_to(HOST).with_suffix("").parts)
-        yield name, ast.parse(path.read_text(encoding="utf-8"))
+        yield name, ast.parse(path.read_text(encoding="utf-8")).body
 
 
 def sections(docstring):
@@ -83,12 +83,13 @@ def gives(function):
     return any(isinstance(one, GIVING) and one.value for one in own(function))
 
 
-FUNCTIONS = dict(item for name, tree in modules() for item in public(tree.body, name))
+MODULES = list(modules())
+FUNCTIONS = dict(item for name, body in MODULES for item in public(body, name))
 FOUND = {name: sections(ast.get_docstring(function)) for name, function in FUNCTIONS.items()}
 METHODS = {
     f"{name}.{of.name}.{method.name}"
-    for name, tree in modules()
-    for of in ast.walk(tree)
+    for name, body in MODULES
+    for of in body
     if isinstance(of, ast.ClassDef)
     for method in of.body
     if isinstance(method, FUNCTION)

@@ -1,4 +1,4 @@
-"""Documents point at what exists, and show what the parsers accept; see also cli/test_readme.py."""
+"""Documents refer to existing things, and their examples are valid; see also cli/test_readme.py."""
 
 from __future__ import annotations
 

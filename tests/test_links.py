@@ -1,4 +1,4 @@
-"""Links between documents lead to headings that exist, as GitHub names their anchors."""
+"""Links between documents lead to existing headings, with GitHub's names of anchors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the MicroPython of this machine makes machine code, which it does on x86-64 alone."""
+"""Whether the MicroPython of this computer can make machine code (only on x86-64)."""
 
 from __future__ import annotations
 

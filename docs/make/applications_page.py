@@ -28,12 +28,13 @@ warmed up since its calibration, and is under a lamp ([drift.md](drift.md)). A r
 mark once, with a warm LED. The last column shows the first seconds or minutes after power-on, while
 the LED still warms.
 
-Ten keys on a strip, exposures of 10 ms, {seeds} seeds of {touches} touches at each speed; fingers
-as published ([typist.py](../host/spots_sim/typist.py)). Errors are wrong, missed and extra keys as
-a share of touches. "No finger" are pressed keys that no finger was on. Latency is from the first
-light to the press of right keys; p99 is that of the worst seed. The controller follows the fingers
-of the demo for {seconds:g} s; [controller.md](controller.md) explains its figures. Runs of the real
-strip:
+There are ten keys on the strip. At each speed, {seeds} seeds of {touches} touches are typed.
+Exposures are 10 ms; the statistics of touches are published
+([typist.py](../host/spots_sim/typist.py)).
+Errors are wrong, missed and extra keys as a share of touches. "No finger" is the share of pressed
+keys that no finger was on. Latency is from the first light to the press of right keys; p99 is that
+of the worst seed. The controller follows the fingers of the demo for {seconds:g} s;
+[controller.md](controller.md) explains its values. These commands measure the real strip:
 
 ```sh
 python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm
@@ -44,7 +45,7 @@ spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --
 
 
 def measured() -> list[tuple[str, list[str]]]:
-    """Return the rows of the table: what was measured, and its value for each of `STRIPS`."""
+    """Return the rows of the table: name of a quantity, and its value for each of `STRIPS`."""
     rows = []
     for speed in WORDS_PER_MIN:
         print(f"typing, {speed} words a minute ...", file=sys.stderr)

@@ -27,10 +27,10 @@ _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 _HEAD = """# The five-bar linkage and its twin
 
 `make paper` writes this document, and measures all numbers except the published one. Two strips in
-the base joints of a planar five-bar linkage are its encoders. The position of the terminal follows
-from their angles (paper, section IV, Eqs. 3 and 4, Fig. 7).
+the base joints of a planar five-bar linkage are its encoders. The position of the end point
+follows from their angles (paper, section IV, Eqs. 3 and 4, Fig. 7).
 
-![The bars, and the position of the terminal for constant angles of each joint](fivebar/angles.png)
+![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
 ```python
 import spots
@@ -43,10 +43,10 @@ x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 All methods take scalars or arrays, in every quadrant. If there is no solution, a method raises an
 error with the reason for scalars, and returns masked elements for arrays. `forward_limits` and
 `inverse_limits` return the reason for each element (`spots.linkage.fivebar.Limit`). For two angles
-there are two possible terminals: `assembly="far"`, the usual one, is the terminal beyond the
-elbows; `"near"` is the other terminal. `jacobian` and `covariance` compute errors of the terminal
-from errors of the angles. These errors grow without bound when the outer bars come into line. So in
-the workspace of this document, the angle between the outer bars is at least 30°, the usual rule.
+there are two possible end points: `assembly="far"`, the default, is the end point beyond the
+elbows; `"near"` is the other one. `jacobian` and `covariance` compute errors of the end point from
+errors of the angles. These errors grow without bound when the outer bars come into line. So in the
+workspace of this document, the angle between the outer bars is at least 30°.
 
 ## Track a joint or a linkage
 
@@ -58,19 +58,19 @@ spots twin --port virtual                            # no hardware: a simulated 
 spots twin --json --picture sust.png                 # the same in simulated time, against the truth
 ```
 
-![The twin in a terminal: bars, path, and the terminal in figures](fivebar/twin.svg)
+![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
-and singularities. Elsewhere it prints lines. With `--json` it prints an object for each terminal,
-with the keys of [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`, `singular`
-and `within` (inside the calibrated range of the joints). The web UI shows the same:
+and singularities. Elsewhere it prints lines. With `--json` it prints an object for each position.
+Its keys are those of [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`,
+`singular` and `within` (inside the calibrated range of the joints). The web UI shows the same:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
 position has moved by more than its noise, half the backlash is added or subtracted. At rest the
 joint may be anywhere in its backlash; the standard error includes this uncertainty. The velocity is
 measured by the board's clock. `spots.Twin` takes the readings of both joints, live or recorded. It
-returns the terminal at the time of each reading, and interpolates the angle of the other joint
+returns the end point at the time of each reading, and interpolates the angle of the other joint
 between two of its readings. Nothing is extrapolated, and the order of arrival does not matter. The
 boards' clocks are mapped to the computer's, see `Touch.time_s`. A board that restarts gets its
 calibration again.
@@ -84,7 +84,7 @@ with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/d
 ```
 
 With `--record a.spots --record b.spots` both boards are recorded, and
-`--port recording:a.spots --port recording:b.spots` returns exactly the same terminals again.
+`--port recording:a.spots --port recording:b.spots` returns exactly the same positions again.
 
 ## The linkage file
 
@@ -113,14 +113,14 @@ _CALIBRATION = """
 Bars are never exactly as long as in the drawing, and joints are never mounted exactly.
 
 ```sh
-spots twin --linkage drawn.toml --measure points.csv     # hold the terminal, type its position
+spots twin --linkage drawn.toml --measure points.csv     # hold the end point, type its position
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-This fits the lengths of the four bars and the base, the offsets and gains of the joints, and the
-position and rotation of the measuring grid, by robust least squares (`pip install
-'spots-tactile[kinematics]'`). It needs the angles of the encoders and the position of the terminal
-on any grid, at some places. It reports standard errors, points that do not fit, and
+Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
+the offsets and gains of the joints, and the position and rotation of the measuring grid.
+This needs the angles of the encoders and the position of the end
+point on any grid, at some places. It reports standard errors, points that do not fit, and
 parameters that these places cannot separate. For example, a picture of unknown scale determines
 only ratios of lengths. `--place-sigma-mm` is the standard error of a measured coordinate. Another
 program may write the table: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`,
@@ -174,7 +174,7 @@ def document(
     lines.append(
         f"\nThe rank is {first.rank} of {len(first.names)}, the condition number is "
         f"{first.condition:.0f}, and the residuals are\n{first.misfit:.2f} times those expected "
-        "from the standard errors. The terminal is more accurate than the\nlengths, because "
+        "from the standard errors. The end point is more accurate than the\nlengths, because "
         "correlated errors cancel.\n"
     )
     lines.append(_path(runs))
@@ -216,7 +216,7 @@ A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`) has nomina
 and a base of {base:g} mm. The true lengths differ by up to {off}, the true mounting of the joints
 by up to {turned}. Each joint moves an indenter with backlash along its own strip, over
 {travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then
-its joint. The terminal stops at {places} places of a grid over the workspace; its position follows
+its joint. The end point stops at {places} points of a grid over the workspace; its position follows
 from one reading of {each:g} ms of each joint. Seeds {min(SEEDS)} to {max(SEEDS)};
 distances from the true position in mm:
 
@@ -244,11 +244,11 @@ def _path(runs: dict[str, dict[int, list[PathRun]]]) -> str:
     text = f"""
 ## On a path
 
-A hand with a tremor moves the terminal along "SUST" (`host/spots_sim/data/paths/sust.toml`). The
+A hand with a tremor moves the end point along "SUST" (`host/spots_sim/data/paths/sust.toml`). The
 twin uses the true lengths. The strips are those of the workspace. Errors in mm, seeds
 {min(SEEDS)} to {max(SEEDS)}:
 
-| strips | exposure | terminals a second | mean | 95 % below | at most | rms | expected rms |
+| strips | exposure | positions a second | mean | 95 % below | at most | rms | expected rms |
 | --- | --- | --- | --- | --- | --- | --- | --- |
 """
     for strips, of_exposures in runs.items():
@@ -265,13 +265,13 @@ twin uses the true lengths. The strips are those of the workspace. Errors in mm,
     return (
         text
         + f"""
-The twin reports an expected error with each terminal. The Jacobian computes it from the noise of
+The twin reports an expected error with each position. The Jacobian computes it from the noise of
 the strips, the errors of the joint calibrations and the backlash. It does not include movements
 between two readings and the error of the dark frame. The board takes the dark frame at its start,
 and takes no other while the strip is pressed. In a joint, the indenter always presses the strip.
 With a long exposure the noise is small, and the error of the dark frame is the largest one.
 
-![SUST: the terminal's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
+![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """
     )
 

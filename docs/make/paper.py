@@ -19,9 +19,9 @@ _HEAD = """# The paper's figures, and those of the simulated sensor
 `make paper` writes this document, and measures all numbers except the published ones. The published
 numbers are from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
 Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the section. The columns
-"ours" are the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with
-seed {seed}, and defined as in [calibration.md](calibration.md). The paper does not state the
-duration of a reading; for ours it is in the column title. The **real strip** is the simulated
+"ours" show the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with
+seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
+duration of a reading, which the paper does not state. The **real strip** is the simulated
 sensor file `real`. This strip has aged and warmed up since its calibration, is under a lamp, and
 was re-zeroed with one press of each mark ([drift.md](drift.md)).
 
@@ -157,7 +157,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It is the position's resolution over the radius; the paper states no radius.",
+            "It is the position's resolution divided by the radius, which the paper does not "
+            "state.",
         ),
         (
             "Joint: accuracy",

@@ -76,7 +76,7 @@ TYPED = "hello strip, ty"
 
 
 def main() -> None:
-    """Draw all pictures that show no measurement."""
+    """Draw all pictures of the documents that show no measured data."""
     for path in (demo(), keyboard(), controller(), wearable(), twin(), *wirings()):
         print(path)
 

@@ -26,7 +26,7 @@ _LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a sm
 
 
 class Meter:
-    """Measures the mean duration of those loop passes that take a sample.
+    """Measures how long a pass of the main loop takes on average, if it processes a sample.
 
     `add` allocates nothing.
 
@@ -220,7 +220,7 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Cancel pending requests, and reply to each with an error; `why` is its reason."""
+        """Cancel the running dark frame or search; its reply is an error with the reason `why`."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 
@@ -276,9 +276,8 @@ class BoardApp:
                 if self.reconnect.fault:
                     why_not += ": " + self.reconnect.fault
         else:
-            s = self.settings.values
             found, why_not = self.calibration.choose(
-                self.strip.conditions, s["strain_ppm"], s["mains_hz"]
+                self.strip.conditions, self.settings.values["strain_ppm"]
             )
             if not self.strip.lit_flags:
                 from .light import NO_DARK

@@ -54,7 +54,7 @@ _CHECKED = (_ENABLE, _CFG0, _ASTEP)
 
 
 class SensorError(Exception):
-    """The sensor is absent, is another chip, or stopped sampling."""
+    """Raised if the sensor is absent, is another chip, or stopped sampling."""
 
 
 class AS7341:
@@ -112,8 +112,8 @@ class AS7341:
         led_mA : int
             Current of the LED driver in mA: 0 for off, or 4 to 258.
         mains_hz : int
-            0: the exposure may deviate by some per cent, like the chip's oscillator. Otherwise the
-            deviation that `pacing` has measured so far is corrected.
+            Mains frequency of flickering lamps, 50 or 60, or 0. With 0 the exposure may be wrong by
+            some per cent, like the chip's oscillator; otherwise `pacing` measures and corrects it.
 
         Raises
         ------
@@ -164,13 +164,13 @@ class AS7341:
         pacing.start(now, chip_us)
 
     def drifted(self):
-        """Return whether the measured duration of a sample differs from `exposure_us`.
+        """Return whether the measured exposure differs too much from `exposure_us`.
 
         The next `start` with `mains_hz` corrects it. Allocates nothing if the result is False.
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
-        step_us = pacing.sampled * _STEP_US
+        step_us = pacing.sampled * _STEP_US * (self._written[1] + 1)
         return not pacing.lasted_us - step_us <= expected_us <= pacing.longest_us + step_us
 
     def stop(self):
@@ -179,9 +179,9 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def switch_led(self, on):
-        """Switch the LED on or off. Samples that began before this call are not `steady`.
+        """Switch the LED on or off; `steady` is False for samples that began before this call.
 
-        If the LED is always on, the user unplugs it, and this call only records its state.
+        An LED that is always on is unplugged by the user; this call then only records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0
@@ -256,7 +256,7 @@ class AS7341:
         return True
 
     def check(self):
-        """Read back one of three pairs of registers; each call checks the next pair.
+        """Compare two registers with their written values; each call checks the next of 3 pairs.
 
         I2C has no checksum, and a chip can lose its register values.
 
@@ -271,10 +271,10 @@ class AS7341:
         self._check = (i + 1) % len(_CHECKED)
         self._bus.read_into(_CHECKED[i], self._pair)
         if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
-            raise SensorError("the AS7341 does not hold its settings; check its supply and wiring")
+            raise SensorError("the AS7341 has lost its settings; check its supply and wiring")
 
     def recover(self):
-        """Free the wires after a failed transfer; a runtime can override this method."""
+        """Free the wires of the bus after a failed transfer; a runtime can override this method."""
         self._bus.recover()
 
     def saturation(self):

@@ -57,14 +57,15 @@ class Segment:
     weights : sequence of int
         Twelve weights in Q13: six for the position, six for the force.
     knots : tuple of array
-        Four arrays of n integers, one for each of the attributes `contrasts` to `offsets`.
+        Four arrays of n integers: `contrasts`, `positions_um`, `fits`, `offsets`.
 
     Attributes
     ----------
     position, force : array of int
         Six weights each, Q13.
     contrasts, positions_um, fits, offsets : array of int
-        Columns of the table of knots: the four numbers of the statement ``x``, see the module.
+        Columns of the table of knots (the points between which the board interpolates): contrast
+        and position, misfit of one press, and correction that is subtracted from the brightness.
     weights, columns : tuple of array
         The same weights and columns, in the form for `kernel.estimate`.
     """
@@ -98,8 +99,8 @@ class Calibration:
     conditions : Conditions
         Board and settings with which the calibration was made.
     drift_max : int
-        Largest shift of the misfit (Q12) by a drift with which a strip still types. The drift of an
-        LED that shifts the misfit as much moves positions by 3 or 4 % of the length.
+        Largest drift of the misfit (Q12) that keys accept. If an LED drifts so far, positions are
+        wrong by 3 to 4 % of the strip's length.
     decay : int
         Decay of the dye in log2 units per um, Q24; at most 1000.
     """
@@ -142,20 +143,18 @@ class Calibration:
         fall = (contrasts[-1] - contrasts[0] << 7) // (sum(map(abs, part.position)) or 1) << 11
         self.decay = min(abs(fall // (x[-1] - x[0])), 1000)
 
-    def mismatch(self, conditions, mains_hz=0):
-        """Return why this calibration is invalid for other conditions.
+    def mismatch(self, conditions):
+        """Return why this calibration cannot be used for readings, if their conditions differ.
 
         Parameters
         ----------
         conditions : Conditions
-            Board and settings of the readings.
-        mains_hz : int
-            The setting ``mains_hz``. Unless it is 0, another exposure is valid, see `rescale`.
+            Board and settings of the readings. Any exposure is valid, see `rescale`.
 
         Returns
         -------
         str or None
-            Sentence for the user; None if the calibration is valid.
+            Sentence for the user; None if the calibration can be used.
         """
         made = self.conditions
         if conditions.board != made.board:
@@ -164,16 +163,12 @@ class Calibration:
                 conditions.board,
             )
         if conditions.plan != made.plan:
-            return "the calibration was made with plan=%s; set this, or calibrate again" % (
-                ",".join(made.plan)
-            )
-        exposure_us = made.exposure_us if mains_hz else conditions.exposure_us
-        if (conditions.gain, exposure_us, conditions.led_mA) != made[2:]:
-            return (
-                "the calibration was made at gain=%d exposure_us=%d led_mA=%d; "
-                "set these, or calibrate again" % (made.gain, made.exposure_us, made.led_mA)
-            )
-        return None
+            what = "with plan=" + ",".join(made.plan)
+        elif (conditions.gain, conditions.led_mA) != (made.gain, made.led_mA):
+            what = "at gain=%d led_mA=%d" % (made.gain, made.led_mA)
+        else:
+            return None
+        return "the calibration was made %s; set this, or calibrate again" % what
 
 
 class CalibrationSlot:
@@ -197,7 +192,7 @@ class CalibrationSlot:
         self._parsed = None
         self._key = None
 
-    def choose(self, conditions, strain_ppm, mains_hz=0):
+    def choose(self, conditions, strain_ppm):
         """Return the stored calibration, parsed for a strain, if it is valid for the readings.
 
         Parameters
@@ -206,8 +201,6 @@ class CalibrationSlot:
             Board and settings of the readings.
         strain_ppm : int
             Strain of the strip in ppm.
-        mains_hz : int
-            Frequency of the mains in Hz, or 0.
 
         Returns
         -------
@@ -220,11 +213,11 @@ class CalibrationSlot:
         if not self.lines:
             return None, None
         try:
-            key = strain_ppm, mains_hz and conditions.exposure_us
+            key = strain_ppm, conditions.exposure_us
             if self._parsed is None or self._key != key:
                 self._parsed = None  # frees memory for the new one
                 parsed = Calibration(self.lines, strain_ppm)
-                if mains_hz and conditions.exposure_us != parsed.conditions.exposure_us:
+                if conditions.exposure_us != parsed.conditions.exposure_us:
                     from .rescale import rescale  # rare
 
                     rescale(parsed, conditions.exposure_us)
@@ -233,7 +226,7 @@ class CalibrationSlot:
             return None, str(error)
         except MemoryError:
             return None, "no memory is left for the calibration: save and reboot"
-        why_not = self._parsed.mismatch(conditions, mains_hz)
+        why_not = self._parsed.mismatch(conditions)
         return (None, why_not) if why_not else (self._parsed, None)
 
 

@@ -18,9 +18,9 @@ TWO   TWO    the first finger rests, and two readings agree on the second one (s
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-When one finger is alone again, another one that rested beside it and was never found is estimated
-from the last readings of both. A release is delayed by `release_ms` (release debounce). Integers
-only; allocates nothing.
+When one finger is alone again, a second finger that rested beside it, but was not found, is
+estimated from the last readings of both. A release is delayed by `release_ms` (release debounce).
+Integers only; allocates nothing.
 """
 
 try:
@@ -32,7 +32,7 @@ except ImportError:
 from array import array
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
-from .second import locate, power
+from .second import locate, may_rest, power, weigh
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
@@ -71,11 +71,17 @@ _EVEN = const(74_000)  # 1.05
 _NEAR_UM = const(2000)
 _APART_UM = const(4500)  # least distance between two fingers
 _AGREE_UM = const(600)
-_SURE_UM = const(2500)
+_SURE_UM = const(4000)
 _RISEN = const(30_000)  # 1.02: a finger arrives
 _CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
-_LEVEL = const(2)
+_EARLY = const(1)
+_LATE = const(2)
+# Uncertainty of a second finger that presses a key, in eighths: a late key is better than no key.
+_SOON = const(5)
+_LATER = const(4)
+_FALL_T = const(34)  # longest time in which a finger lifts
+_CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
@@ -89,7 +95,7 @@ def elapsed(since, now):
 
 
 def _counts(brightness):
-    """Return the light of a brightness (Q20 of log2), in sixteenths of a count; at least 1."""
+    """Convert a brightness (log2 in Q20) to counts times 16; the result is at least 1."""
     return max(power(brightness) >> 6, 1)
 
 
@@ -127,10 +133,12 @@ class ContactTracker:
         self._seen = 0  # consecutive readings that agree
         self.x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
         self._b = self._b_before = self._b_oldest = self._b_seen = 0
-        self._b_since = self._b_level = self._level = 0
+        self._b_since = 0
         self._length_um = self._decay = 0
         self._t = self._began = self._since = 0
-        self._even = self._second = self._third = False
+        self._even = self._second = self._third = self._rises = self._pair = False
+        self._falls = self._fell = 0
+        self._loose = False
         self._low = 0
         self._noise = _NOISE
         self._rested = self._fit_seen = self._fit_both = False
@@ -203,6 +211,8 @@ class ContactTracker:
         layout = self._layout
         if not flags & TOUCHING or (force_mN < layout.release_mN and not flags & DOUBTFUL):
             self._lift(t)
+            if force_mN and not flags & MISFIT and self._state == _UP:
+                self._approach(position_um, brightness, t)
             return
         if self._leaving:
             self._leaving = False
@@ -245,17 +255,24 @@ class ContactTracker:
 
     # State UP.
 
+    def _approach(self, x_um, brightness, t):
+        """Start a touch with a reading that is too weak for a press: it has a position."""
+        self._began = self._since = t
+        self.x_um = self._x_seen_um = x_um
+        self._b_seen = brightness
+        self._step_um = self._peak = 0
+        self._seen = 1
+
     def _press(self, fits, x_um, force_mN, brightness, t):
         layout = self._layout
         if force_mN < layout.press_mN:
             self._seen = 0
+            if fits:
+                self._approach(x_um, brightness, t)
             return
         moved_um = x_um - self._x_seen_um
         if not self._seen:
-            self._began = self._since = t
-            self.x_um = x_um
-            self._peak = 0
-            self._seen = 1
+            self._approach(x_um, brightness, t)
         elif (
             fits
             and self._seen > 0
@@ -283,6 +300,7 @@ class ContactTracker:
         self._b_seen = brightness
         if self._seen >= layout.detect:
             self._begin(x_um, force_mN, brightness, t)
+            self._b_before = 0
             self.sink.down(x_um, t)
             self._harden(force_mN, t)
 
@@ -291,6 +309,7 @@ class ContactTracker:
     def _begin(self, x_um, force_mN, brightness, t):
         self._state = _DOWN
         self._seen = 0
+        self._loose = False
         self._dipped = False
         self.x_um = self._x_before_um = x_um
         self._b = self._b_before = brightness
@@ -305,6 +324,9 @@ class ContactTracker:
         off_um = x_um - self.x_um
         if fits and -_SAME_UM < off_um < _SAME_UM:
             off_um >>= 1
+            self._loose = False
+        elif fits and self._loose and -_NEAR_UM < off_um < _NEAR_UM:
+            pass
         elif self._is_next(fits, off_um, x_um, brightness, t):
             self._part(fits, x_um, force_mN, brightness, t)
             return
@@ -320,7 +342,7 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
-        """Return whether a reading away from the finger may be of two fingers; if so, enter TWO.
+        """Return whether a reading at another position may be of two fingers; if so, enter TWO.
 
         Parameters
         ----------
@@ -342,13 +364,18 @@ class ContactTracker:
         before = self._b_before
         risen = self._b - before
         last = min(self._b, brightness)
+        steady = before and abs(before - self._b_oldest) < _EVEN
         self._calm = abs(risen) < _CALM and abs(before - self._b_oldest) < _CALM
-        self._even = risen > -_EVEN and (risen < _EVEN or abs(before - self._b_oldest) < _EVEN)
+        self._even = risen > -_EVEN and (risen < _EVEN or steady)
+        self._rises = risen >= _EVEN and not steady
+        self._falls = _EARLY if risen <= -_EVEN else 0
+        self._fell = t
         if last < max(self._b, before, self._b_oldest) - _FALLEN:
             self._dipped = True
         self._known = True
         self.x_um = self._x_before_um
-        self._b = before
+        if not self._rises:
+            self._b = before
         self._mix(x_um, brightness, t)
         self._least = last
         return True
@@ -360,7 +387,7 @@ class ContactTracker:
         self._began = t
         self._seen = -1
         self._odd = self._second = self._third = False
-        self._rested = self._guessed = False
+        self._rested = self._guessed = self._pair = False
         self._b_both = 0
         self._peak = self._least = self._low = brightness
         self._x_peak_um = x_um
@@ -373,13 +400,17 @@ class ContactTracker:
             and self._peak > self._b + _BOTH
         ):
             self._third = True
+        if brightness > self._peak + _RISEN and self._falls == _LATE:
+            self._third = True
         if brightness >= self._peak:
             self._peak = self._low = brightness
             self._x_peak_um = x_um
         self._low = min(brightness, self._low)
         self._least = min(brightness, self._least)
         seen = self._seen
-        steady = abs(x_um - self._x_seen_um) < self._slack_um(brightness)
+        x_last_um = self._x_seen_um
+        b_last = self._b_seen
+        steady = abs(x_um - x_last_um) < self._slack_um(brightness)
         if brightness > self._b_seen + _RISEN:
             self._b_both = 0
         elif not steady and self._rested:
@@ -390,26 +421,43 @@ class ContactTracker:
         self._fit_seen = fits
         if seen >= 0 and fits and steady:
             self._seen = min(seen + 1, 99)
-            self._level += 1
-            if abs(brightness - self._b_level) > _EVEN:
-                self._level = 0
-                self._b_level = brightness
         else:
             self._seen = 0
             self._since = t
-            self._b_since = self._b_level = brightness
-            self._level = 0
+            self._b_since = brightness
             if not fits:
                 self._seen = -1
                 self._odd = True
         self._x_seen_um = x_um
         self._b_seen = brightness
+        off_um = abs(x_um - self.x_um)
+        # With two fingers, this change of light would move the position.
+        change = abs(brightness - b_last)
+        single = (
+            fits
+            and self._known
+            and not self._second
+            and self._pair
+            and change > _CHANGED
+            and abs(x_um - x_last_um) < max(_REST_UM, (change >> 12) * min(off_um, 100_000) >> 12)
+        )
         if brightness < self._peak - _EVEN:
-            self._even = False  # the first finger may be leaving
-        if self._even and not (self._second or self._third or self._dipped):
-            self._guess(fits, x_um, brightness, t)
+            self._even = self._rises = False  # the first finger may be leaving
+            if self._known and not self._falls and brightness < b_last - _CALM:
+                away = off_um - abs(x_last_um - self.x_um)
+                if away > _REST_UM:
+                    self._falls = _LATE
+                    self._fell = t
+        if self._second and self._resolve(fits, x_um, force_mN, brightness, t):
+            return
+        if not (self._second or self._third or self._dipped):
+            if self._even:
+                self._guess(fits, x_um, brightness, t)
+            elif self._rises:
+                self._weigh(fits, x_last_um, b_last, x_um, brightness, t)
+        self._pair = True
         seen = self._seen
-        if seen < 1 or elapsed(self._since, t) * (seen + 1) < _REST_T * seen:
+        if not single and (seen < 1 or elapsed(self._since, t) * (seen + 1) < _REST_T * seen):
             return
         if not self._known:
             # If light was lost and the position moved, one of two fingers has left. Or there was
@@ -417,29 +465,29 @@ class ContactTracker:
             if (brightness < self._peak - _LOST and abs(x_um - self._x_peak_um) > _MOVED_UM) or (
                 self._odd and elapsed(self._since, t) >= _TOGETHER_T
             ):
-                b = self._b_since
                 self._begin(x_um, force_mN, brightness, t)
                 self.sink.down(x_um, t)
-                self._recall(x_um, b, t)
+                self._recall(x_um, brightness, t)
                 self._harden(force_mN, t)
             return
         off_um = x_um - self.x_um
-        if abs(off_um) < max(_BACK_UM, 4 * (self.noise_um(brightness))):
+        back_um = _NEAR_UM if self._loose else _BACK_UM
+        if abs(off_um) < max(back_um, 4 * self.noise_um(brightness)):
             firm = self._firm
             if not self._second:
-                self._recall(x_um, self._b_since, t)
+                self._recall(x_um, brightness, t)
             self._begin(x_um, force_mN, brightness, t)
             self._firm = firm
             if self._second:
                 self._second = False
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
-        elif self._has_left(off_um, brightness, t):
+        elif single or self._has_left(off_um, brightness, t):
             stays = self._second and not self._dipped and abs(x_um - self._x_second_um) < _APART_UM
             if not stays:
                 if self._second:
                     self.sink.left(True, t)
-                self._recall(x_um, self._b_since, t)
+                self._recall(x_um, brightness, t)
             self._second = False
             self._begin(x_um, force_mN, brightness, t)
             if stays:
@@ -448,10 +496,45 @@ class ContactTracker:
                 self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
+    def _resolve(self, fits, x_um, force_mN, brightness, t):
+        """Follow the lights of two known fingers; return whether one of them has left."""
+        if self._even:
+            if (
+                self._solve(self.x_um, self._b, x_um, brightness, fits)
+                and abs(self._found[0] - self._x_second_um) < _NEAR_UM
+            ):
+                self._b_second = self._found[2]
+            return False
+        if (
+            fits
+            and abs(x_um - self._x_second_um) < _NEAR_UM
+            and (brightness < self._b_second + _MORE)
+        ):
+            b = self._b_second
+            self._second = False
+            self._begin(x_um, force_mN, brightness, t)
+            self._b_before = b
+            self._loose = True
+            self.sink.left(False, t)
+            self.sink.at(x_um, t)
+            return True
+        if self._falls and elapsed(self._fell, t) >= _FALL_T:
+            self.x_um = self._x_before_um = self._x_second_um
+            self._b = self._b_second
+            self._second = False
+            self._mix(x_um, brightness, t)
+            self._even = self._pair = True
+            self._dipped = self._calm = False
+            self._falls = 0
+            self._loose = True
+            self.sink.left(False, t)
+            return True
+        return False
+
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside one at `x1_um` from a reading, see `second.locate`.
 
-        Returns whether it is on the strip. `_found` then is its position and uncertainty in um.
+        Returns whether the result is on the strip: position and uncertainty in um, in `_found`.
         """
         found = self._found
         return (
@@ -473,6 +556,12 @@ class ContactTracker:
         """Estimate a finger beside the first one, which rests; report it if two readings agree."""
         if not self._solve(self.x_um, self._b, x_um, brightness, fits):
             self._guessed = False
+            end_um = self._length_um + _NEAR_UM if x_um > self.x_um else -_NEAR_UM
+            if not may_rest(self._decay, self.x_um, self._b - _EVEN, end_um, x_um, brightness):
+                # Even beside a finger at the end of the strip, its light would be more.
+                self._even = False
+                self._falls = _EARLY
+                self._fell = t
             return
         found = self._found
         at_um = found[0]
@@ -483,7 +572,7 @@ class ContactTracker:
         agrees = self._guessed and abs(at_um - self._x_guess_um) <= _AGREE_UM + (
             slack_um + self._slack_guess_um >> 1
         )
-        if agrees and abs(b - self._b_guess) <= _OTHER:
+        if agrees and abs(b - self._b_guess) <= _OTHER and (fits or not self._calm):
             return  # the same share of the light always gives the same position
         self._guessed = True
         self._x_guess_um = at_um
@@ -491,31 +580,84 @@ class ContactTracker:
         self._b_guess = b
         if not agrees or slack_um > _SURE_UM:
             return
-        self._second = self.sink.second(at_um, 2 * slack_um, t)
+        self._second = self.sink.second(at_um, slack_um * _SOON >> 3, t)
         self._x_second_um = at_um
         self._b_second = b
+
+    def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
+        """Estimate both fingers while the light of the first one is unknown."""
+        found = self._found
+        if not self._pair:
+            return
+        if brightness < b_last + _EVEN:
+            # Both rest. Without a second pair, only a spectrum of two fingers confirms the first.
+            if self._guessed and self._rested and not fits:
+                self._found_both(fits, x_um, brightness, t)
+            return
+        limit_um = self._length_um + _NEAR_UM if x_um > self.x_um else -_NEAR_UM
+        if (
+            not weigh(found, self._decay, self.x_um, limit_um, x_last_um, b_last, x_um, brightness)
+            or found[2] < self._b - _CALM
+        ):
+            self._guessed = False
+            return
+        at_um = found[0]
+        slack_um = found[1]
+        b = found[2]
+        agrees = (
+            self._guessed
+            and abs(at_um - self._x_guess_um) <= _AGREE_UM + slack_um + self._slack_guess_um
+        )
+        if not agrees or slack_um < self._slack_guess_um:
+            self._guessed = True
+            self._x_guess_um = at_um
+            self._slack_guess_um = slack_um
+            self._b_guess = b
+        if agrees:
+            self._found_both(fits, x_um, brightness, t)
+
+    def _found_both(self, fits, x_um, brightness, t):
+        found = self._found
+        self._b = self._b_guess
+        self._even = True
+        self._rises = False
+        if self._slack_guess_um > _SURE_UM or not self._solve(
+            self.x_um, self._b, x_um, brightness, fits
+        ):
+            self._guessed = False
+            return
+        self._b_guess = found[2]
+        self._second = self.sink.second(self._x_guess_um, self._slack_guess_um * _SOON >> 3, t)
+        self._x_second_um = self._x_guess_um
+        self._b_second = found[2]
 
     def _recall(self, x_um, brightness, t):
         """Report a finger that rested beside the one that is now alone at `x_um`."""
         if (
             self._second
             or not self._b_both
-            or not self._solve(x_um, brightness, self._x_both_um, self._b_both, self._fit_both)
+            or abs(self._b_since - brightness) > _EVEN  # it lifts
+            or not self._solve(x_um, self._b_since, self._x_both_um, self._b_both, self._fit_both)
         ):
             return
         at_um = self._found[0]
         slack_um = self._found[1]
         if slack_um > _SURE_UM or abs(at_um - self.x_um) < _APART_UM + slack_um:
             return
-        if self.sink.second(at_um, 2 * slack_um, t):
+        if self.sink.second(at_um, slack_um * _LATER >> 3, t):
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left; positions now rest `off_um` away from it."""
-        if abs(brightness - self._b_since) > _DIPPED:
+        """Return whether the first finger has left, if positions now rest `off_um` um from it."""
+        if brightness > self._b_since + _DIPPED:
             return True  # with two fingers, this change of force would move the position
         first = self._b
         if self._second:
+            apart_um = self._x_second_um - self.x_um
+            if off_um < 0:
+                apart_um = -apart_um
+            if abs(off_um) < apart_um - _NEAR_UM and brightness < self._b_since - _EVEN:
+                return False  # both lift
             # A third finger may be there, and the second one may not have left.
             return not self._solve(
                 self._x_second_um,
@@ -526,9 +668,9 @@ class ContactTracker:
             )
         x_um = self.x_um + off_um
         # No second finger on the strip could cause this position while the first one rests.
-        alone = self._level >= _LEVEL and not self._solve(
-            self.x_um, first - _MORE, x_um, brightness, True
-        )
+        alone = self._seen > 1 and not self._solve(self.x_um, first - _MORE, x_um, brightness, True)
+        if self._falls and not self._third and elapsed(self._fell, t) >= _FALL_T:
+            return True
         if self._third:
             # Return True only if the light is too low for two fingers for some time.
             return (

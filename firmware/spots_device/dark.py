@@ -50,7 +50,7 @@ _ODD_EVERY_US = const(2_000_000)
 
 
 class Dark:
-    """Averages dark windows to the dark frame. `add` allocates nothing.
+    """Averages dark windows (four samples with the LED off). `add` allocates nothing.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Dark:
         return bool(sums)
 
     def request_pool(self):
-        """Restart the mean with 16 windows, or with as many as two seconds allow."""
+        """Restart the mean: take 16 windows in a row, or as many as fit in two seconds."""
         self.wanted = self._pool_wanted = True
 
     def begin(self, exposure_us):
@@ -305,7 +305,7 @@ class Baseline:
         self.update()
 
     def update(self):
-        """Compute `floor` after a change of the dark frame."""
+        """Compute `floor`, which is subtracted from readings, after a change of the dark frame."""
         half = 1 << self._shift >> 1
         for i in range(CHANNELS):
             self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift

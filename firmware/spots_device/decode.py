@@ -37,8 +37,8 @@ class Decode:
     position_um, force_mN : int
         Position in um and force in mN; 0 if the flags mark them as unknown.
     dark_samples : int
-        Number of samples in the sums of the dark frame for `update`. Multiplied by the samples of
-        a reading, it must be at most 256.
+        Number of samples in the dark sums that `update` gets. Multiplied by the number of samples
+        in a reading, it must be at most 256.
     """
 
     def __init__(self):

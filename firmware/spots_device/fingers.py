@@ -1,4 +1,4 @@
-"""The fingers that `contact.ContactTracker` finds, as CONTACT frames; see docs/protocol.md.
+"""Sends the fingers that `contact.ContactTracker` finds as CONTACT frames; see docs/protocol.md.
 
 Imported only while contacts are streamed. Integers only; allocates nothing.
 """
@@ -15,7 +15,7 @@ _SIGMA_MAX_UM = 65_535
 
 
 class _Finger:
-    """A finger; `pending` until its first frame is sent."""
+    """State of a finger; `pending` is True until its first frame is sent."""
 
     def __init__(self):
         self.there = self.pending = self.alone = False
@@ -25,7 +25,7 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    It is the sink of a tracker, and passes all events on to another sink.
+    It receives the events of a tracker, and passes all of them on to another receiver (sink).
 
     Parameters
     ----------
@@ -42,16 +42,16 @@ class Fingers:
         self._second = _Finger()
 
     def attach(self, tracker, sink):
-        """Follow a tracker, and pass its events on to a sink; None for no sink.
+        """Receive the events of a tracker, and pass them on to `sink`, unless it is None.
 
-        If the tracker already follows a touch, its finger begins with the next reading of it alone.
+        A finger that already touches gets its first frame when it is alone in a reading.
         """
         self._tracker = tracker
         self._sink = sink
         tracker.sink = self
 
     def send(self, sensor, decode):
-        """Send the fingers of a reading, after the tracker has taken it.
+        """Send a frame for each finger of a reading that the tracker has already processed.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Fingers:
         if not second.there:
             self._begin(second)
         second.x_um = x_um
-        second.sigma_um = min(slack_um >> 1, _SIGMA_MAX_UM)
+        second.sigma_um = min(slack_um * 3 >> 2, _SIGMA_MAX_UM)
         return not self._sink or self._sink.second(x_um, slack_um, t)
 
     def left(self, second, t):
@@ -156,7 +156,7 @@ class Fingers:
         finger.there = False
 
     def _swap(self):
-        """End the first finger, which has left; the second one becomes the first."""
+        """End the first finger, which has left the strip; the second finger becomes the first."""
         first = self._first
         self._end(first)
         self._first = self._second

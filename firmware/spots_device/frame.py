@@ -61,7 +61,7 @@ class Time32:
         self.set(self._ticks_us())
 
     def us(self):
-        """Return the time in us; allocates if it does not fit a small integer."""
+        """Return the board time in us; allocates if it does not fit a small integer."""
         return self.high << 16 | self.low
 
 
@@ -146,7 +146,7 @@ class Framer:
         return self._send(_KEY_SIZE, self._gap)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
-        """Send one of the fingers found in a reading as a CONTACT frame, see `fingers`."""
+        """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
         pack_into(
             _CONTACT_FRAME,
             self._payload,

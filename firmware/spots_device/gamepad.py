@@ -3,7 +3,7 @@
 Without a touch all values are 0, like a centred stick. Integers only; allocates nothing.
 """
 
-from .contact import DOUBTFUL
+from .contact import DOUBTFUL, TWO_FIT
 from .decode import TOUCHING
 
 _BITS = 22  # most bits of a length: with 8 more bits it still fits a small integer
@@ -41,7 +41,7 @@ class GamepadAxes:
             self._shift += 1
 
     def take(self, flags, position_um, force_mN):
-        """Process a reading; an untrusted reading during a touch changes nothing.
+        """Process a reading; during a touch, a reading that does not fit one press changes nothing.
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class GamepadAxes:
         """
         if not flags & TOUCHING:
             self._sink.update(0, 0, 0, 0)
-        elif not flags & DOUBTFUL:
+        elif not flags & DOUBTFUL or flags & DOUBTFUL == TWO_FIT:
             self._sink.update(self._x(position_um), 0, self._z(force_mN), 1)
 
     def release(self):

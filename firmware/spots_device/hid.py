@@ -108,7 +108,7 @@ class Outbox:
         return True
 
     def release(self):
-        """Drop all reports; if a key may be pressed on the host, queue a report to release it."""
+        """Drop all queued reports; if a key may be pressed on the host, queue its release."""
         self.dropped += self._count
         self._count = 0
         if self._maybe_down:
@@ -240,7 +240,7 @@ class ConsumerReports:
             report[0] = report[1] = 0
 
     def release(self):
-        """Release the key."""
+        """Release the pressed consumer key."""
         self._report[0] = self._report[1] = 0
         self.outbox.release()
 

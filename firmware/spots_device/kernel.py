@@ -46,7 +46,7 @@ def follow(rest, floor, sums, samples, dark, shift, up, down):
     shift : int
         Right shift from Q12 to the scale of `floor`.
     up, down : int
-        The baseline rises by 2**-`up` of its difference from the reading, or falls by 2**-`down`.
+        The baseline moves by a part of its distance to the reading: 2**-`up` or 2**-`down`.
     """
     half = 1 << shift >> 1
     for i in range(CHANNELS):

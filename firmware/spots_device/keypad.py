@@ -92,7 +92,7 @@ class Keypad:
         self.contact.spend()
 
     def forget(self):
-        """Drop the tap that waits for a second tap, and the layer for the next key."""
+        """Drop a pending double tap, and a layer that is on for the next key only."""
         self._due = self._tapped_at = self._once = _NONE
 
     # Events of contact.ContactTracker.
@@ -245,10 +245,10 @@ class Keypad:
     # Keys and their actions.
 
     def _find(self, x_um, again):
-        """Return the row of the key at the position `x_um` in um, or -1.
+        """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        Near the border of the key that was tapped before (row `again`, or -1), this key is
-        returned, so that a quick second tap may miss it by ``slack_um``.
+        `again` is the row of the key that was tapped before, or -1. This key is returned even up
+        to ``slack_um`` beside it, because a quick second tap is less accurate.
         """
         layout = self._layout
         keys = layout.keys
@@ -288,7 +288,7 @@ class Keypad:
         return not (self._wait_t or self._action(DOUBLE) or self._slides())
 
     def _wait(self):
-        """Return the ticks of touch that decide the action; 0 if the duration does not decide."""
+        """Return the touch duration in ticks that decides the action; 0 if no duration does."""
         layout = self._layout
         if self._action(HOLD) or self._action(DOUBLE):
             return layout.tapping_t
@@ -335,7 +335,7 @@ class Keypad:
             self._key(kind, action & 0xFFF, action >> 12 & 0xFF, False)
 
     def _click(self, action):
-        """Press and release an action at once; the state of the touch does not change."""
+        """Send press and release of an action's key; the state of the touch does not change."""
         state, held = self._state, self._held
         self._press(action)
         self._release_held()

@@ -151,11 +151,11 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key; if `layer` is `layers`, the row after the last."""
+        """Return the row of a layer's first key; with ``layer == layers``, the end of `keys`."""
         return self._firsts[layer]
 
     def is_on(self, layer, row):
-        """Return whether the key at a row belongs to a layer."""
+        """Return whether the key at `row`, its index in `keys`, belongs to a layer."""
         return self._firsts[layer] <= row < self._firsts[layer + 1]
 
     def swipe(self, layer, plus):

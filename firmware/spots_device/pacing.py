@@ -18,7 +18,7 @@ _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are poss
 # to this one, it is used at once: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
-_Q = const(14)  # a sixteenth of the longest period, shifted by this, fits a small integer
+_Q = const(20)  # so fine that the rounding is less than a step of any exposure
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
 # The period is measured when its error is below 1/2048; restarted, to follow temperature.
@@ -52,7 +52,7 @@ class Pacing:
         self.sampled = self.lasted_us = self.longest_us = 0
         self._chip_us = 0  # best estimate of the period; `period_us` is a lower bound
         self.exposure_us = 0  # nominal period
-        self._off = 0  # relative deviation of the chip's period from nominal, Q13
+        self._off = 0  # relative deviation of the chip's period from nominal, Q20
         self._creep = 0
         self._early = 0
         self._was_early = False
@@ -67,7 +67,10 @@ class Pacing:
         self._samples = -1  # since the reference; -1 for no reference
 
     def start(self, now, period_us):
-        """Restart; the first sample begins at `now` (ticks), `period_us` is the nominal period."""
+        """Restart; the first sample begins at `now` (ticks), `period_us` is the nominal period.
+
+        Allocates.
+        """
         self.period_us = period_us - period_us // _TRUST
         self.exposure_us = period_us
         self._chip_us = period_us + (period_us * self._off >> _Q)
@@ -88,10 +91,14 @@ class Pacing:
     def learn(self):
         """Update the oscillator's deviation, which is the same for all exposures. Allocates.
 
-        Call it before `start`. If the period was measured since the last `start`, the deviation is
-        exact. Otherwise 0.2 s of samples give a first rough value; with fewer, it does not change.
+        Call it before `start`. A measurement since the last `start` replaces a deviation that it
+        contradicts. Otherwise 0.2 s of samples give a first rough value.
         """
         if self.sampled:
+            expected_us = self.sampled * self.exposure_us
+            expected_us += expected_us * self._off >> _Q
+            if self._off and self.lasted_us <= expected_us <= self.longest_us:
+                return
             lasted_us = self.lasted_us + self.longest_us
             nominal_us = 2 * self.sampled * self.exposure_us
         elif not self._off and (self._taken + self._samples) * self.period_us >= _LEARN_US:

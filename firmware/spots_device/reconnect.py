@@ -86,7 +86,7 @@ class Reconnect:
             self._replies.log("error", self.fault)
 
     def sampled(self):
-        """Record that a sample came after a fault."""
+        """Record that the sensor works again, because a sample came after a fault."""
         self.fault = None
         self._replies.log("info", "the sensor is back")
 

@@ -64,7 +64,7 @@ class Search:
         -------
         int
             `DONE`, `TOO_DARK` or `TOO_BRIGHT` at the end of the search. `AGAIN` if another sample
-            is needed; the attributes `gain`, `led_mA` and `exposure_us` are its settings.
+            is needed, with the settings in the attributes `gain`, `led_mA` and `exposure_us`.
         """
         level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
         if self._low <= level < _HIGH:

@@ -20,6 +20,8 @@ from .log2 import log2_q20
 
 _NEAR_UM = const(4500)
 _FAR_UM = const(250_000)
+_ROOM_UM = const(300)
+_STEP_UM = const(2000)
 # The misfit grows with the loss of brightness (Q20 of log2). The loss of a reading that fits one
 # press is below the first limit, that of another reading above the second one.
 _FIT = const(45_000)
@@ -32,6 +34,86 @@ def power(exponent):
     value = 1024 + (part * (672 + (352 * part >> 10)) >> 10)
     whole = exponent >> 20
     return value << whole if whole >= 0 else value >> -whole
+
+
+def _part(decay, off_um, brightness, away_um):
+    """Return the light of the first finger of two in a reading, in counts times 16.
+
+    `away_um` is the distance from first to second finger, `off_um` from it to the reading.
+    """
+    share = (off_um << 10) // away_um
+    bend = decay * away_um >> 14
+    lost = min(((bend * bend >> 8) * (share * (1024 - share) >> 12) >> 8) * 69, 1 << 20)
+    exponent = min(max(decay * away_um >> 4, -(9 << 20)), 3 << 20)
+    ratio = power(exponent) * share // (1024 - share)
+    return (power(brightness + lost) & ~63) // (1024 + ratio >> 4)
+
+
+def may_rest(decay, x1_um, first, end_um, x_um, brightness):
+    """Return whether the first finger may still have its brightness `first` in a later reading.
+
+    It may not, if even a second finger at the end of the strip (`end_um`) leaves it less light.
+    """
+    off_um = x_um - x1_um
+    far_um = end_um - x1_um
+    sign = 1 if far_um > 0 else -1
+    far_um = min(far_um * sign, _FAR_UM)
+    if off_um * sign < _ROOM_UM:
+        return True
+    return (
+        off_um * sign < far_um - _ROOM_UM
+        and _part(decay, off_um, brightness, far_um * sign) >= power(first) >> 6
+    )
+
+
+def weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
+    """Estimate both fingers from two readings between which only the second one changed its force.
+
+    Parameters
+    ----------
+    found : sequence of int
+        Output: position of the second finger in um, its uncertainty in um, and the brightness of
+        the first finger in Q20 of log2.
+    decay, x1_um : int
+        As in `locate`.
+    limit_um : int
+        End of the strip, in um, on the side of the second finger.
+    x_um, brightness, x_next_um, next_b : int
+        Position in um and brightness in Q20 of log2 of both readings.
+
+    Returns
+    -------
+    bool
+        Whether there is a second finger.
+    """
+    a_um = x_um - x1_um
+    b_um = x_next_um - x1_um
+    far_um = limit_um - x1_um
+    sign = 1 if far_um > 0 else -1
+    low = max(a_um * sign, b_um * sign) + _ROOM_UM
+    high = far_um * sign
+    if min(a_um * sign, b_um * sign) < _ROOM_UM or not low < high < _FAR_UM:
+        return False
+    low *= sign
+    high *= sign
+    above = _part(decay, a_um, brightness, low) > _part(decay, b_um, next_b, low)
+    if above == (_part(decay, a_um, brightness, high) > _part(decay, b_um, next_b, high)):
+        return False
+    for _ in range(8):
+        middle = low + high >> 1
+        if above == (_part(decay, a_um, brightness, middle) > _part(decay, b_um, next_b, middle)):
+            low = middle
+        else:
+            high = middle
+    light = _part(decay, b_um, next_b, low)
+    if light < 16 or abs(low) < _NEAR_UM:
+        return False
+    farther = low + sign * _STEP_UM
+    gap = _part(decay, a_um, brightness, farther) - _part(decay, b_um, next_b, farther)
+    found[0] = x1_um + low
+    found[1] = min(light * (_STEP_UM // 80) // (abs(gap) + 1), _FAR_UM)
+    found[2] = log2_q20(light) - (4 << 20)
+    return True
 
 
 def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):

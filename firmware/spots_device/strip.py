@@ -1,7 +1,7 @@
 """Processes the samples of one strip: averages and decodes them, and sends frames.
 
-Rare operations are in the modules `dark` and `search`. `Strip.take` allocates only at the end of a
-dark window or of a search.
+Rare operations are in the modules `dark` and `search`. `Strip.take` allocates only after the last
+sample of a dark frame, and at the end of a search.
 """
 
 from array import array
@@ -154,7 +154,7 @@ class Strip:
         self._on_dark = done
 
     def request_search(self, done):
-        """Search gain, LED current and exposure; then call ``done(outcome)``."""
+        """Start a search of gain, LED current and exposure; at its end call ``done(outcome)``."""
         from .search import Search  # rare, and large
 
         s = self.settings.values
@@ -168,7 +168,7 @@ class Strip:
         self.baseline.wanted = True
 
     def forget_requests(self):
-        """Cancel the requested dark frame and the requested search."""
+        """Cancel the requested dark frame and the requested search of settings."""
         self._search = self._on_search = self._on_dark = None
 
     # Processing of a sample.

@@ -106,7 +106,7 @@ class Uses:
         self._follow(calibration)
 
     def stream_contacts(self, on, calibration):
-        """Start or end the stream of CONTACT frames; a key that is down stays down.
+        """Start or end the stream of CONTACT frames; a pressed key stays pressed.
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Uses:
                 self.two = True
                 # Both bits where this spectrum alone would fit one press, see contact.py.
                 decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
-        if self._gamepad_on:
+        if self._gamepad_on and not self.two:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
         return self._rests
 
@@ -254,7 +254,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Choose the tracker of the readings: the keypad's, one for contacts only, or none."""
+        """Choose what finds touches: the keypad's tracker, one for contacts only, or none."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

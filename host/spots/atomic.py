@@ -30,7 +30,8 @@ _STALE_S = 3600.0
 def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
     """Create or replace a file atomically: `path` changes when the block ends without exception.
 
-    A symbolic link with this name is replaced and not followed. A replaced file keeps its mode.
+    A symbolic link with this name is replaced and not followed. The permissions of a replaced file
+    are kept.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the mode of the file at `path`, None if it is absent; if `new`, it must be absent."""
+    """Return the permissions of the file to replace; None if `path` is free, as `new` requires."""
     if new and os.path.lexists(path):
         raise exists(path)
     try:

@@ -77,16 +77,16 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
 
 
 class PortLostError(SpotsError):
-    """The port disappeared: the board was unplugged, or it restarted and closed its USB port."""
+    """Raised if the port disappeared: the board was unplugged, or restarted and closed its port."""
 
 
 class ClosedError(SpotsError):
-    """The program itself has closed the board."""
+    """Raised if the board is used after the program has closed it."""
 
 
 class CommandError(SpotsError):
-    """The board refuses a command."""
+    """Raised if the board refuses a command."""
 
 
 class RefusedError(SpotsError):
-    """The port of the lost board now belongs to another board."""
+    """Raised if another board is now on the port of a lost board."""

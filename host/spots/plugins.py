@@ -1,4 +1,4 @@
-"""Entry points of the installed packages."""
+"""Finds the entry points (plug-ins) of installed packages."""
 
 from functools import cache
 from importlib import metadata
@@ -11,5 +11,5 @@ def _installed():
 
 
 def entry_points(**wanted: str) -> metadata.EntryPoints:
-    """Return the entry points with this ``group``, and this ``name`` if one is given."""
+    """Return the entry points of installed packages with a ``group`` and, if given, a ``name``."""
     return _installed().select(**wanted)

@@ -59,7 +59,7 @@ class _Section:
         self._act()
 
     def handle(self, number: int, frame=None) -> None:
-        """Signal handler: act on the signal `number` now, or at the end of the section."""
+        """Signal handler: act on the signal `number` now, or at the end of a ``with`` block."""
         if self.ended_by is not None:
             return  # the process is ending: a SIGCONT now must not raise a second exception
         if number not in self._pending:
@@ -111,7 +111,7 @@ class _Section:
             signal.signal(number, self.handle)
 
     def _ignore(self, numbers: list[int]) -> list[int]:
-        """Ignore those of the signals `numbers` that this section handles; return their numbers."""
+        """Ignore the signals in `numbers` that this section handles; return their numbers."""
         handled = [one for one in numbers if signal.getsignal(one) == self.handle]
         for one in handled:
             signal.signal(one, signal.SIG_IGN)

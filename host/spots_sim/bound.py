@@ -1,6 +1,6 @@
 """The Cramer-Rao bound: the smallest standard deviation of any unbiased estimator.
 
-It is computed from the simulated optics and noise, without the estimator and its calibration.
+The bound is computed from the simulated optics and noise. It does not depend on the calibration.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ class SimulationClock(Protocol):
         """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Let `duration_us` microseconds pass, in which the board does nothing."""
+        """Let a time in us pass in which the board does nothing."""
 
 
 @dataclass
@@ -195,7 +195,7 @@ class I2CBus:
         self.chip.switch_light(bool(level))
 
     def refuse(self) -> None:
-        """Advance the clock by the duration of an address, and raise OSError(ENODEV)."""
+        """Simulate an address without acknowledgement: take its time, and raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

@@ -123,7 +123,7 @@ class Temperature(msgspec.Struct, **_Struct):
         )
 
     def volume(self, change: Change) -> float:
-        """Return the volume of the strip divided by its volume at the calibration."""
+        """Return the volume of the warm strip divided by its volume at the calibration."""
         return (1 + 1e-6 * self.length_ppm_per_K * change.temperature_K) ** 3
 
 

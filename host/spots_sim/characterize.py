@@ -47,7 +47,7 @@ def measure(
     change_name : str or None
         Change file (a path or a name): changes of the sensor since the calibration.
     hand : Hand
-        Options of a re-zero after these changes.
+        How the calibration is corrected after these changes (re-zero).
 
     Raises
     ------

@@ -150,7 +150,7 @@ class AS7341:
     # I2C transfers. A controller calls advance(now) first, so that time never decreases.
 
     def answers(self) -> bool:
-        """Whether the chip acknowledges its address now."""
+        """Whether the chip acknowledges its I2C address now."""
         return self._now - self._on_since >= POWER_ON_US
 
     def write(self, data: bytes) -> None:
@@ -165,10 +165,16 @@ class AS7341:
     def read(self, size: int) -> bytes:
         """Handle a read transfer: return `size` bytes from the register pointer."""
         data = bytearray()
-        for _ in range(size):
-            data.append(self._get(self._pointer))
-            # A transfer of any length reads the FIFO from its last two registers.
-            self._pointer = 0xFE if self._pointer == 0xFF else self._pointer + 1
+        while len(data) < size:
+            pointer = self._pointer
+            if 0x95 <= pointer <= 0xA0 and not self._bank1_selected():  # counts: most of all bytes
+                counts = self._latched[1][pointer - 0x95 :][: size - len(data)]
+                data += counts
+                self._pointer = pointer + len(counts)
+            else:
+                data.append(self._get(pointer))
+                # A transfer of any length reads the FIFO from its last two registers.
+                self._pointer = 0xFE if pointer == 0xFF else pointer + 1
         return bytes(data)
 
     def advance(self, now_us: float) -> None:
@@ -177,8 +183,8 @@ class AS7341:
         if self._smux_done is not None and now_us >= self._smux_done:
             self._smux_done = None
             self._run_smux()
-        while self._start is not None and now_us >= self._end():
-            self._complete(self._end())
+        while self._start is not None and now_us >= (end_us := self._end()):
+            self._complete(end_us)
 
     def switch_light(self, on: bool) -> None:
         """Switch an LED that a pin of the board drives: calls ``light.switch(on)``."""
@@ -288,9 +294,6 @@ class AS7341:
         astep = self._main[0xCA] | self._main[0xCB] << 8
         return (self._main[0x81] + 1) * (astep + 1)
 
-    def _integration_us(self) -> float:
-        return self._steps() * self._step_us
-
     def _full_scale(self) -> int:
         return min(65535, self._steps())
 
@@ -307,7 +310,7 @@ class AS7341:
         self._main[0xA3] &= ~0x40
 
     def _end(self) -> float:
-        return self._start + self._integration_us()
+        return self._start + self._steps() * self._step_us
 
     def _led_mA(self) -> float:
         on = self._bank1[0x70] & 0x08 and self._bank1[0x74] & 0x80
@@ -390,12 +393,14 @@ class AS7341:
         electrons = noise.electrons_per_count_1x / gain
         ratio = 1e-6 * noise.ratio_ppm
         full_scale = self._full_scale()
+        read = noise.read_counts**2
         counts = []
         # For six numbers, plain Python is faster than NumPy.
         for light, draw in zip(ideal, self._rng.standard_normal(6).tolist()):
-            variance = max(light, 0.0) / electrons + (ratio * light) ** 2
-            sigma = math.sqrt(noise.read_counts**2 + variance)
-            counts.append(min(max(math.floor(light + sigma * draw + 0.5), 0), full_scale))
+            shot = light / electrons if light > 0 else 0.0
+            sigma = math.sqrt(read + (shot + (ratio * light) ** 2))
+            count = math.floor(light + sigma * draw + 0.5)
+            counts.append(0 if count < 0 else full_scale if count > full_scale else count)
         if self._main[0x80] & 0x40:
             counts[5] = 0
         digital = 0x10 if max(counts) >= full_scale else 0

@@ -61,7 +61,7 @@ def demo(parser: Parser):
 
 
 def characterize(parser: Parser):
-    """Measure a simulated sensor on a simulated stage.
+    """Measure the accuracy of a simulated sensor.
 
     examples:
       spots characterize

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from spots.controller.controller_settings import ControllerSettings
-from spots.controller.gamepad_engine import axis_value, span
+from spots.controller.gamepad_engine import axis_value, span, usable
 from spots.controller.shaping import deflection
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, State
@@ -63,12 +63,12 @@ class ControllerScore:
             Gamepad state that the controller computed from this reading.
         """
         wanted = self._wanted(touch.time_s)
-        if touch.trusted and wanted is not None:
+        if usable(touch) and wanted is not None:
             self._squares += (state.x - wanted) ** 2
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare a step of X with the finger's movement since the last state.
+        """Compare the change of X since the last state with the finger's movement.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class ControllerScore:
         self.states += 1
 
     def _wanted(self, time_s: float) -> int | None:
-        """Return the true X at a time; None if the number of fingers is not 1."""
+        """Return the true axis X at a time; None if the number of fingers is not 1."""
         presses = self._scenario.presses(time_s - self._started_s)
         if len(presses) != 1 or self._settings is None:
             return None

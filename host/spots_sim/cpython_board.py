@@ -199,7 +199,7 @@ def _load(folder: Path) -> str:
 
 
 class _Requests:
-    """The board's access to its bus, and the board's clock."""
+    """The board's transfers, waits and LED pin, which a power failure interrupts, and its clock."""
 
     def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):
         self.bus = bus
@@ -207,7 +207,7 @@ class _Requests:
         self._rate = faults.rate if faults else 1.0
 
     def ask(self, transfer, *arguments):
-        """Call ``transfer(*arguments)``, unless the power fails before it."""
+        """Call ``transfer(*arguments)``; if the power fails before, raise PowerLostError."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is not None:
             raise PowerLostError(off_us)

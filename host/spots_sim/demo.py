@@ -67,9 +67,9 @@ def demo(
     layout : str, optional
         Key layout of the application `keyboard`: a path or a name.
     rezeroed : bool, optional
-        Whether the strip was re-zeroed after its change; with `fast`.
+        Whether the calibration was corrected after the strip's change (re-zero). Needs `fast`.
     warm : bool, optional
-        Whether the LED is warm at the start; with `fast`.
+        Whether the LED is warm at the start. Needs `fast`.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def open_fast(
     faults : Faults, optional
         Faults of the link, the I2C bus and the board.
     rezeroed : bool, optional
-        Whether the strip was re-zeroed after its change.
+        Whether the calibration was corrected after the strip's change (re-zero).
     warm : bool, optional
         Whether the LED is warm at the start.
 

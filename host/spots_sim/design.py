@@ -1,10 +1,10 @@
-"""``spots design``: finds the dye with the best resolution for a length, and the exposure.
+"""``spots design``: finds dye and exposure with the best resolution for a strip of some length.
 
-With ``--out`` it also writes what is needed to make the strip, see `strip_shape`.
+With ``--out`` it also writes moulds, drawings and instructions for the strip, see `strip_shape`.
 
-The predicted resolution is the Cramer-Rao bound of `bound.Bound`. It is computed for the settings
-that the board's search would find, and for the force `measurements.FORCE_MN`. All values except
-length and dye are those of the default sensor.
+The predicted resolution is the Cramer-Rao bound of `bound.Bound`, for a press with the force
+`measurements.FORCE_MN`. Gain and LED current are those that the command ``auto`` would set. All
+values except length and dye are those of the default sensor.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Design:
     exposure_us, average : int
         Integration time in us, and number of samples in a reading.
     gain, led_mA : int
-        Register code of the gain and LED current in mA that the board's search will find.
+        Register code of the gain, and LED current in mA, that the command ``auto`` will set.
     x_um, sigma_um : numpy.ndarray, shape (n,)
         Positions along the strip, and expected resolution there, in um.
     """
@@ -114,7 +114,7 @@ class Design:
 
 
 def timing(rate_hz: float) -> tuple[int, int]:
-    """Return exposure in us and number of samples in a reading, for a rate of readings in Hz."""
+    """Return the exposure in us and the samples per reading that give a rate of readings in Hz."""
     reading_us = 1e6 / rate_hz
     average = min(AVERAGE_MAX, max(1, math.ceil(reading_us / _LONGEST_US)))
     exposure_us = min(MAX_US, max(MIN_US, int(reading_us / average)))
@@ -176,7 +176,7 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return gain code, exposure in us and LED current in mA of the board's search, or None."""
+    """Return gain code, exposure in us and LED current in mA that ``auto`` sets; None if dark."""
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
     outcome = AGAIN
@@ -285,7 +285,7 @@ def design_command(options: argparse.Namespace) -> None:
 
 
 def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[Path]:
-    """Write moulds, drawings and recipe; return the files."""
+    """Write moulds, drawings and recipe for the strips of a design; return the files."""
     line = (
         f"spots design --length-mm {options.length_mm:g} "
         f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"

@@ -1,8 +1,8 @@
 """``spots design --measure-dye``: computes the dose of dye from a clear and a dyed test piece.
 
-Both pieces have the same length and lie between LED and sensor. The ratio of their counts is the
-decay by the dye, but for a factor that all channels share: how well each piece touches. So only
-the differences between the channels count. The strength of the dye is the one whose decay
+Both pieces have the same length and are put between LED and sensor in turn. The ratio of their
+counts is the decay by the dye times a factor that is the same for all channels: how well each piece
+touches. So only differences between channels are used. The strength of the dye is that whose decay
 (`optics`, Eq. 1 of the paper) fits these differences best. The dose is proportional to it.
 """
 

@@ -37,7 +37,7 @@ class Response:
 def family(
     sensor: SensorFile, channels: tuple[str, str], seed: int, exposure_us: int
 ) -> dict[str, dict[float, Response]]:
-    """Measure the responses of strips with other lengths and dyes, through the firmware.
+    """Measure the responses of strips with other lengths and dyes, with the real firmware.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def family(
 
 
 def departure_um(lengths: dict[float, Response]) -> float:
-    """Return the largest position difference in um between two strips for the same response.
+    """Return how far apart in um two strips can have the same response: the largest distance.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class FaultLedger:
         Number of faults by kind, such as ``to_host.flip`` (bytes), ``i2c.nack`` (transfers) or
         ``power.brown_outs``.
     spells : list of (str, float, float)
-        Kind, start and end of each fault with a duration (burst, outage, restart), in us.
+        Kind, start in us and end in us of each fault that lasts (burst, outage, restart).
     """
 
     counts: Counter = field(default_factory=Counter)
@@ -50,7 +50,7 @@ class FaultLedger:
 
 
 class Spells:
-    """The intervals in which a fault acts. Call its methods with times that do not decrease.
+    """The intervals in which a fault acts. The times passed to its methods must not decrease.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes of one direction; calls with smaller pieces give the same result.
+    """Damages the bytes of one direction. The result does not depend on the size of the pieces.
 
     Parameters
     ----------

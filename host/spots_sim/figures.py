@@ -36,7 +36,9 @@ def folder(path: str | Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SpotsError(f"cannot make the folder {path}: {error.strerror}") from None
+        raise SpotsError(
+            f"cannot make the folder {path} ({error.strerror}): name another one"
+        ) from None
     return path
 
 

@@ -73,7 +73,7 @@ class Led(toml.Strict):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the LED current in mA while it is on; `driver_mA` is the chip's setting."""
+        """Return the LED current in mA while the LED is on; `driver_mA` is the sensor's setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -162,6 +162,9 @@ class Surroundings(toml.Strict):
     flicker_phase_deg: Degrees = 0.0
 
 
+JOINT_TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
+
+
 class JointFile(toml.Strict):
     """An indenter that a joint slides along the strip.
 
@@ -183,23 +186,6 @@ class JointFile(toml.Strict):
     def um_per_deg(self) -> float:
         """Distance in um that the indenter slides per degree of the joint."""
         return 1000 * self.radius_mm * math.pi / 180
-
-    def slid_um(self, angle_deg: float, direction: int) -> float:
-        """Return how far the indenter has slid from its place at 0 degrees, in um.
-
-        Parameters
-        ----------
-        angle_deg : float
-            Angle of the joint in degrees.
-        direction : int
-            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
-            joint by half the backlash.
-
-        Returns
-        -------
-        float
-        """
-        return (angle_deg - direction * self.play_deg / 2) * self.um_per_deg
 
 
 class SensorFile(toml.Strict):
@@ -228,13 +214,37 @@ class SensorFile(toml.Strict):
 
     @property
     def mains_hz(self) -> int:
-        """Value of the setting ``mains_hz`` for the ambient light; 0 without flicker."""
+        """Mains frequency of the lamps around the strip in Hz: 50 or 60; 0 without flicker."""
         around = self.surroundings
         lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
         return lamps.get(around.flicker_hz, 0)
 
+    @property
+    def joint_travel_deg(self) -> float:
+        """Angle by which the joint turns while its indenter slides along `JOINT_TRAVEL`."""
+        start, end = JOINT_TRAVEL
+        return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
+
+    def indenter_um(self, angle_deg: float, direction: int) -> float:
+        """Return the place of a joint's indenter, in um from the sensor's end.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
+            joint by half the backlash.
+
+        Returns
+        -------
+        float
+        """
+        lagging_deg = angle_deg - direction * self.joint.play_deg / 2
+        return 1000 * JOINT_TRAVEL[0] * self.length_mm + lagging_deg * self.joint.um_per_deg
+
     def unchanged(self) -> SensorFile:
-        """Return a copy without the change since the calibration."""
+        """Return a copy of the sensor as it was when it was calibrated."""
         return msgspec.structs.replace(self, change=Change())
 
 
@@ -302,7 +312,7 @@ class Moments(toml.Strict):
 
 
 class Bursts(Moments):
-    """Intervals in which `damage_percent` of the bytes are damaged, equally in four ways."""
+    """Intervals in which `damage_percent` of the bytes are flipped, lost, doubled or inserted."""
 
     damage_percent: Percent = 100.0
 
@@ -354,7 +364,7 @@ class PowerFaults(toml.Strict):
 
 
 class ClockFaults(toml.Strict):
-    """Error of the board's oscillator, positive if fast, and intervals in which it stalls."""
+    """Error of the board's oscillator (positive if fast), and times when the processor stops."""
 
     oscillator_ppm: Annotated[float, msgspec.Meta(ge=-1000, le=1000)] = 0.0
     stalls: Moments = Moments()
@@ -429,7 +439,7 @@ class ScenarioFile(toml.Strict):
 
 
 class LinkageFile(toml.Strict):
-    """A five-bar linkage with a strip in each base joint: nominal values and their true errors.
+    """A five-bar linkage with a strip in each base joint: nominal values, and their errors.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
-"""A real strip from switching on cold: typing, and a joint: ``python -m spots_sim.from_cold 20``.
+"""Measures typing and a joint while the LED warms up: ``python -m spots_sim.from_cold 20``.
 
-The argument is a number of simulated minutes. The strip is calibrated with a warm LED, and has
-changed since by the table ``[change]`` of its sensor file.
+The argument is a number of simulated minutes. The strip was calibrated with a warm LED, and has
+changed since then as the table ``[change]`` of its sensor file says.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from spots.link.connect import prepare, upload
 from spots.link.frames import Touch
 
 from .demo_applications import type_on_board
-from .files import ScenarioFile, SensorFile, load
+from .files import JOINT_TRAVEL, ScenarioFile, SensorFile, load
 from .lockstep import LockstepLink
 from .rezeroed import Hand, age, silent_bench
 from .rig import Rig
@@ -31,7 +31,7 @@ from .stage_presser import StagePresser
 from .typist import Typist
 
 WARM_MIN = 5  # five time constants of the LED
-_SHARES = np.linspace(0.1, 0.9, 31)  # travel of the joint, as shares of the strip
+_SHARES = np.linspace(0, 1, 31)  # angles, as shares of the joint's travel
 _READINGS = 6
 _TEST_EVERY = 3  # of these angles
 _SETTLE_S = 0.1
@@ -50,12 +50,12 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
     seed : int
         Random seed of text, touches and noise.
     rezeroed : bool
-        Whether the strip was re-zeroed once, warm, before.
+        Whether the calibration was corrected before (re-zero), while the LED was warm.
 
     Returns
     -------
     dict
-        Figures of the run, see `demo_applications.type_on_board`.
+        Results of the run, see `demo_applications.type_on_board`.
     """
     rng = np.random.default_rng(seed)
     with Rig(sensor, seed, 10_000, 1) as rig:
@@ -73,7 +73,7 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
 def joint(
     sensor: SensorFile, minutes: float, seed: int, average: int, warm_min: int = WARM_MIN
 ) -> list[dict]:
-    """Measure a joint from the moment at which the board is switched on; re-zero it once.
+    """Measure a joint from the moment at which the board is switched on; correct drift once.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def joint(
     average : int
         Samples of 10 ms in a reading.
     warm_min : int
-        Minutes from switching on to the re-zero.
+        Minutes from switching on to the correction of the drift (re-zero).
 
     Returns
     -------
@@ -100,8 +100,7 @@ def joint(
         slope, zero = np.polyfit(positions.ravel(), np.repeat(angles, _READINGS), 1)
         rig.set_average(1)
         rig.stage.reader.set_up(dark_s=DARK_S)
-        at = [_SHARES[i] for i in (0, len(_SHARES) // 2, -1)]
-        marks = _marks(rig.stage, at)
+        marks = _marks(rig.stage, _SHARES[[0, len(_SHARES) // 2, -1]])
     made = CalibrationFile(date=now(), **conditions._asdict(), lines=lines, joint_marks=marks)
     found = []
     with Stage(sensor, seed + 1, settings(conditions), warm_s=0.0) as stage:
@@ -110,7 +109,7 @@ def joint(
         for minute in range(1, round(minutes) + 1):
             rezeroed = minute > warm_min
             if minute == warm_min + 1:
-                bench = silent_bench(stage, _Stops(stage))
+                bench = silent_bench(stage, StagePresser(stage))
                 upload(board, rezero(bench, made, joint=True).lines)
             elif minute == 1:
                 upload(board, lines)
@@ -126,31 +125,16 @@ def joint(
     return found
 
 
-class _Stops(StagePresser):
-    """Turns a joint to its marks."""
-
-    def press(self, wanted) -> None:
-        _hold(self._stage, wanted.angle_deg)
-
-
-def _angle_deg(stage: Stage, share: float) -> float:
-    return (share - _SHARES[0]) * stage.length_um / stage.sensor.joint.um_per_deg
-
-
-def _hold(stage: Stage, angle_deg: float, direction: int = 1) -> None:
-    joint = stage.sensor.joint
-    stage.held.bend_deg = angle_deg
-    place_um = _SHARES[0] * stage.length_um + joint.slid_um(angle_deg, direction)
-    stage.press(place_um, joint.force_mN)
-
-
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the joint up and down; return angles (n) and positions in um (n, readings)."""
+    """Turn the joint to `shares` of its travel, up and down again; read it at each.
+
+    Returns angles in degrees, shape (n,), and positions in um, shape (n, readings).
+    """
     angles, rows = [], []
     for direction, sweep in ((1, shares), (-1, shares[::-1])):
         for share in sweep:
-            angle_deg = _angle_deg(stage, share)
-            _hold(stage, angle_deg, direction)
+            angle_deg = share * stage.sensor.joint_travel_deg
+            stage.turn(angle_deg, direction)
             begun_s = stage.board.now_s() + _SETTLE_S
             row = []
             for frame in stage.board.frames():
@@ -164,21 +148,21 @@ def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marks(stage: Stage, shares) -> Marks:
-    counts, angles = [], []
-    for share in shares:
-        angles.append(_angle_deg(stage, share))
-        _hold(stage, angles[-1])
+    angles, counts = shares * stage.sensor.joint_travel_deg, []
+    for angle_deg in angles:
+        stage.turn(angle_deg)
         counts.append(stage.reader.read(_MARK_SAMPLES).counts)
+    start, end = JOINT_TRAVEL
     return Marks(
-        place_um=tuple(share * stage.length_um for share in shares),
+        place_um=tuple(((start + (end - start) * shares) * stage.length_um).tolist()),
         force_mN=0.0,
-        logs=tuple(tuple(np.log2(row).tolist()) for row in counts),
-        angle_deg=tuple(angles),
+        logs=tuple(map(tuple, np.log2(counts).tolist())),
+        angle_deg=tuple(angles.tolist()),
     )
 
 
 def main() -> None:
-    """Parse the command line, and print the figures."""
+    """Parse the command line, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("minutes", type=float, nargs="?", default=20.0)
     parser.add_argument("--sensor", default="real")

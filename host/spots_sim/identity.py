@@ -20,7 +20,7 @@ _LATER = {
 
 
 def board_id(sensor: SensorFile) -> str:
-    """Return 8 bytes in hexadecimal; the id does not depend on the change of the sensor."""
+    """Return the id, 8 bytes in hexadecimal; the table ``[change]`` does not affect it."""
     keys = msgspec.to_builtins(sensor)
     del keys["change"]
     for (table, key), default in _LATER.items():

@@ -46,7 +46,7 @@ class LinkWrapper:
 
 
 class Tap(LinkWrapper):
-    """Wraps a link, and passes all data read from it to a function as well.
+    """Wraps a link, and passes a copy of all data that are read from the link to a function.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Runs a simulated linkage in real time, and measures the error of its twin on a path."""
+"""Runs a simulated linkage in real time; measures the error of its digital twin on a path."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
 
 
 def compare(options) -> None:
-    """Follow a path in simulated time and print the error of the twin.
+    """Follow a path in simulated time, and print the error of the linkage's digital twin.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ _SAMPLES = 721
 
 
 def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> tuple:
-    """Return the path of the end point while one joint is fixed: a line of Fig. 7B.
+    """Return the end point's path while one joint is fixed and the other turns: a line of Fig. 7B.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def deviation(survey: Survey, path: Path) -> Path:
 
 
 def trajectory(run: PathRun, path: Path) -> Path:
-    """Draw a true path, the path that the twin estimated, and the error over time, as in Fig. 7D.
+    """Draw a true path, its estimate by the digital twin, and the error over time, as in Fig. 7D.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spots.errors import SpotsError
 from spots_device.calibration import Calibration
 from spots_device.decode import TOO_DARK, TOUCHING
 
@@ -30,7 +31,6 @@ _FORCE_STEPS = 16
 _FORCE_PLACES = np.linspace(0.05, 0.95, 5)
 _JITTER_UM, _JITTER_FORCE = 50.0, 0.05
 _JOINT_ANGLES = 31
-_JOINT_SHARE = (0.1, 0.9)  # travel of the indenter, as shares of the strip
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
 # Number of readings or presses of each kind; reduced if a reading takes long.
@@ -83,7 +83,7 @@ def characterize(
     change : Change
         Change of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        Options of a re-zero after that change.
+        How the calibration is corrected after that change (re-zero).
 
     Returns
     -------
@@ -99,6 +99,12 @@ def characterize(
     progress("exposure and calibration")
     change = sensor.change + change
     with Rig(sensor, seed, exposure_us, average) as rig:
+        touch_mN = Calibration(rig.lines).touch_on_mN
+        if touch_mN > FORCE_MN:
+            raise SpotsError(
+                f"this strip needs {touch_mN / 1000:.1f} N for a touch, and is measured with "
+                f"{FORCE_MN / 1000:.0f} N: it needs more light, or a longer exposure"
+            )
         drift = age(rig, change, hand, seed)
         progress("position")
         _position(rig, rng, run)
@@ -264,10 +270,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return, for single samples, the pair's scatter over the bound and signal-to-noise ratios.
+    """Return noise of the estimate by `pair` over its bound, and signal-to-noise ratios, at `x_um`.
 
-    The board rounds the mean counts of averaged readings. With them, the rounding would hide noise
-    in the signal-to-noise ratio, and add noise to the pair's scatter.
+    Readings are single samples here. The board rounds the mean counts of averaged readings, which
+    would change the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -319,7 +325,7 @@ def _force(rig: Rig, run: Run) -> None:
 
 
 def _threshold_mN(rig: Rig) -> float:
-    """Return the dead zone: the least force in mN, mid-strip, that gives a position."""
+    """Return the least force in mN that gives a position in the middle of the strip."""
     low, high = 0.0, FORCE_MN
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2
@@ -349,7 +355,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return `_accuracy_um` of the flat, unstretched strip from the results in `run`."""
+    """Return what `_accuracy_um` returned for the flat, unstretched strip, from `run`."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 
@@ -388,16 +394,12 @@ def _strain(rig: Rig, rng, run: Run) -> None:
 
 
 def _joint(rig: Rig, run: Run) -> None:
-    joint = rig.stage.sensor.joint
-    start_um, end_um = np.array(_JOINT_SHARE) * rig.stage.length_um
-    up = np.linspace(0, min((end_um - start_um) / joint.um_per_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
+    up = np.linspace(0, min(rig.stage.sensor.joint_travel_deg, _JOINT_MOST_DEG), _JOINT_ANGLES)
     held = _fewer(rig, _HELD)
     rows, angles = [], []
     for direction, sweep in {1: up, -1: up[::-1]}.items():
         for angle in sweep:
-            rig.stage.held.bend_deg = angle
-            at_um = start_um + joint.slid_um(angle, direction)
-            readings, _ = rig.readings(at_um, joint.force_mN, held)
+            readings, _ = rig.turned(angle, direction, held)
             rows.append([r.position_um for r in readings])
             angles.append((direction, angle))
     rig.stage.held.bend_deg = 0.0

@@ -1,6 +1,7 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-The estimates of a twin are compared with it. It shares no formula with `linkage.fivebar`.
+It gives the true positions, with which a digital twin is compared. It shares no formula with
+`linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -14,10 +15,9 @@ import numpy as np
 from spots.errors import SpotsError
 
 from .change import NONE, Change
-from .files import LinkageFile, PathFile, SensorFile, Stroke
+from .files import JOINT_TRAVEL, LinkageFile, PathFile, SensorFile, Stroke
 from .scenario import Pose, Press
 
-TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
 _STEP_S = 1e-3
 _WIDTH_MM = 4.0
 _CURVE_STEPS = 24  # steps between two points of a smooth stroke
@@ -35,7 +35,7 @@ class Motion:
     x_mm, y_mm : numpy.ndarray, shape (n,)
         Positions of the end point in mm.
     drawing : numpy.ndarray of bool, shape (n,)
-        True on a stroke, False between two strokes.
+        True where the motion draws a stroke, False on the way to the next stroke.
     """
 
     time_s: np.ndarray
@@ -45,11 +45,11 @@ class Motion:
 
     @property
     def seconds(self) -> float:
-        """Time of the last sample in seconds."""
+        """End of the motion: time of its last sample, in seconds."""
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y of the end point in mm at times in s; constant outside the motion."""
+        """Return x and y of the end point in mm at times in s; it rests outside the motion."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
@@ -84,8 +84,8 @@ class Mechanism:
             math.radians(low + error) for low, error in zip(file.lowest_deg, file.mount_error_deg)
         )
         self._joint = sensor.joint
-        self._first_mm, last_mm = (share * sensor.length_mm for share in TRAVEL)
-        self.travel_deg = math.degrees((last_mm - self._first_mm) / self._joint.radius_mm)
+        self._first_mm = JOINT_TRAVEL[0] * sensor.length_mm
+        self.travel_deg = sensor.joint_travel_deg
 
     def angles_deg(self, x_mm, y_mm) -> np.ndarray:
         """Return the joint angles for positions of the end point.
@@ -208,7 +208,7 @@ class JointScenario:
         return Pose(bend_deg=float(self._at(time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return the press of the indenter at a time in seconds."""
+        """Return a list with the press of the joint's indenter at a time in seconds."""
         place_mm = float(self._at(time_s, self._place_mm))
         return [Press(place_mm, self._force_mN, _WIDTH_MM)]
 

@@ -51,6 +51,7 @@ def decay_per_mm(dye: Dye) -> np.ndarray:
     return dye.clear_per_mm + dye.strength_per_mm * edge
 
 
+@lru_cache
 def _sensitivity(bands_nm: float = 0.0) -> np.ndarray:
     # Counts at gain 1x per ms and uW/cm2, by channel and wavelength. With `bands_nm` 0, the
     # datasheet's lamp gives the datasheet's counts.
@@ -92,7 +93,7 @@ class Optics:
     change : Change
         The change since the calibration.
     led_K : float
-        Temperature of the LED above its cold start.
+        Temperature rise of the LED since it was switched on, in K.
     """
 
     names = tuple(_CHANNELS)
@@ -111,6 +112,7 @@ class Optics:
         self._flat = sensitivity.mean(axis=1)
         self._light = _scale(now.light_percent)
         self.press = lru_cache(_KEPT)(self._press)  # a finger mostly rests
+        self._spread = lru_cache(_KEPT)(self._spread)  # and keeps its width
 
     def _press(
         self,
@@ -138,20 +140,26 @@ class Optics:
         tilt_percent : float
             Difference between the pressure at the far end of the contact and the mean, in per cent.
         """
-        volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
-        decay = self._clear + self._dyed / volume
-        half = decay * width_mm / 2
-        # The mean of exp(-k x) over the contact; sinh(h)/h without 0/0, and its derivative.
-        spread = 1 + half**2 / 6 + half**4 / 120
-        spread = spread - tilt_percent / 100 * (half / 3 + half**3 / 30)
+        decay, spread = self._spread(width_mm, strain, tilt_percent)
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
         return kept * (self._lit @ (np.exp(-decay * position_mm) * spread))
 
+    def _spread(
+        self, width_mm: float, strain: float, tilt_percent: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the decay per mm, and the mean of exp(-k x) over a contact around 0."""
+        volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
+        decay = self._clear + self._dyed / volume
+        half = decay * width_mm / 2
+        # sinh(h)/h without 0/0, and its derivative.
+        spread = 1 + half**2 / 6 + half**4 / 120
+        return decay, spread - tilt_percent / 100 * (half / 3 + half**3 / 30)
+
     def source_uW_cm2(self, led_mA: float) -> float:
-        """Return the irradiance at the sensor in uW/cm2, for a full contact beside the sensor."""
+        """Return the LED's irradiance in uW/cm2 at the sensor, for a full contact beside it."""
         light_mA = led_mA / (1 + led_mA / self._led.bend_mA)
         return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 
     def ambient(self, irradiance_uW_cm2: float) -> np.ndarray:
-        """Return each diode's count rate under ambient light of this irradiance; flat spectrum."""
+        """Return each diode's count rate under ambient light of this irradiance, flat spectrum."""
         return self._flat * irradiance_uW_cm2

@@ -11,7 +11,7 @@ from .lockstep import LockstepLink
 class PacedLink(LinkWrapper):
     """A `lockstep.LockstepLink` that never runs ahead of real time.
 
-    Links with the same epoch have the same clock, which the two boards of a linkage need.
+    The two boards of a linkage must have the same clock, so their links get the same `epoch_s`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A virtual board in MicroPython that waits at each of its requests until `step` is called."""
+"""A virtual board in MicroPython that waits for `step` at each transfer, sleep and USB report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The protocol between simulator and virtual board, read from the board's own file."""
+"""Constants of the requests from virtual board to simulator, read from the board's source."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class Inlet:
         return bool(self._waiting)
 
     def write(self, data: bytes = b"") -> None:
-        """Write the buffered bytes and `data`; buffer the rest if the reader is full."""
+        """Write the buffered bytes, then `data`; buffer what the reader does not accept now."""
         self._waiting += data
         with contextlib.suppress(BlockingIOError):
             self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
@@ -84,7 +84,7 @@ class Console(PseudoTerminal):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Send the bytes ``damaged(data)`` to the board, where `data` are the bytes of the host."""
+        """Read the host's bytes `data`, and send ``damaged(data)`` to the board."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
@@ -92,7 +92,7 @@ class Console(PseudoTerminal):
         self.to_board.write(data)
 
     def after_soft_reset(self) -> None:
-        """Print MicroPython's message, and restore the raw prompt if it was active."""
+        """Print MicroPython's message of a soft reset; restore the raw prompt if it was active."""
         with contextlib.suppress(BlockingIOError):  # no program reads the port
             os.write(self.board_end, b"MPY: soft reboot\r\n")
         if self.raw_prompt:
@@ -102,7 +102,8 @@ class Console(PseudoTerminal):
 class PortNoise:
     """Damages the bytes between a board and its port for frames.
 
-    The board writes into a pipe. If this port is not its console, the board also reads from a pipe.
+    The board writes its bytes into a pipe. If the port is not also the board's console, the board
+    reads the host's bytes from a second pipe.
 
     Parameters
     ----------

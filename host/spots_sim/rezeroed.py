@@ -1,10 +1,9 @@
-"""Changes a calibrated strip on the simulated stage, and re-zeroes it."""
+"""Changes a calibrated simulated strip, then corrects the calibration with presses (re-zero)."""
 
 from __future__ import annotations
 
 import io
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from spots_device.exposure import DEFAULT_US
 
 from .change import Change
 from .files import SensorFile
+from .kept import kept
 from .rig import Rig
 from .stage import Stage
 from .stage_presser import StagePresser
@@ -32,7 +32,7 @@ _NOBODY = Path("characterize")
 
 @dataclass(frozen=True)
 class Hand:
-    """Options of a re-zero.
+    """Options of a re-zero: marked positions are pressed again, to correct a calibration.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Hand:
     error_um: float = 0.0
 
     def check(self) -> None:
-        """Raise SpotsError if the number of marks or the error is invalid."""
+        """Raise SpotsError if `marks` or `error_um` is invalid."""
         if self.marks not in (0, 1, len(MARKS)):
             raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
         if self.error_um < 0:
@@ -71,7 +71,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return a bench that prints nothing, for a re-zero of a simulated strip.
+    """Return a `Bench` that prints nothing, to correct a simulated strip's calibration (re-zero).
 
     Parameters
     ----------
@@ -88,9 +88,11 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
     return Bench(stage.reader, presser, guide, stage.length_um, _NOBODY)
 
 
-@lru_cache(maxsize=8)
+@kept(tuple[str, ...])
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
-    """Calibrate a simulated sensor, change and re-zero it; return the calibration lines.
+    """Calibrate a simulated sensor, change it, and correct the calibration (re-zero).
+
+    Returns the lines of the corrected calibration.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
 
 
 def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
-    """Change a calibrated strip, then re-zero it; return a description of the drift.
+    """Change a calibrated strip, then correct its calibration with a few presses (re-zero).
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class Rig:
     noise : Noise
         Noise of the counts, measured from these presses.
     lines : tuple of str
-        Lines of the calibration, without the changes by `shift`.
+        Lines of the calibration as it was made, before calls of `shift`.
     """
 
     def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
@@ -72,7 +72,7 @@ class Rig:
 
     @property
     def shifted_lines(self) -> tuple[str, ...]:
-        """Lines of the calibration on the board, with the shift of `shift`."""
+        """Lines of the calibration that the board has now, after calls of `shift`."""
         return tuple(shifted(self.lines, *self._shift)) if self._shift else self.lines
 
     @property
@@ -93,7 +93,7 @@ class Rig:
         self._use()
 
     def shift(self, place_um, shifts) -> None:
-        """Shift the calibration on the board, as a re-zero does; see `spots.calibrate.shift`.
+        """Correct the calibration on the board as a re-zero does, see `spots.calibrate.shift`.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class Rig:
         self.board.command("stream touch spectrum")
 
     def _dark_frame(self) -> list[int]:
-        """Return the dark frame of a board that has averaged the full number of dark windows."""
+        """Return the dark frame of a board that has averaged as many dark samples as it can."""
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
@@ -148,6 +148,31 @@ class Rig:
             Dark-subtracted counts: means over the samples of each reading, rounded by the board.
         """
         self.stage.press(position_um, force_mN)
+        return self._held(count)
+
+    def turned(self, angle_deg: float, direction: int, count: int):
+        """Turn the joint, and return readings and counts as `readings` does.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle is reached from below, -1 if from above.
+        count : int
+            Number of readings.
+
+        Returns
+        -------
+        touches : list of Touch
+            Readings with position and force.
+        counts : numpy.ndarray, shape (count, 6)
+            Dark-subtracted counts of each reading.
+        """
+        self.stage.turn(angle_deg, direction)
+        return self._held(count)
+
+    def _held(self, count: int):
         begun_s = self.board.now_s() + 0.5e-6 * self.reading_us
         touches, spectra = [], []
         for frame in self.board.frames():

@@ -86,7 +86,7 @@ class Scenario:
         ]
 
     def pose(self, time_s: float) -> Pose:
-        """Return strain, bend and leak of the strip at `time_s`."""
+        """Return strain, bend and leak (light that couples without a finger) at `time_s`."""
         return self._only_pose or self._pose(time_s % self.file.seconds)
 
     def change(self, time_s: float) -> Change:
@@ -132,7 +132,7 @@ class Scenario:
 
 
 class Held:
-    """A scenario with one press that a stage sets; it has the methods of `Scenario`.
+    """A scenario with one press, which a simulated stage sets; has the methods of `Scenario`.
 
     Attributes
     ----------
@@ -172,6 +172,8 @@ class Held:
     def presses(self, time_s: float) -> list[Press]:
         if self.press is None:
             return []
+        if not self.tremor:
+            return [self.press]
         swing = 1 + self.tremor * math.sin(2 * math.pi * _TREMOR_HZ * time_s)
         return [replace(self.press, force_mN=self.press.force_mN * swing)]
 

@@ -62,7 +62,7 @@ class Score:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of readings, in Hz."""
+        """Mean rate of the readings so far, in Hz."""
         span_s = self._last_s - self._first_s
         return (self.readings - 1) / span_s if span_s > 0 else 0.0
 
@@ -77,7 +77,7 @@ class Score:
         return self._rms(self._force_mN2)
 
     def latency_ms(self, percentile: float) -> float | None:
-        """Return a percentile of the latency in ms, from mid-integration to arrival."""
+        """Return a percentile (0 to 100) of the time in ms from mid-integration to arrival."""
         return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
 
     def _rms(self, squares: float) -> float | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from spots.linkage.fivebar import Linkage
 from spots_device import decode
 
 from .files import LinkageFile, PathFile, SensorFile
+from .kept import kept
 from .lockstep import LockstepLink
 from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
@@ -60,46 +60,33 @@ class Turned(NamedTuple):
     counts: np.ndarray
 
 
-@lru_cache(maxsize=16)
+@kept(CalibrationFile)
 def calibrated(
-    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int, rezeroed: bool = False
+    sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, then its joint; re-zero it after the change of its sensor file.
+    """Calibrate a simulated strip, then its joint, then apply the change in its sensor file.
 
     Parameters
     ----------
     sensor : SensorFile
         Simulated sensor.
-    linkage : LinkageFile
-        Linkage that determines the travel of the indenter.
     seed : int
         Random seed of the noise.
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the stops of the joint are pressed after the change.
+        Whether the calibration is corrected after the change (re-zero), at the joint's stops.
 
     Returns
     -------
     CalibrationFile
         Calibration that includes the joint.
     """
-    mechanism = Mechanism(linkage, sensor)
-    angles_deg = np.linspace(0, mechanism.travel_deg, _ANGLES)
+    up = np.linspace(0, sensor.joint_travel_deg, _ANGLES).tolist()
     points = []
     with Rig(sensor, seed, exposure_us, 1) as rig:
-        sweep = np.concatenate([angles_deg, angles_deg[::-1]])
-        ways = np.repeat([1, -1], _ANGLES)
-        # Starts below the first angle and turns above the last one, to pass the backlash.
-        scenario = mechanism.turn(
-            np.arange(2 * _ANGLES + 2),
-            np.concatenate([[-1.0], sweep[:_ANGLES], [mechanism.travel_deg + 1], sweep[_ANGLES:]]),
-        )
-        held = np.delete(np.arange(2 * _ANGLES + 2), [0, _ANGLES + 1])
-        for angle, way, moment in zip(sweep.tolist(), ways.tolist(), held.tolist()):
-            (press,) = scenario.presses(moment)
-            rig.stage.held.bend_deg = angle
-            touches, counts = rig.readings(1000 * press.position_mm, press.force_mN, _WINDOW)
+        for angle, way in [(one, 1) for one in up] + [(one, -1) for one in reversed(up)]:
+            touches, counts = rig.turned(angle, way, _WINDOW)
             places_um = [touch.position_um for touch in touches]
             points.append(
                 Turned(
@@ -143,9 +130,9 @@ class Simulation:
     run : int
         Number of the run. Runs with the same seed have the same strips, but different noise.
     rezeroed : bool, optional
-        Whether the strips were re-zeroed after the change of the sensor file.
+        Whether the calibrations were corrected after the change in the sensor file (re-zero).
     misfits : bool, optional
-        Whether readings that fit no press of the calibration are trusted.
+        Whether readings are used even if their spectrum does not fit the calibration.
 
     Attributes
     ----------
@@ -173,7 +160,7 @@ class Simulation:
         self._misfits = decode.MISFIT if misfits else 0
         scenarios = self.mechanism.drive(motion)
         noise = _seeds(seed, run + 1)
-        self.strips = _strips(sensor, linkage, seed, exposure_us, rezeroed)
+        self.strips = _strips(sensor, seed, exposure_us, rezeroed)
         on_s = start_s(sensor) - START_S
         with ExitStack() as opened:
             self.boards: list[Board] = []
@@ -247,7 +234,7 @@ class Endless:
         self._mechanism = Mechanism(linkage, sensor)
         self._sensor, self._seed = sensor, seed
         self._scenarios = self._mechanism.drive(guided(closed(path), START_S), again=True)
-        self._strips = _strips(sensor, linkage, seed, exposure_us)
+        self._strips = _strips(sensor, seed, exposure_us)
         self._epoch_s = time.monotonic()
         self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
 
@@ -275,18 +262,18 @@ class Endless:
 
 
 def start_s(sensor: SensorFile) -> float:
-    """Return the time in s at which a motion begins: LEDs that warm up are warm by then."""
+    """Return the time in s at which a motion may begin, because the LED is warm by then."""
     return START_S + (WARM_S if sensor.temperature.led_K_per_mA else 0.0)
 
 
 def _strips(
-    sensor: SensorFile, linkage: LinkageFile, seed: int, exposure_us: int, rezeroed: bool = False
+    sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> list[CalibrationFile]:
-    return [calibrated(sensor, linkage, s, exposure_us, rezeroed) for s in _seeds(seed, 0)]
+    return [calibrated(sensor, s, exposure_us, rezeroed) for s in _seeds(seed, 0)]
 
 
 def _seeds(seed: int, what: int) -> list[int]:
-    """Return two seeds, for the strips (`what` 0) or for the noise of run number `what` - 1."""
+    """Return a seed for each strip: for its properties (`what` is 0), or for the noise of a run."""
     return [int(s) for s in np.random.SeedSequence((seed, what)).generate_state(2)]
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from spots.calibrate.fit import fit
@@ -13,6 +11,7 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 
 from .files import SensorFile
+from .kept import kept
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -21,7 +20,7 @@ FORCES = 30
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
 WARM_S = 120.0  # the LED is warm before the first press
-_OSCILLATOR_S = 5.0  # time in which a board measures its sensor's oscillator
+_OSCILLATOR_S = 30.0  # time in which a board measures its sensor's oscillator to 10 ppm
 _SEARCH_TIMEOUT_S = 600.0
 
 
@@ -91,7 +90,7 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """If the LED cannot be switched off, unplug it while the dark frame is taken."""
+        """Take a dark frame of an LED that is always on; the LED is unplugged meanwhile."""
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
@@ -108,6 +107,19 @@ class Stage:
             Force of the press in mN.
         """
         self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
+
+    def turn(self, angle_deg: float, direction: int = 1) -> None:
+        """Turn a joint that bends the strip, and slides its indenter on it.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle is reached from below, -1 if from above.
+        """
+        self.held.bend_deg = angle_deg
+        self.press(self.sensor.indenter_um(angle_deg, direction), self.sensor.joint.force_mN)
 
     def release(self) -> None:
         """Lift the indenter."""
@@ -205,7 +217,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        The text names the position of the first such press.
+        The text names the position of the press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
@@ -218,7 +230,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
-    """Set lamps and LED on a board as `calibrate` did, and the LED's dark frame if it took one.
+    """Give a board the mains frequency and LED settings, with dark frame, that `calibrate` used.
 
     Parameters
     ----------
@@ -233,7 +245,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
         board.command("set " + _calibrated(sensor)[1])
 
 
-@lru_cache(maxsize=8)
+@kept(tuple[tuple[str, ...], str])
 def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
     """Return the calibration lines, and the LED settings as assignments for ``set``."""
     with Stage(sensor) as stage:

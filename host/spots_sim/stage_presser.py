@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from spots.calibrate.presser import Presser
+from spots.calibrate.presses import FIRM_MN
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
 from spots.link.board import Board
@@ -12,7 +11,6 @@ from spots.link.board import Board
 from .stage import Stage
 
 _LEAST_STEP = 1.05  # relative error of the least force
-_JOINT_SHARE = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
 
 
 class StagePresser(Presser):
@@ -34,12 +32,16 @@ class StagePresser(Presser):
         self._stage.held.strain = strain_ppm * 1e-6
 
     def press(self, wanted: Wanted) -> None:
-        if wanted.kind == "mark" and wanted.angle_deg is not None:
-            wanted = self._turned(wanted.angle_deg, 1)
-        self._stage.press(wanted.place_um, wanted.force_mN)
+        if wanted.angle_deg is None:
+            self._stage.press(wanted.place_um, wanted.force_mN or FIRM_MN)
+        else:
+            self._stage.turn(wanted.angle_deg, wanted.direction or 1)
 
     def release(self) -> None:
         self._stage.release()
+
+    def read_off(self, wanted: Wanted, length_um: float) -> Wanted:
+        return wanted
 
     def dark(self, board: Board) -> None:
         self._stage.take_dark()
@@ -57,19 +59,12 @@ class StagePresser(Presser):
         return high_mN
 
     def turn(self, direction: int, share: float) -> Wanted:
-        joint = self._stage.sensor.joint
-        first_um, last_um = np.array(_JOINT_SHARE) * self._stage.length_um
-        angle_deg = float(share * (last_um - first_um) / joint.um_per_deg)
-        return self._turned(round(angle_deg, 3), direction)
-
-    def _turned(self, angle_deg: float, direction: int) -> Wanted:
-        joint = self._stage.sensor.joint
-        first_um = _JOINT_SHARE[0] * self._stage.length_um
-        place_um = first_um + joint.slid_um(angle_deg, direction)
+        sensor = self._stage.sensor
+        angle_deg = round(float(share * sensor.joint_travel_deg), 3)
         return Wanted(
             kind="joint",
-            place_um=float(place_um),
-            force_mN=joint.force_mN,
+            place_um=sensor.indenter_um(angle_deg, direction),
+            force_mN=sensor.joint.force_mN,
             angle_deg=angle_deg,
             direction=direction,
         )

@@ -32,8 +32,8 @@ def report(message: dict) -> None:
 def when_parent_ends(action: Callable[[], object]) -> None:
     """Call a function once standard input closes or the parent process ends.
 
-    A thread waits for this. Unless the main thread has ended this process 5 s later, the thread
-    ends it. If the thread itself fails, it also ends the process.
+    A thread waits for this. If this process still runs 5 s after the call, the thread ends the
+    process. An error in the thread also ends the process.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def _await_end(parent: int, stdin: int) -> None:
 class PseudoTerminal:
     """A pseudo-terminal as the serial port of a board.
 
-    It is in raw mode from the start; otherwise it would echo frames back to the board. The host's
-    end also stays open in this process, so that the board sees no hang-up between two readers.
+    The pseudo-terminal is in raw mode, because otherwise it would echo frames to the board. This
+    process keeps the host's end open, so that the board sees no hang-up between two readers.
 
     Attributes
     ----------

@@ -27,7 +27,7 @@ _LEAST_WIDTH = 5.0  # a groove is narrower, a cavity wider
 
 
 def closed(tray, lid, depth: float):
-    """Return tray and lid of a mould, closed, in one solid.
+    """Return the solid of a closed mould: tray and lid.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def closed(tray, lid, depth: float):
 
 
 def castings(tray, lid, depth: float) -> list:
-    """Return what a closed mould casts: its cavities, without the grooves.
+    """Return the parts that a mould casts: the closed cavities, without the overflow grooves.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def assembly(shape: StripShape) -> dict:
 
 
 def _high(cap, shape: StripShape):
-    """Move a cap from its print to the LED's end: its z axis becomes x, its y axis z."""
+    """Turn a cap from its position as printed to the LED's end: z becomes x, and y becomes z."""
     return cap.rotate((90, 0, 90)).translate((shape.length_mm / 2, 0, 0))
 
 

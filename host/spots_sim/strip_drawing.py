@@ -66,14 +66,14 @@ _NOTE = (
 
 
 class _Sheet:
-    """Elements of an SVG, in pixels."""
+    """A sheet of a drawing: elements of an SVG, in pixels."""
 
     def __init__(self):
         self.height = 0.0
         self.elements: list[str] = []
 
     def end(self, height: float) -> _Sheet:
-        """Set the height, and write the note on all drawings at the lower edge."""
+        """Set the height of the sheet, and write the common note at its lower edge."""
         self.height = height
         self.text(_MARGIN, height - 14, _NOTE)
         return self
@@ -107,7 +107,7 @@ class _Sheet:
 
 
 class _View:
-    """A view on a sheet: a scale, and the place of its zero. Coordinates are mm, v upwards."""
+    """A view on a sheet, with its scale and origin. Coordinates u and v are in mm, v upwards."""
 
     def __init__(self, sheet: _Sheet, x: float, y: float, scale: float):
         self._sheet, self._x, self._y, self._scale = sheet, x, y, scale
@@ -116,7 +116,7 @@ class _View:
         return self._x + u * self._scale, self._y - v * self._scale
 
     def outline(self, section, fill: str) -> None:
-        """Draw a `manifold3d.CrossSection`."""
+        """Draw the outline of a `manifold3d.CrossSection`, filled with a colour."""
         paths = []
         for polygon in section.to_polygons():
             points = " L".join("{:.2f} {:.2f}".format(*self.at(u, v)) for u, v in polygon)
@@ -125,14 +125,14 @@ class _View:
             self._sheet.elements.append(f'<path d="{" ".join(paths)}" fill="{_FILLS[fill]}"/>')
 
     def across(self, name: str, u1: float, u2: float, v: float, off: float, what: str = "") -> None:
-        """Draw a horizontal dimension `off` pixels below `v`, or above if negative."""
+        """Draw the dimension `name` from `u1` to `u2`, `off` pixels below `v`, with a text."""
         (x1, y), (x2, _) = self.at(u1, v), self.at(u2, v)
         self._dimension(name, (x1, y), (x2, y), (0, off), abs(u2 - u1), what)
 
     def upright(
         self, name: str, v1: float, v2: float, u: float, off: float, what: str = ""
     ) -> None:
-        """Draw a vertical dimension `off` pixels to the right of `u`, or left if negative."""
+        """Draw the dimension `name` from `v1` to `v2`, `off` pixels right of `u`, with a text."""
         (x, y1), (_, y2) = self.at(u, v1), self.at(u, v2)
         self._dimension(name, (x, y1), (x, y2), (off, 0), abs(v2 - v1), what)
 
@@ -155,7 +155,7 @@ class _View:
         sheet.elements.append("</g>")
 
     def note(self, u: float, v: float, dx: float, dy: float, text: str) -> None:
-        """Write a text with a line to a place; (dx, dy) pixels is the offset of the text."""
+        """Write a text (dx, dy) pixels from the point (u, v), and a line between them."""
         x, y = self.at(u, v)
         self._sheet.line(x, y, x + dx, y + dy, "leader")
         right = dx >= 0
@@ -188,12 +188,12 @@ def write(shape: StripShape, folder: Path) -> list[Path]:
 
 
 def _across(solid, x: float = 0.0):
-    """Cut a solid at right angles to x; the result has y to the right and z upwards."""
+    """Cut a solid across its length at `x`; the result has y to the right and z upwards."""
     return solid.translate((-x, 0, 0)).rotate((0, -90, 0)).rotate((0, 0, -90)).slice(0)
 
 
 def _along(solid, y: float = 0.0):
-    """Cut a solid along its length; the result has x to the right and z upwards."""
+    """Cut a solid along its length at `y`; the result has x to the right and z upwards."""
     return solid.translate((0, -y, 0)).rotate((-90, 0, 0)).slice(0)
 
 
@@ -238,7 +238,7 @@ def _assembled(shape: StripShape, placed: dict) -> _Sheet:
 
 
 def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the sensor's end below `top`; return the lower edge in pixels."""
+    """Draw the sensor's end of the strip below `top` (pixels); return the lower edge in pixels."""
     sheet.title(top, "The sensor's end")
     end, detail = -shape.length_mm / 2, 12.0
     above = placed["sensor_cap"].bounding_box()[5]
@@ -262,7 +262,7 @@ def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> f
 
 
 def _led_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the LED's end below `top`; return the lower edge in pixels."""
+    """Draw the LED's end of the strip below `top` (pixels); return the lower edge in pixels."""
     sheet.title(top, "The LED's end")
     end, detail = shape.length_mm / 2, 12.0
     above = placed["led_cap"].bounding_box()[5]

@@ -1,7 +1,7 @@
 """Moulds, caps and base of a strip as closed meshes. Needs manifold3d and trimesh.
 
-Each part lies as it is printed: its foot at z = 0, no overhang but short bridges. A tray and a
-lid make a mould; the lid's pins fit one way round.
+Each part lies as it is printed: with its lower face at z = 0, and without overhangs except short
+bridges. A mould is a tray and a lid. The lid's pins fit in one orientation only.
 """
 
 from __future__ import annotations
@@ -143,18 +143,18 @@ def _rectangle(x: float, y: float):
 
 
 def _box(x: float, y: float, z: float):
-    """Return a box on the plane z = 0, centred on the z axis."""
+    """Return a box of the size `x`, `y`, `z` in mm, on the plane z = 0, centred on the z axis."""
     return _rectangle(x, y).extrude(z)
 
 
 def _between(x: tuple, y: tuple, z: tuple):
-    """Return a box between two values of each coordinate."""
+    """Return a box from (low, high) of each coordinate, in mm."""
     size = x[1] - x[0], y[1] - y[0], z[1] - z[0]
     return _box(*size).translate(((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, z[0]))
 
 
 def _frustum(width: float, length: float, height: float):
-    """Return a box along x, `width` by `length` at its foot; the draft narrows it upwards."""
+    """Return a box along x, `width` by `length` mm at its foot, which gets narrower upwards."""
     top = 1 - 2 * SLOPE * height / length, 1 - 2 * SLOPE * height / width
     return _rectangle(length, width).extrude(height, scale_top=top)
 
@@ -166,7 +166,7 @@ def _cylinder(height: float, foot: float, top: float | None = None):
 
 
 def _cavities_y(count: int, width: float) -> list[float]:
-    """Return the middles of a mould's cavities across it."""
+    """Return the y coordinates in mm of the centre lines of a mould's `count` cavities."""
     pitch = width + MIDDLE_WALL
     return [(i - (count - 1) / 2) * pitch for i in range(count)]
 
@@ -176,13 +176,17 @@ def _mould_width(middles: list[float], width: float) -> float:
 
 
 def _pins(length: float, wide: float) -> list[tuple[float, float]]:
-    """Return the places of the pins: two at one side, one at the other, so the lid fits one way."""
+    """Return the pins' (x, y) in mm, which are not symmetric: the lid fits in one way only."""
     x, y = length / 2 - 2 * PIN_INSET, wide / 2 - PIN_INSET
     return [(-x, y), (x, y), (-x / 2, -y)]
 
 
 def _tray(length: float, middles: list[float], width: float, depth: float):
-    """Return a tray without cavities: block, pins and grooves for what flows over."""
+    """Return a tray without its cavities: a block with pins, and grooves for overflowing rubber.
+
+    `length`, `width` and `depth` are those of a cavity in mm; `middles` are the y coordinates of
+    the cavities' centre lines.
+    """
     wide, top = _mould_width(middles, width), FLOOR + depth
     block = _box(length + 2 * END_WALL, wide, top)
     for x, y in _pins(length, wide):
@@ -212,7 +216,7 @@ def _lid(length: float, middles: list[float], width: float):
 
 
 def _cavity(width: float, length: float, depth: float):
-    """Return a cavity whose opening, `width` by `length`, is at z = 0; it reaches downwards."""
+    """Return a cavity whose opening, `width` by `length` mm, is at z = 0; it is `depth` mm deep."""
     return _frustum(width, length, depth).mirror((0, 0, 1))
 
 
@@ -226,7 +230,7 @@ def _guide_tray(length: float):
 
 
 def _opened(width: float, length: float, depth: float):
-    """Return a cavity, and a box on it that cuts its opening clean."""
+    """Return a `_cavity` with a box above its opening, to be cut out of a tray."""
     return _cavity(width, length, depth) + _box(length, width, _CUT)
 
 
@@ -252,7 +256,7 @@ def _end_socket():
 
 
 def _window(middle_y: float, top: float):
-    """Return the hole for a guide from the socket to the height `top`."""
+    """Return the hole in a cap for a guide, from the socket of the strip to the height `top`."""
     width, high = GUIDE_WIDTH / 2 + CLEARANCE, GUIDE_THICKNESS / 2 + CLEARANCE
     return _between(
         (-width, width), (middle_y - high, middle_y + high), (END_LENGTH - _CUT, top + _CUT)
@@ -269,7 +273,7 @@ def _mortise(bottom: float):
 
 
 def _pocket(shape: StripShape) -> tuple[tuple, tuple]:
-    """Return the pocket of the breakout in x and y; the chip's window is before the dyed guide."""
+    """Return the breakout's pocket, (x, y) ranges in mm; the chip then faces the dyed guide."""
     board, (x, y) = shape.board, shape.board.window_mm
     middle = GUIDE_THICKNESS / 2
     return (

@@ -1,4 +1,4 @@
-"""What to mix and in which order, for a number of strips: the text of ``build.md``.
+"""Writes ``build.md``: which rubbers to mix, and in which order to cast a number of strips.
 
 Volumes are those of the mould's cavities (`strip_shape`). Beside each statement is its source, or
 *not tried*: nobody has cast a strip with these moulds yet.
@@ -82,17 +82,17 @@ class Batch:
 
     @property
     def mixed_ml(self) -> float:
-        """Volume to mix: with spare, and at least `LEAST_ML`."""
+        """Volume of rubber to mix, in ml: more than the cavities need, and at least `LEAST_ML`."""
         wanted = max(self.cavities_ml * (1 + SPARE) + CUP_ML, LEAST_ML)
         return math.ceil(wanted / STEP_ML) * STEP_ML
 
     @property
     def mixed_g(self) -> float:
-        """Mass to mix."""
+        """Mass of rubber to mix, in g."""
         return self.mixed_ml * self.rubber.density_g_ml
 
     def portions(self) -> list[tuple[str, float, float]]:
-        """Return name, volume in ml and mass in g of each part."""
+        """Return name, volume in ml and mass in g of each component of the rubber."""
         density = self.rubber.density_g_ml
         return [
             (name, share * self.mixed_ml, share * self.mixed_ml * density)
@@ -101,14 +101,14 @@ class Batch:
 
 
 def checked(strips: int) -> int:
-    """Return a number of strips; raise SpotsError if it is out of range."""
+    """Check a number of strips to cast, and return it; raise SpotsError if it is out of range."""
     if not 1 <= strips <= STRIPS_MAX:
         raise SpotsError(f"--strips must be from 1 to {STRIPS_MAX}, not {strips}")
     return strips
 
 
 def batches(shape: StripShape, strips: int) -> list[Batch]:
-    """Return what to mix for a number of strips.
+    """Return the amounts of rubber to mix for a number of strips.
 
     Parameters
     ----------

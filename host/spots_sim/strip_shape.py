@@ -69,7 +69,7 @@ class Breakout:
     window_mm : tuple of float
         Centre of the chip's window, in mm from the lower left corner.
     source : str
-        Maker's file with these figures.
+        Maker's file with these dimensions.
     """
 
     width_mm: float
@@ -98,7 +98,7 @@ class StripShape:
     Attributes
     ----------
     length_mm : float
-        Length on which a finger is measured: that of the air gap, between the caps.
+        Length of the part that senses a finger: that of the air gap between the caps.
     breakout : str
         Key of `BREAKOUTS`.
     """
@@ -120,22 +120,22 @@ class StripShape:
 
     @property
     def board(self) -> Breakout:
-        """The breakout."""
+        """Outline of the AS7341 breakout that the cap is made for."""
         return BREAKOUTS[self.breakout]
 
     @property
     def support_mm(self) -> float:
-        """Length of the support: the gap and the two covered ends."""
+        """Length of the black support in mm: the air gap, and the two ends inside the caps."""
         return self.length_mm + 2 * END_LENGTH
 
     @property
     def guide_mm(self) -> float:
-        """Length of a guide, which reaches through the wall of one cap."""
+        """Length of a light guide in mm; it reaches through the wall of one cap."""
         return self.support_mm + BEYOND
 
     @property
     def base_mm(self) -> float:
-        """Height of the strip's lower face above the table: the sensor cap reaches below it."""
+        """Height of the strip's lower face above the table in mm; the sensor cap goes lower."""
         return (
             self.board.window_mm[1]
             + CLEARANCE
@@ -145,12 +145,12 @@ class StripShape:
 
     @property
     def guide_mm3(self) -> float:
-        """Volume of a guide."""
+        """Volume of a light guide in mm3."""
         return guide_mm3(self.guide_mm)
 
     @property
     def support_mm3(self) -> float:
-        """Volume of the support."""
+        """Volume of the black support in mm3."""
 
         def area(z: float) -> float:
             below_top = STRIP_THICKNESS - z
@@ -170,7 +170,7 @@ class StripShape:
 
 
 def has_moulds(length_mm: float) -> bool:
-    """Return whether there are moulds for a length in mm."""
+    """Return whether moulds can be made for a strip with a length in mm."""
     low, high = LENGTHS_MM
     return low <= length_mm <= high
 

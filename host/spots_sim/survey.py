@@ -1,4 +1,4 @@
-"""Measures the error of a simulated linkage's twin, over the workspace and on a path."""
+"""Measures the error of a simulated linkage's digital twin, over the workspace and on a path."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Results of a twin that has the true lengths and estimates a motion along a path.
+    """Result of a digital twin with the true lengths, which has followed a motion along a path.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ def follow(
     report=lambda terminal: None,
     **condition: bool,
 ) -> PathRun:
-    """Guide the end point of a simulated linkage along a path, and estimate it with a twin.
+    """Move the end point of a simulated linkage along a path; compare it with a digital twin.
 
     Parameters
     ----------
@@ -299,9 +299,9 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Return places (x, y), angles and their errors as `visited`, where both joints had a reading.
+    """Return positions `places` (x, y in mm), angles and their standard errors, see `visited`.
 
-    While the LED is off for a dark frame, a joint has none.
+    Positions without a reading of both joints are left out: the LED was off for a dark frame.
     """
     angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
     read = np.isfinite(angles).all(axis=0)
@@ -313,7 +313,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return random position errors in mm, shape (number of draws, number of positions).
+    """Return random position errors that errors of the angles cause, in mm, shape (draws, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
     positions. `rng` is the random generator.

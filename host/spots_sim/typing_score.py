@@ -32,7 +32,7 @@ class Stroke:
     key: tuple[int, int] | None
 
     def covers(self, time_s: float) -> bool:
-        """Return whether a press at `time_s` (s of the scenario) may belong to this touch."""
+        """Return whether a key press at `time_s` (s of the scenario) may belong to this touch."""
         return self.began_s <= time_s <= self.ended_s + AFTER_S
 
 
@@ -163,7 +163,7 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Return a dict from right presses to their touches, as indices, and a list of the rest."""
+        """Match presses with touches: return {press index: touch index}, and the other presses."""
         right: dict[int, int] = {}
         matched, others = set(), []
         for p, (time_s, key) in enumerate(presses):

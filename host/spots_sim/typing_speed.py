@@ -36,7 +36,7 @@ def typed(
     sensor : str, optional
         Sensor file: a path or a name.
     rezeroed : bool, optional
-        Whether the strip was re-zeroed after the change of its sensor file.
+        Whether the calibration was corrected after the change in the sensor file (re-zero).
     warm : bool, optional
         Whether the LED is warm at the start.
 

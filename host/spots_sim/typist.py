@@ -175,7 +175,7 @@ class Typist:
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:
-        """Return (layer, index, slot) of the keys that type a character, layer keys first."""
+        """Return the keys to press for a character as (layer, index, slot); layer keys first."""
         wanted = _action_of(character)
         waiting = deque([(0, [])])
         seen = {0}

@@ -23,7 +23,7 @@ class UsbHost:
 
     @property
     def asks(self) -> bool:
-        """Whether the host polls for reports; set it to False for a sleeping computer."""
+        """Whether the USB host polls for reports; False simulates a sleeping computer."""
         return self._asks
 
     @asks.setter
@@ -34,7 +34,7 @@ class UsbHost:
             self._waiting.clear()
 
     def look(self) -> None:
-        """Check that the host is awake.
+        """Check that the host is awake, before a report is sent.
 
         Raises
         ------

@@ -17,6 +17,7 @@ from pathlib import Path
 from spots.calibrate.bench import Bench
 from spots.calibrate.calibration_file import CalibrationFile
 from spots.calibrate.guide import Guide
+from spots.calibrate.presser import Presser
 from spots.calibrate.session import settings
 from spots.deploy.drive import Drive
 from spots.deploy.place import Place
@@ -29,6 +30,7 @@ from spots.link.serial_link import SerialLink
 
 from .files import ScenarioFile, SensorFile, load
 from .linkage_demo import endless, run
+from .person import follow_pipe
 from .runtimes import is_cpython
 from .stage import Stage, calibrate, set_as_calibrated
 from .stage_presser import StagePresser
@@ -88,7 +90,9 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
 def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     """Return a simulated strip on a simulated stage, for ``spots calibrate`` and ``spots rezero``.
 
-    For ``spots rezero``, the strip has changed as the sensor file describes.
+    For ``spots rezero``, the strip has changed as the sensor file describes. With the port
+    ``virtual:PIPE``, a person at the terminal moves the finger through a named pipe, see
+    `person.follow_pipe`.
 
     Parameters
     ----------
@@ -126,7 +130,11 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
         stage.take_dark()
         stage.reader.set_up()
     length_um = 1000 * (options.length_mm or sensor.length_mm)
-    return Bench(stage.reader, StagePresser(stage), guide, length_um, path)
+    presser: Presser = StagePresser(stage)
+    if pipe := options.port.partition(":")[2]:
+        follow_pipe(stage.held, Path(pipe))
+        presser = Presser(guide)
+    return Bench(stage.reader, presser, guide, length_um, path)
 
 
 # Functions of the port scheme for a whole linkage.

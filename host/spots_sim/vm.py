@@ -124,7 +124,7 @@ class MicroPythonProcess:
             raise
 
     def boot(self, run_entry: bool = True) -> None:
-        """Start MicroPython with new pipes: `requests` to read from, `answers` to write to.
+        """Start MicroPython with new pipes: `requests` from the board, `answers` to the board.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class MicroPythonProcess:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Raise an error unless MicroPython closed its pipes because of Ctrl-D at its prompt.
+        """Handle closed pipes of MicroPython; raise an error unless it was a soft reset (Ctrl-D).
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class MicroPythonProcess:
             raise SpotsError("the virtual board hangs: close it and open it again") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
-            raise SpotsError(f"the virtual board stopped: {lines[-1]}")
+            raise SpotsError(f"the virtual board stopped ({lines[-1]}): open it again")
 
     def shut_down(self) -> None:
         """Kill MicroPython and close the pipes."""
@@ -198,7 +198,7 @@ class MicroPythonProcess:
 
 
 def _in_group(group: int) -> dict:
-    """Return the arguments of `subprocess.Popen` for a process group; 0 is a new group."""
+    """Return the arguments of `subprocess.Popen` that start a process in a group; 0: a new one."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

@@ -99,7 +99,9 @@ class World:
                 self._light(rates, (start_us + (i + 0.5) * step_us) * 1e-6)
             rates /= steps
             rates *= self._optics.source_uW_cm2(led_mA) * self._led_level(start_us, duration_us)
-        rates += self._optics.ambient(self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6))
+        ambient_uW_cm2 = self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
+        if ambient_uW_cm2:
+            rates += self._optics.ambient(ambient_uW_cm2)
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
     def switch(self, on: bool) -> None:
@@ -107,9 +109,12 @@ class World:
         self._pin_on = on
 
     def _strip_mA(self, driver_mA: float) -> float:
-        wired = self._sensor.led.wired
-        dark = {"ldr": False, "gpio": not self._pin_on, "always": self._scenario.unplugged}
-        return 0.0 if dark[wired] else self._sensor.led.current_mA(driver_mA)
+        led = self._sensor.led
+        if led.wired == "ldr":
+            dark = False
+        else:
+            dark = self._scenario.unplugged if led.wired == "always" else not self._pin_on
+        return 0.0 if dark else led.current_mA(driver_mA)
 
     def outside(self, start_us: float, end_us: float) -> float:
         """Return the mean irradiance of ambient light.
@@ -128,7 +133,9 @@ class World:
 
     def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         around = self._sensor.surroundings
-        steady = around.irradiance_uW_cm2 * flicker(around, start_s, end_s)
+        steady = around.irradiance_uW_cm2
+        if steady:
+            steady *= flicker(around, start_s, end_s)
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _light(self, rates: np.ndarray, time_s: float) -> None:

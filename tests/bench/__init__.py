@@ -1,4 +1,4 @@
-"""``make bench``: driver, firmware and host against their obvious peers."""
+"""``make bench``: compares driver, firmware and host with common alternatives."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ __all__ = ["report", "run"]
 
 
 def run() -> dict:
-    """Run every part of the benchmark; what it is about to do goes to a terminal's stderr.
+    """Run all benchmarks; show the present one on stderr, if stderr is a terminal.
 
     Returns
     -------
     dict
-        ``driver``, ``firmware``, ``host`` and ``linkage``, each as the module of that name
-        describes it, and ``boards`` as `space` does. ``host`` has those of `arrays`, too.
+        ``driver``, ``firmware``, ``host`` and ``linkage``: the results of the modules with these
+        names. ``boards``: results of `space`. ``host`` also contains the results of `arrays`.
 
     Raises
     ------

@@ -20,7 +20,7 @@ def published() -> ModuleType:
     Raises
     ------
     SpotsError
-        If it is not installed.
+        If the module is not installed.
     """
     try:
         import adafruit_as7341
@@ -34,13 +34,14 @@ def published() -> ModuleType:
 
 @contextlib.contextmanager
 def driver_on(bus: I2CBus, driver: type | None = None) -> Iterator:
-    """Yield an ``adafruit_as7341.AS7341`` on a simulated bus; its waits are simulated inside.
+    """Yield an ``adafruit_as7341.AS7341`` on a simulated bus; it also waits in simulated time.
 
     Parameters
     ----------
     bus : spots_sim.bus.I2CBus
+        Bus with the simulated chip.
     driver : type, optional
-        A class derived from the published one, in its place.
+        Class to use instead of the published one, from which it is derived.
     """
     module = published()
     bus.clock.spend_us(_BOOT_US)

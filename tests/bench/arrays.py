@@ -1,4 +1,4 @@
-"""What a recording costs as arrays, beside the same readings as lines of JSON."""
+"""Measures the time to read a recording as arrays, and the same readings as lines of JSON."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _HEADER = Header(
 
 
 def measure(stream: bytes) -> dict:
-    """Time `read_arrays` of a recording and `json.loads` of the same readings, round by round.
+    """Time `read_arrays` of a recording and `json.loads` of the same readings, in turns.
 
     Parameters
     ----------
     stream : bytes
-        Whole TOUCH frames; they are repeated up to some 100,000 readings.
+        Complete TOUCH frames, which are repeated to get about 100,000 readings.
     """
     touches = Decoder().feed(stream)
     copies = -(-_READINGS // len(touches))

@@ -1,7 +1,7 @@
-"""Runs in MicroPython: the sample path of the firmware on canned registers, clock and port.
+"""Runs the firmware in MicroPython with a substitute for I2C bus, clock and serial port.
 
-Stands where bus, clock and serial port stand on a board, and allocates nothing itself, so that
-what a sample costs is the firmware's own. Used by the benchmark and by the tests.
+The substitutes allocate nothing, so all memory that is allocated for a sample is the firmware's.
+Benchmark and tests use this module.
 """
 
 from spots_device.app import BoardApp
@@ -15,7 +15,7 @@ _MASK = _HALF - 1 + _HALF  # 2**30 itself is no small int on a 32-bit board
 
 
 class Clock:
-    """Ticks that advance when someone sleeps; transfers and arithmetic take no time."""
+    """A clock that advances only in `sleep_us`; transfers and arithmetic take no time."""
 
     def __init__(self):
         self.now = 0
@@ -34,11 +34,12 @@ class Clock:
 
 
 class Bus:
-    """Registers of a chip that samples without a gap, by the clock, always the same counts.
+    """I2C bus with an AS7341 that samples without gaps and always has the same counts.
 
     Parameters
     ----------
     clock : Clock
+        Determines when a sample ends.
     """
 
     def __init__(self, clock):
@@ -49,7 +50,7 @@ class Bus:
         self._end = 0
 
     def counts(self, values):
-        """Let every sample from now on be these six counts."""
+        """Set the six counts of all following samples."""
         for i in range(6):
             self.registers[0x95 + 2 * i] = values[i] & 0xFF
             self.registers[0x96 + 2 * i] = values[i] >> 8
@@ -92,7 +93,7 @@ class Bus:
 
 
 class Serial:
-    """A port that takes everything and keeps the last frame."""
+    """A serial port that accepts all frames and stores the last one."""
 
     def __init__(self):
         self.last = bytearray(700)
@@ -111,25 +112,25 @@ class Serial:
 
 
 class BoardConfig:
-    """What board_config.py holds on a board."""
+    """The constants that a board has in board_config.py."""
 
     NAME = "canned"
     LED_MAX_MA = 100
 
 
 def app(calibration=(), serial=None, usb=None, make=BoardApp):
-    """Return (App, Bus, Clock, Serial), past the dark window, streaming readings and spectra.
+    """Return application, bus, clock and port, after the dark frame and with both streams on.
 
     Parameters
     ----------
     calibration : sequence of str
-        Lines of a calibration made on board ``00`` at the default settings.
+        Lines of a calibration that was made on board ``00`` at the default settings.
     serial : object, optional
-        A port in place of `Serial`.
+        Port to use instead of a new `Serial`.
     usb : object, optional
-        As `app.BoardApp` asks for.
+        USB stack, see `app.BoardApp`.
     make : type, optional
-        The `BoardApp` of another copy of the firmware.
+        Class `BoardApp` of another copy of the firmware.
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()

@@ -1,4 +1,4 @@
-"""One run of the benchmark for all that is said about it."""
+"""Runs the benchmark once for all tests of its results."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ import bench
 
 @pytest.fixture(scope="session")
 def results(once):
-    """The figures of one run, which the workers of a test run share."""
+    """Results of one run, which all worker processes of a test run share."""
     path = once("bench.json", lambda path: path.write_text(json.dumps(bench.run())))
     return json.loads(path.read_text())

@@ -1,12 +1,11 @@
-"""What a reading costs on the bus: our firmware and Adafruit's ``all_channels``, side by side.
+"""Measures the time of a reading on a 400 kHz I2C bus: this firmware, and Adafruit's driver.
 
-Simulated time on a 400 kHz bus: transfers, sleeps and the chip's own pace count, the processor
-does not, for neither side. One of our readings is six channels of one moment, one of Adafruit's
-is eight in two passes, one after the other.
+Time is simulated: transfers, sleeps and the chip take time, the processor does not. A reading of
+this firmware has six channels, measured at once. A reading of Adafruit's ``all_channels`` has
+eight, measured in two passes.
 
-No document settles whether the chip pays its auto-zero of 15 ms at every start or at the first
-alone. The sensor file decides, and has the former; a driver that restarts the chip for every pass
-gains much from the latter, so the ratio of rates is given for that as well.
+Adafruit's driver restarts the chip for each pass. No document says whether the chip then repeats
+its auto-zero of 15 ms. In the sensor file it does; the ratio of rates is also measured without.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ EXPOSURES_US = (10_000, 2_780)
 _PRESS = Press(position_mm=42.5, force_mN=3000.0, width_mm=4.0)
 _GAIN_CODE = 9
 _LED_MA = 20
-# Enough for our lock on the sample clock to have settled, and for its rare early polls to average
-# out; our untouched strip looks for its dark counts every ten seconds, which this stays below.
+# Enough readings for the poll schedule to settle, and for its rare early polls to average out, but
+# less than the 10 s after which the firmware takes a dark frame.
 _OUR_SETTLING = 300
 _OUR_READINGS = 512
 _LIMIT_S = 60.0  # of simulated time
@@ -54,7 +53,7 @@ class _Moment:
 
 
 def measure(sensor: SensorFile) -> dict:
-    """Return the cost of a reading, ours and theirs, at each of `EXPOSURES_US`."""
+    """Return the cost of a reading with both drivers, at each of `EXPOSURES_US`."""
     return {"integrations": [_compare(sensor, exposure_us) for exposure_us in EXPOSURES_US]}
 
 
@@ -113,7 +112,7 @@ def _chip(sensor: SensorFile) -> AS7341:
 
 def _after(readings: Iterator, count: int, bus: I2CBus) -> _Moment:
     if sum(1 for _ in islice(readings, count)) < count:
-        raise SpotsError("the virtual board sends no more readings; its firmware is at fault")
+        raise SpotsError("the virtual board sends no more readings: check its firmware")
     return _Moment.now(bus)
 
 
@@ -128,6 +127,6 @@ def _figures(bus: I2CBus, before: _Moment, after: _Moment, readings: int) -> dic
         "rate_Hz": readings / elapsed_us * 1e6,
         "integrating_fraction": (after.integrating_us - before.integrating_us) / elapsed_us,
     }
-    # Both moments follow the end of an integration, but not by the same few microseconds: the
-    # fifth digit of a rate or a fraction is that, and no finding.
+    # Both times are a few microseconds after the end of an integration, but not equally many. So
+    # the fifth digit of a rate or a fraction is not significant.
     return {name: round(figure, 4) for name, figure in figures.items()}

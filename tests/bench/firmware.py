@@ -1,11 +1,11 @@
-"""What a sample costs the processor: the firmware's integers and the obvious floats.
+"""Measures processor time and memory of a sample: integers of the firmware, and simple floats.
 
-Both run in the same MicroPython, on the same canned registers. A desktop has a floating-point
-unit and MicroPython's ``json`` is C, so its times flatter the floats: on a microcontroller without
-such a unit every float operation is a subroutine. What carries over as it is are the bytes.
+Both run in the same MicroPython, on the same simulated registers (module `canned`). The times
+favour the floats: this computer computes them in hardware, a microcontroller often in software.
+Numbers of bytes are the same on both.
 
-Beside them runs the same firmware with its kernel as machine code, where this MicroPython has an
-emitter for its processor.
+The firmware is also measured with its kernel compiled to machine code, if MicroPython can do that
+on this processor.
 """
 
 from __future__ import annotations
@@ -47,24 +47,24 @@ def measure(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
     Parameters
     ----------
     sensor : files.SensorFile
+        Simulated sensor.
     calibration : list of str
-        Of that sensor, on `canned`'s board.
+        Lines of its calibration, for the board of `canned`.
 
     Returns
     -------
     figures : dict
-        By path: bytes, times of this machine's VM (a whole sample, from its counts on, and, for
-        the firmware, arithmetic and framing alone: from the sums of an average to a framed TOUCH),
-        and how many times ours they are. ``spots_viper``, if there, has how many times faster its
-        arithmetic and framing are than the portable ones. Also by how much the paths disagree on
-        the same counts.
+        For each way to process a sample: bytes, times on this computer, and ratios to the firmware.
+        Times are of a whole sample and of the part after its counts were read; for the firmware
+        also of arithmetic and framing alone. ``spots_viper`` also has the speed-up by machine code.
+        Also: by how much the results differ for the same counts.
     stream : bytes
-        TOUCH frames as the firmware sent them, some hundreds, all different.
+        Some hundred different TOUCH frames from the firmware.
 
     Raises
     ------
     SpotsError
-        If there is no MicroPython.
+        If MicroPython is not installed.
     """
     inputs = {
         "calibration": calibration,
@@ -94,7 +94,7 @@ def _largest_difference_um(stream: bytes, lines: list[str]) -> float:
 
 
 def for_canned_board(calibration: tuple[str, ...]) -> list[str]:
-    """Return the lines of a calibration as if `canned`'s board had made it."""
+    """Return the lines of a calibration, changed to be valid on the board of `canned`."""
     return [_CANNED_BOARD if line.startswith("board ") else line for line in calibration]
 
 
@@ -113,21 +113,21 @@ def _in_micropython(inputs: dict) -> dict:
 
 
 def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
-    """Run the last of these scripts in MicroPython and return what it prints.
+    """Run the last of these scripts in MicroPython, and return the JSON object that it prints.
 
     Parameters
     ----------
     folder : Path
-        Where the firmware's package is.
+        Folder with the firmware's package.
     inputs : dict
-        What the script finds in inputs.json.
+        Content of the file inputs.json, which the script reads.
     scripts : str
-        Files of this package.
+        Names of files in this package; all are copied.
 
     Raises
     ------
     SpotsError
-        If it fails.
+        If the script fails.
     """
     for script in scripts:
         shutil.copy(_HERE / script, folder)

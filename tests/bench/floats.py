@@ -1,8 +1,7 @@
-"""Runs in MicroPython: the reading of a TOUCH frame as one writes it first, with floats.
+"""Computes a reading with floats, in MicroPython, for comparison with the firmware's integers.
 
-The peer of the firmware's integers: the same registers and calibration, in the idioms of most
-makers' scripts. Written to be ordinary, not to be slow; it leaves out the check that one press
-made the spectrum, the hysteresis of the touch, and any protection of what it sends.
+It uses the same registers and calibration, and is written as most makers write such scripts. It has
+no check that the spectrum fits one press, no hysteresis of the touch, and no checksum.
 """
 
 import json
@@ -18,16 +17,16 @@ _Q20 = float(1 << 20)
 
 
 class FloatPath:
-    """Registers to a line of JSON, or to a packed struct, by way of floats.
+    """Reads the sensor's registers, computes a reading with floats, and sends it.
 
     Parameters
     ----------
     lines : sequence of str
-        The calibration, see `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.calibration`.
     dark : sequence of float
         Dark counts of the six channels.
     bus, clock, serial : object
-        As in `canned`.
+        Substitutes from the module `canned`.
     """
 
     def __init__(self, lines, dark, bus, clock, serial):
@@ -94,7 +93,7 @@ class FloatPath:
         self._serial.write(line, len(line))
 
     def send_struct(self, counts):
-        """Send a reading as five floats and a flag, unframed and unchecked."""
+        """Send a reading as five floats and a flag, without frame and checksum."""
         data = struct.pack("<5fB", *self.estimate(counts))
         self._serial.write(data, len(data))
 

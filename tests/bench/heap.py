@@ -1,4 +1,4 @@
-"""Runs in MicroPython: prints the heap that the application takes, bare and calibrated."""
+"""Prints, in MicroPython, how much heap the firmware needs without and with a calibration."""
 
 import gc
 import json

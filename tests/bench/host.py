@@ -1,4 +1,4 @@
-"""What a reading costs the host: our frames, and the same fields as lines of JSON."""
+"""Measures the time to decode a reading on the host: as a frame, and as a line of JSON."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _PIECE_BYTES = 4096
 
 
 def measure(stream: bytes) -> dict:
-    """Time both decoders over the same readings, round by round, in pieces of the same size.
+    """Time both decoders with the same readings, in turns, in pieces of the same size.
 
     Parameters
     ----------
     stream : bytes
-        Whole TOUCH frames.
+        Complete TOUCH frames.
     """
     touches = Decoder().feed(stream)
     lines = b"".join(line(touch) for touch in touches)
@@ -51,12 +51,12 @@ def line(touch: Touch) -> bytes:
 
 
 def pieces(data: bytes) -> list[bytes]:
-    """Return bytes as a port would deliver them."""
+    """Divide bytes into pieces as a serial port delivers them."""
     return [data[i : i + _PIECE_BYTES] for i in range(0, len(data), _PIECE_BYTES)]
 
 
 def timed_s(data: object, read: Callable, count: int) -> float:
-    """Return the processor time that reading data takes; it must give so many readings."""
+    """Return the processor time of ``read(data)`` in s; it must return `count` readings."""
     began_s = process_time()
     found = read(data)
     elapsed_s = process_time() - began_s
@@ -71,7 +71,7 @@ def _decode(pieces: list[bytes]) -> int:
 
 
 def loads(pieces: list[bytes]) -> int:
-    """Return how many lines of JSON there are, after reading each of them."""
+    """Parse each line of JSON in the pieces, and return the number of lines."""
     found, rest = 0, b""
     for piece in pieces:
         *lines, rest = (rest + piece).split(b"\n")

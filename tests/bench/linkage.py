@@ -1,4 +1,4 @@
-"""What the terminal of a five-bar linkage costs: a whole array at once, and sample by sample."""
+"""Measures the time to compute a five-bar linkage's end point: for arrays, and for scalars."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _BAR_MM, _BASE_MM = 100.0, 80.0
 
 
 def measure() -> dict:
-    """Time `Linkage.forward` over an array, and two loops in Python, round by round.
+    """Time `Linkage.forward` with an array, and two loops in Python, in turns.
 
     Returns
     -------
     dict
-        ``array``: all samples in one call. ``calls``: a call of the same for each sample.
-        ``math``: the same formula for equal bars by the module math, with no check of limits.
+        ``array``: one call for all samples. ``calls``: one call for each sample. ``math``: the
+        formula for equal bars with the module math, without a check of limits.
     """
     linkage = Linkage(_BAR_MM, _BASE_MM)
     rng = np.random.default_rng(0)

@@ -1,8 +1,8 @@
-"""Runs in MicroPython: times the sample path and its float peers, and weighs them on the heap.
+"""Measures, in MicroPython, time and memory of a sample with integers and with floats.
 
-The package ``spots_device_viper`` is ``spots_device`` with its kernel as machine code. Reads
-``inputs.json``, prints one JSON object. Every round runs every path over the same counts, one
-path after the other, so that a machine that slows down slows all of them.
+The package ``spots_device_viper`` is ``spots_device`` with its kernel as machine code. The script
+reads ``inputs.json`` and prints one JSON object. Each round measures all variants with the same
+counts, one after the other, so a computer that becomes slower affects all of them alike.
 """
 
 import binascii
@@ -24,7 +24,7 @@ _WARM_UP = 100
 
 
 class Port:
-    """A port that takes everything; it only measures, so that long lines pay no copy."""
+    """A serial port that counts bytes and frames, and copies nothing."""
 
     def __init__(self):
         self.bytes = 0
@@ -40,7 +40,7 @@ class Port:
 
 
 class Spots:
-    """The firmware's own path: the application's loop, what follows the counts, or its core."""
+    """Runs the firmware: the whole loop, the part after the counts, or the arithmetic alone."""
 
     def __init__(self, calibration, make):
         self.port = Port()
@@ -67,7 +67,7 @@ class Spots:
             take()
 
     def from_sums(self, samples):
-        """Arithmetic and framing alone, without averaging, dark windows and time."""
+        """Run arithmetic and framing alone, without averaging, dark frames and time."""
         update = self._update
         touch = self._touch
         decode = self._decode
@@ -82,7 +82,7 @@ class Spots:
 
 
 class Floats:
-    """One of the float paths, with the same two ways to run it."""
+    """Runs one of the float variants: the whole sample, or the part after the counts."""
 
     def __init__(self, calibration, dark, send):
         self.port = Port()
@@ -106,7 +106,7 @@ class Floats:
 
 
 def main():
-    """Measure, and print what was found."""
+    """Measure, and print the results."""
     with open("inputs.json") as file:
         given = json.load(file)
     spots = Spots(given["calibration"], BoardApp)
@@ -133,7 +133,7 @@ def main():
 
 
 def measure_space(path, given):
-    """Return heap and port bytes per sample, the heap never being collected meanwhile."""
+    """Return the heap bytes and sent bytes of a sample; garbage collection is off meanwhile."""
     path.bus.counts(given["counts"][0])
     path.whole(_WARM_UP)
     gc.collect()
@@ -155,7 +155,7 @@ def measure_space(path, given):
 
 
 def timed_us(path, run, given):
-    """Return the time of one sample; garbage is collected before, and not on anyone's account."""
+    """Return the time of one sample in us, without garbage collection."""
     gc.collect()
     gc.disable()
     total = samples = 0
@@ -171,7 +171,7 @@ def timed_us(path, run, given):
 
 
 def record(given, dark):
-    """Return for every set of counts a TOUCH frame, all in hexadecimal, and a line of JSON."""
+    """Return a TOUCH frame for each set of counts (in hexadecimal), and a line of JSON for each."""
     app, bus, clock, port = canned.app(given["calibration"])
     app.strip.stream_spectrum = False
     json_port = canned.Serial()

@@ -1,4 +1,4 @@
-"""Counts under presses all along a strip, as the virtual board reads them, noise included."""
+"""Reads counts of presses along a whole strip from a virtual board, with noise."""
 
 from __future__ import annotations
 
@@ -40,5 +40,5 @@ def counts_of_presses(sensor: SensorFile, samples: int) -> list[tuple[int, ...]]
 def _take(frames, count: int) -> list[tuple[int, ...]]:
     found = [frame.counts for frame in islice(frames, count)]
     if len(found) < count:
-        raise SpotsError("the virtual board sends no more spectra; its firmware is at fault")
+        raise SpotsError("the virtual board sends no more spectra: check its firmware")
     return found

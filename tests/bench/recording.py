@@ -1,6 +1,7 @@
-"""What a recording costs: bytes a frame, and time beside plain decoding of the same bytes.
+"""Measures the size of a recording, and the times to write, read and export it.
 
-``PYTHONPATH=tests .venv/bin/python -m bench.recording`` prints it.
+``PYTHONPATH=tests .venv/bin/python -m bench.recording`` prints bytes per frame, and times relative
+to decoding the same bytes without recording them.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class _Time:
 
 
 class _Link:
-    """Delivers each reading's frames as one read, at a rate."""
+    """A link that returns the frames of one reading at each `read`, at a fixed rate."""
 
     name = "bench"
 
@@ -77,7 +78,7 @@ def _describe() -> dict:
 
 
 def measure() -> dict:
-    """Record, read and export the same readings, and return what that costs."""
+    """Record, read and export the same readings; return sizes and times."""
     with TemporaryDirectory() as folder:
         return {
             "overhead_bytes_per_frame": _overhead(Path(folder)),

@@ -1,9 +1,8 @@
-"""Boards in several processes and their readers in others: Zenoh, and JSON over plain TCP.
+"""Measures processor time, latency and loss between boards and readers in other processes.
 
-``PYTHONPATH=tests .venv/bin/python -m bench.remote`` prints what each way costs and how late it
-is, in the same run: ``frames``, as `spots.open("zenoh:…")` reads them, ``samples``, the JSON on
-Zenoh, and ``tcp``, the same JSON a line each, on a connection a board and reader. Of every frame
-that was sent a reader knows whether it came.
+``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways: ``frames`` over Zenoh, as
+``spots.open("zenoh:…")`` reads them; ``samples``, JSON over Zenoh; and ``tcp``, lines of the same
+JSON over one TCP connection for each board and reader. Readers count all lost frames.
 """
 
 from __future__ import annotations
@@ -42,25 +41,26 @@ def measure(
     seconds: float = 3.0,
     rounds: int = 3,
 ) -> dict:
-    """Let every reader read every board, each way in turn.
+    """Let each reader read all boards, in the three ways one after the other.
 
     Parameters
     ----------
     boards, publishers, readers : int
-        How many; publishers and readers are processes.
+        Number of boards, of processes that publish boards, and of processes that read them.
     rate_Hz : float
-        Of readings of a board; each is two frames.
+        Readings per second of a board; a reading has two frames.
     seconds : float
-        For each way in each round.
+        Duration of each way in each round.
     rounds : int
+        Number of rounds.
 
     Returns
     -------
     dict
-        For each way the frames ``sent`` to all readers, ``received`` and ``lost``; the median of
-        the rounds of ``latency_ms_p50`` and ``latency_ms_p99`` of a touch from the board to
-        decoded; processor time of ``publisher_us`` and ``reader_us`` a frame and reader. With
-        them each of these as a ratio to TCP.
+        For each way: numbers of frames ``sent``, ``received`` and ``lost``, for all readers
+        together. Medians over the rounds: ``latency_ms_p50`` and ``latency_ms_p99`` from board to
+        decoded touch; processor times ``publisher_us`` and ``reader_us`` per frame and reader.
+        Also: ratios of these values to those of TCP.
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory()))
@@ -169,7 +169,7 @@ def _listening() -> socket.socket:
 
 
 class _Process:
-    """A process that gets a request and answers."""
+    """A process that gets requests over a pipe and answers them."""
 
     def __init__(self, target: Callable, *arguments):
         context = multiprocessing.get_context("spawn")
@@ -230,7 +230,7 @@ def _outlet(mode: str, board: Board, session):
 
 
 def serving(outlet, ended: threading.Event) -> threading.Thread:
-    """Return a thread that publishes until the end."""
+    """Return a thread that publishes until `ended` is set."""
     run = Guarded(outlet.run, "publishing")
 
     def serve() -> None:
@@ -242,7 +242,7 @@ def serving(outlet, ended: threading.Event) -> threading.Thread:
 
 
 class _TcpPublisher:
-    """The plain way: a line of JSON a frame, to whoever has connected."""
+    """Sends each frame as a line of JSON to all TCP clients."""
 
     def __init__(self, board: Board):
         from spots.remote.samples import encode, sample
@@ -266,7 +266,7 @@ class _TcpPublisher:
             for reader in list(self._readers):
                 try:
                     reader.sendall(line)
-                except OSError:  # it has seen enough
+                except OSError:  # the reader has closed the connection
                     self._readers.remove(reader)
                     reader.close()
 
@@ -276,7 +276,7 @@ class _TcpPublisher:
 
 
 class _Ledger:
-    """What a reader got of a board, up to the closing frame."""
+    """Counts the frames of a board that a reader received, up to the board's last frame."""
 
     def __init__(self):
         self.first: int | None = None

@@ -1,4 +1,4 @@
-"""The benchmark's figures as tables for people."""
+"""Formats the results of the benchmark as tables."""
 
 from __future__ import annotations
 

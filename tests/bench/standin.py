@@ -1,4 +1,4 @@
-"""A board that costs little: the firmware's frames at a rate, and what a host asks for."""
+"""A substitute for a board that needs little processor time: sends frames, answers commands."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ _IDLE_S = 0.05
 
 
 class StandIn:
-    """A link with a board behind it that has nothing but a clock, to which its frames are true.
+    """A link to a substitute board that sends the same reading, with the present time.
 
-    It sends a touch and a spectrum together. `t_us` is the machine's monotonic clock, so that any
-    process of the machine can compute a frame's age.
+    A reading is a TOUCH and a SPECTRUM frame. Their `t_us` is the computer's monotonic clock, so
+    each process on this computer can compute the age of a frame.
 
     Parameters
     ----------
     board_id : str
+        Id of the board.
     rate_Hz : float
-        Of readings.
+        Readings per second.
 
     Attributes
     ----------
     fast : bool
-        Whether it keeps to that rate, or idles.
+        Whether readings have this rate; otherwise there are 20 a second.
     closing : bool
-        Whether readings are at `CLOSING_UM` from now on.
+        Whether the position of the next readings is `CLOSING_UM`, which marks the end.
     said : list of str
-        The lines that it was sent.
+        The command lines that the board has received.
     closed_at : int or None
-        The sequence number of the first closing frame.
+        Sequence number of the first frame that marks the end.
     """
 
     flags, contrast, brightness, position_um, force_mN = 1, 3 << 18, 12 << 20, 42_500, 3_000
@@ -73,7 +74,7 @@ class StandIn:
                 self._framer.text(json.dumps(self._reply(*line.split())).encode())
 
     def reopen(self) -> None:
-        """Nothing: it goes nowhere."""
+        """Do nothing, because this port is never lost."""
 
     def close(self) -> None:
         self._streams = []
@@ -98,7 +99,7 @@ class StandIn:
 
 
 class _Port:
-    """What `Framer` writes to, and the time it writes."""
+    """Serial port and board time for a `Framer`."""
 
     def __init__(self):
         self.out = b""

@@ -1,4 +1,4 @@
-"""What the firmware takes of a board: the bytes that are built, and an estimate of the heap."""
+"""Memory that the firmware needs on a board: size of the built files, and estimate of the heap."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from spots.deploy.build import build, files_of
 from spots.deploy.staging import board_names, device_of
 
-# Of about 246 KB of a Pico: other LEDs, mains and two fingers took 6 KiB more than before.
+# A Pico has about 246 KB.
 HEAP_MAX_BYTES = 72 * 1024
 FLASH_MAX_BYTES = 64 * 1024
 BOARDS = [name for name in board_names() if device_of(name).runtime == "micropython"]

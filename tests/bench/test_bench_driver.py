@@ -1,4 +1,4 @@
-"""On the bus, in simulated time: figures that are the same on every machine."""
+"""Results of the driver benchmark; simulated time gives the same results on all computers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(params=[(0, 10.0, 5.0), (1, 2.78, 12.0)], ids=["10 ms", "2.78 ms"])
 def at(request, results):
-    """One integration time: its part of the results, and the goal for the ratio of rates."""
+    """Results for one integration time, and the required ratio of rates."""
     i, integration_ms, goal = request.param
     part = results["driver"]["integrations"][i]
     assert part["integration_ms"] == integration_ms

@@ -1,4 +1,4 @@
-"""In MicroPython: bytes are the same on every machine, times are only there."""
+"""Results of the firmware benchmark: bytes have fixed values; times must only be present."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""On the host: the same readings as frames and as JSON."""
+"""Results of the host benchmark: the same readings as frames and as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``make bench`` prints, and says when something is not installed."""
+"""Output of ``make bench``, and its errors for missing packages."""
 
 from __future__ import annotations
 

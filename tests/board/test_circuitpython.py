@@ -1,4 +1,4 @@
-"""The CircuitPython build, in a real MicroPython over modules with CircuitPython's interface."""
+"""The CircuitPython build in a real MicroPython, with substitutes for CircuitPython's modules."""
 
 import contextlib
 

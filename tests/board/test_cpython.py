@@ -1,4 +1,4 @@
-"""The virtual board where there is no MicroPython, or no PTY: the same firmware in CPython."""
+"""The virtual board in CPython, for computers without MicroPython or without PTYs."""
 
 from __future__ import annotations
 

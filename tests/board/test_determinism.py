@@ -1,4 +1,4 @@
-"""Simulated time: one sensor, scenario and seed give the same bytes every time."""
+"""Simulated time: the same sensor, scenario and seed give the same bytes in each run."""
 
 import json
 import shutil

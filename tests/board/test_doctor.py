@@ -1,4 +1,4 @@
-"""`spots doctor` on the light: an LED that is not wired never passes, in whatever room."""
+"""`spots doctor` checks the light: an LED that is not wired never passes, in any ambient light."""
 
 import re
 
@@ -128,7 +128,7 @@ def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_pat
     stage("virtual", tmp_path)
     with virtual_board(tmp_path) as port:
         assert main(["monitor", "--port", port, "--seconds", "0.5"]) == 0
-    assert capsys.readouterr().err == "next: spots calibrate position\n"
+    assert capsys.readouterr().err == "next: spots calibrate\n"
 
 
 def test_monitor_has_no_next_step_for_a_calibrated_board(capsys):

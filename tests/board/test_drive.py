@@ -1,4 +1,4 @@
-"""The firmware onto the drive of a virtual CircuitPython board, and off it."""
+"""Flashes the drive of a virtual CircuitPython board, and erases it."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""People who type with rollover: what share of keys is wrong, and how late a key comes.
+"""Fast typing with rollover: share of wrong keys, and latency of keys.
 
 `python -m spots_sim.typing_speed 40 60 80 100` measures the same on ten times as many touches.
 """

@@ -1,4 +1,4 @@
-"""What goes wrong on the bus, and that the board comes back."""
+"""Faults on the I2C bus, and the recovery of the board."""
 
 import errno
 

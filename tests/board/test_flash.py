@@ -1,4 +1,4 @@
-"""The firmware onto a virtual board whose file system is empty, through its serial port."""
+"""Flashes a virtual board with an empty file system through its serial port."""
 
 import io
 import subprocess
@@ -337,7 +337,7 @@ def test_a_doctor_for_an_ill_board(ill, check, advice):
     assert advice in problems[0].text
     healthy = list(examine_board(Patient()))
     assert all(found.ok for found in healthy)
-    assert healthy[-1] == ("calibrated", True, "not yet; next: spots calibrate position")
+    assert healthy[-1] == ("calibrated", True, "not yet; next: spots calibrate")
 
 
 def test_a_doctor_without_a_port(capsys, monkeypatch):

@@ -1,4 +1,4 @@
-"""Touches become reports and KEY frames on a real MicroPython; no host can stop or fool it."""
+"""Touches become USB reports and KEY frames in a real MicroPython, whatever the host does."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The board can always be had back: Ctrl-C, the button, a crash, and the prompt behind them."""
+"""A board can always be recovered: by Ctrl-C, the button, after a crash, and at the prompt."""
 
 import contextlib
 import subprocess

@@ -1,4 +1,4 @@
-"""A board as slow as a real one, with a heap as small: it samples as it can, and never stops."""
+"""A board as slow as a real one, with as little memory: it samples more slowly, but never stops."""
 
 import contextlib
 

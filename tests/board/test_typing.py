@@ -1,4 +1,4 @@
-"""Fingers on a board that is a keyboard: what was meant is typed, once, and nothing stays down.
+"""Typing on a board that is a keyboard: the right keys, each once, and no key stays pressed.
 
 Everywhere the same engine runs on the host, on the same readings, and has to give the same events.
 """

@@ -1,4 +1,4 @@
-"""A board that 0.1.0 flashed, calibrated and set: this host speaks with it, and upgrades it."""
+"""Upgrades a board with firmware, calibration and settings of version 0.1.0."""
 
 import json
 import zipfile

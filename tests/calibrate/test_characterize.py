@@ -1,4 +1,4 @@
-"""Figures of a sensor: near the bound on any strip, and what they are defined to be."""
+"""Results of `spots characterize`: near the bound on all strips, and as documented."""
 
 import json
 import time

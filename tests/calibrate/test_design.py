@@ -1,4 +1,4 @@
-"""A design is what the bound allows, and the strip that it describes does what it says."""
+"""`spots design`: the resolution is that of the bound, and the simulated strip reaches it."""
 
 import json
 

@@ -2,17 +2,22 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from spots.controller.gamepad_engine import usable
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
-from spots_sim.change import NAMES
-from spots_sim.files import ChangeInTime, Finger, ScenarioFile
+from spots_sim.change import NAMES, Change
+from spots_sim.files import ChangeInTime, Finger, ScenarioFile, SensorFile
+from spots_sim.files import load as load_file
 from spots_sim.lockstep import LockstepLink
+from spots_sim.rezeroed import recalibrated
 from spots_sim.scenario import Scenario
 from spots_sim.typist import TypedText
 
@@ -106,6 +111,23 @@ def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
     if name in UNTRUSTED:
         firm = [touch.trusted for touch in touches if touch.force_mN > 1500]
         assert sum(firm) < 0.05 * len(firm)
+
+
+@pytest.mark.parametrize("phosphor_nm", [-1.0, 1.0])
+@pytest.mark.parametrize("name", ["weak_dye", "short_30mm"])
+def test_a_strip_of_little_contrast_types_right_after_a_re_zero(name, phosphor_nm):
+    change = {"phosphor_nm": phosphor_nm}
+    sensor = load_file(SensorFile, name)
+    lines = recalibrated(replace(sensor, change=Change(**change)))
+    assert counted(play(sensor, lines, change)[0]) == {"right": len(TEXT)}
+
+
+def test_a_controller_follows_a_strip_that_drifted(sensor, calibration):
+    _, touches = play(sensor, calibration, DRIFTS["die redder"])
+    third_s = START_S + 2 * PERIOD_S
+    firm = [touch for touch in touches if touch.force_mN > 1500 and touch.time_s > third_s]
+    assert len(firm) > 100
+    assert np.mean([usable(touch) for touch in firm]) > 0.95
 
 
 def test_a_drift_that_hits_another_key_is_not_hidden(sensor, calibration):

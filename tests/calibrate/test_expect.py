@@ -1,4 +1,4 @@
-"""What a calibration expects of a press is what the board counts, less so under two presses."""
+"""Expected spectra from a calibration agree with the counts of a press, but not of two presses."""
 
 from __future__ import annotations
 

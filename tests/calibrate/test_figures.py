@@ -1,4 +1,4 @@
-"""Figures: all of them, of what was measured; strips of the same dye share one response."""
+"""All figures are drawn from measured data; strips of the same dye share one response."""
 
 import numpy as np
 import pytest

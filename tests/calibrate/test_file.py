@@ -1,4 +1,4 @@
-"""The calibration file: what is written is read, and nothing else is."""
+"""The calibration file: saved files load again; damaged or invalid files are refused."""
 
 import os
 
@@ -109,7 +109,7 @@ def test_a_file_made_by_hand_is_checked_as_a_calibration(path, old, new, says):
 
 
 def test_no_file_says_how_to_make_one(tmp_path):
-    with pytest.raises(SpotsError, match="make it with 'spots calibrate position'"):
+    with pytest.raises(SpotsError, match="make it with 'spots calibrate'"):
         file.load(tmp_path / "none.toml")
     with pytest.raises(SpotsError, match="cannot read"):
         file.load(tmp_path)

@@ -1,4 +1,4 @@
-"""Lamps on the mains: how they are found; exposures of whole half periods, by the board's clock."""
+"""Lamps on the mains: their detection, and exposures that are multiples of half a mains period."""
 
 import argparse
 import io
@@ -49,14 +49,49 @@ def accuracy_um(sensor, exposure_us):
 
 
 @pytest.mark.parametrize(
-    ("flicker_hz", "clock_error_percent", "exposure_us"),
-    [(100.0, -3.0, 10_000), (120.0, 3.0, 8333), (120.0, -3.0, 100_000)],
+    ("sensor", "flicker_hz", "clock_error_percent", "exposure_us"),
+    [
+        ("default", 100.0, -3.0, 10_000),
+        ("default", 120.0, 3.0, 8333),
+        ("default", 120.0, -3.0, 100_000),
+        ("short_30mm", 100.0, -3.0, 100_000),
+    ],
 )
 def test_bright_lamps_of_full_swing_cost_little_accuracy(
-    flicker_hz, clock_error_percent, exposure_us
+    sensor, flicker_hz, clock_error_percent, exposure_us
 ):
-    dark = accuracy_um(load(SensorFile, "default"), exposure_us)
-    assert accuracy_um(lit(150.0, flicker_hz, clock_error_percent), exposure_us) < 1.5 * dark
+    dark = accuracy_um(load(SensorFile, sensor), exposure_us)
+    under_lamp = lit(150.0, flicker_hz, clock_error_percent, sensor=sensor)
+    assert accuracy_um(under_lamp, exposure_us) < 1.5 * dark
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "clock_error_percent"), [(100_000, -3.0), (100_000, 1.7), (300_000, 3.0)]
+)
+def test_a_long_exposure_is_corrected_by_few_restarts(exposure_us, clock_error_percent):
+    starts = []
+    link = LockstepLink(lit(150.0, 100.0, clock_error_percent), Held())
+    with Board(link) as board:
+        board.command(f"set mains_hz=50 exposure_us={exposure_us}")
+        chip, write = link.chip, link.chip.write
+
+        def written(data):
+            if len(data) == 21:  # the SMUX image
+                starts.append(board.now_s())
+            write(data)
+
+        chip.write = written
+        board.command("stream spectrum")
+        list(board.frames(90.0))
+        registers = []
+        for first in (0x81, 0xCA, 0xCB):  # ATIME, ASTEP
+            write(bytes([first]))
+            registers += chip.read(1)
+    cycles, steps = registers[0] + 1, (registers[1] | registers[2] << 8) + 1
+    step_us = 2.78 * cycles * (1 + clock_error_percent / 100)
+    assert steps * step_us == pytest.approx(exposure_us, abs=0.8 * step_us)
+    assert len(starts) <= 3
+    assert max(starts) < 60.0
 
 
 @pytest.mark.parametrize("clock_error_percent", [-3.0, 3.0])
@@ -86,9 +121,10 @@ def test_forty_of_forty_taps_of_a_calibration_made_in_the_dark(clock_error_perce
 
 
 @pytest.mark.parametrize(
-    ("settings", "exposure_us"), [("mains_hz=60", 8333), ("mains_hz=50", 20_000)]
+    ("settings", "exposure_us"),
+    [("mains_hz=60", 8333), ("mains_hz=50", 20_000), ("mains_hz=0", 8333), ("mains_hz=0", 50_000)],
 )
-def test_force_and_position_hold_at_other_exposures_under_lamps(settings, exposure_us):
+def test_force_and_position_hold_at_other_exposures(settings, exposure_us):
     sensor = load(SensorFile, "default")
     lines = calibrate(sensor)
     with Stage(sensor, seed=3, settings=settings) as stage:

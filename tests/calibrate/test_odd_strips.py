@@ -1,11 +1,12 @@
-"""Strips whose channels decay nearly alike, and what must not depend on a choice of channels."""
+"""Strips whose channels decay nearly alike, and results that do not depend on the channels."""
 
 import numpy as np
 import pytest
 from msgspec import structs
 
+from spots import SpotsError
 from spots_sim import measurements
-from spots_sim.measurements import Run, _force, _position
+from spots_sim.measurements import Run, _force, _position, characterize
 from spots_sim.pair import OnePair
 from spots_sim.rig import Rig
 
@@ -27,6 +28,13 @@ def test_a_brown_dye_under_a_narrow_green_phosphor_is_calibrated(sensor, fwhm_nm
     assert run.summary["position"]["crb_ratio"] < 1.15
     assert run.summary["position"]["untrusted_percent"] == 0
     assert run.summary["force"]["accuracy_N"] < 0.1
+
+
+def test_a_strip_whose_touches_begin_above_the_force_of_a_measurement_is_refused(sensor):
+    green = structs.replace(sensor.led, phosphor_nm=540.0, phosphor_fwhm_nm=60.0, blue_share=0.3)
+    brown = structs.replace(sensor.dye, strength_per_mm=0.014, edge_nm=640.0, edge_width_nm=60.0)
+    with pytest.raises(SpotsError, match=r"needs 3\.\d N for a touch, .* more light"):
+        characterize(structs.replace(sensor, led=green, dye=brown), 1, 100_000)
 
 
 def test_the_straightness_of_the_response_does_not_depend_on_the_pair(sensor, monkeypatch):

@@ -1,4 +1,4 @@
-"""Re-zero: marks pressed again on a strip that has drifted, and the calibration shifted to fit."""
+"""Re-zero: the marks of a drifted strip are pressed again, and the calibration is corrected."""
 
 import io
 import json

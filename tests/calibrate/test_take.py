@@ -1,4 +1,4 @@
-"""A press that is held becomes a reading, or is refused with a reason."""
+"""A steady press becomes a reading; any other press is refused with a reason."""
 
 import dataclasses
 import io

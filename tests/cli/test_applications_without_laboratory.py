@@ -1,4 +1,4 @@
-"""Commands of the applications where only the product is installed: one sentence, exit code 2."""
+"""Applications without the simulator installed: one sentence, exit code 2."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Text that devices, files and other machines chose does nothing to a terminal.
+"""Text from devices, files and other machines cannot control the terminal.
 
 A foreign text is one that this program did not write: what a board replies, what a USB device is
 called, names and contents of files, names on a network, the environment. `SHOWN` has each source

@@ -1,4 +1,4 @@
-"""What the command line answers to a newcomer: help by purpose, examples, suggestions."""
+"""The command line for a newcomer: help by purpose, examples, suggestions."""
 
 import os
 import re

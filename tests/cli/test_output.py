@@ -1,4 +1,4 @@
-"""An output that takes nothing more, and a start or options that come to nothing."""
+"""Broken output pipes, interrupted starts and wrong options."""
 
 import errno
 import os

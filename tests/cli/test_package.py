@@ -1,4 +1,4 @@
-"""The wheel holds all that an installed package needs: firmware, boards, data files."""
+"""The wheel contains everything that an installed package needs: firmware, boards, data files."""
 
 import os
 import re

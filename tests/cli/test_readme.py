@@ -1,4 +1,4 @@
-"""What README and hardware.md show runs, from the wheel, with the packages of `make demo` alone."""
+"""The commands in README and hardware.md run from the wheel, with the packages of `make demo`."""
 
 from __future__ import annotations
 

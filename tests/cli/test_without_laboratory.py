@@ -1,4 +1,4 @@
-"""Without the laboratory the product works, and names nothing that only the laboratory has."""
+"""The product works without the simulator, and mentions none of the simulator's commands."""
 
 import os
 import re

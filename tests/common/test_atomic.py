@@ -1,4 +1,4 @@
-"""Files are written whole or not at all; no link is followed, and no left-over stays."""
+"""Files are written completely or not at all; links are not followed; nothing is left behind."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Files that are no files, too large or too deep: one sentence, at once, from every command."""
+"""Special, too large and too deeply nested files: each command refuses them in one sentence."""
 
 import os
 import resource

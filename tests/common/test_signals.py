@@ -1,4 +1,4 @@
-"""Signals: whatever ends or stops a process, all is released first, and a stop is a clean start."""
+"""A signal that ends or stops a process releases all keys; a resumed process has no touch."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""A slip in any TOML file: the sentence names the key that was meant, or those that exist."""
+"""Wrong keys in all TOML files: the error suggests the right key, or lists the valid ones."""
 
 import msgspec
 import pytest

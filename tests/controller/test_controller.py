@@ -1,4 +1,4 @@
-"""Readings to states: what a finger gives, held for a while where it is in doubt, then rest."""
+"""Readings to gamepad states: a touch, untrusted readings that keep the state, then rest."""
 
 import itertools
 
@@ -17,6 +17,7 @@ from spots.controller.controller_settings import (
 from spots.controller.gamepad_engine import Controller
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, State
+from spots_device.contact import TWO_FIT
 from spots_device.decode import (
     DROPPED,
     LED_OFF,
@@ -120,6 +121,14 @@ def test_a_finger_that_rests_in_the_deadband_sends_once():
 
 
 DOUBTS = [MISFIT, SATURATED, LED_OFF, NOT_CALIBRATED, MISFIT | SATURATED | DROPPED]
+
+
+def test_a_reading_that_fits_one_press_up_to_the_drift_moves_the_axes():
+    play = Play().touch(20)
+    assert play.touch(80, flags=TOUCHING | TWO_FIT | DROPPED).x > 0.5 * AXIS_MAX
+    assert not play.controller.held
+    play.lift()
+    assert play.x == 0
 
 
 @pytest.mark.parametrize("flags", DOUBTS + [flags | TOUCHING for flags in DOUBTS])

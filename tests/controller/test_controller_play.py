@@ -1,4 +1,4 @@
-"""A board plays a gamepad: from the scenario's finger to the kernel, and every way it may end."""
+"""A board plays a gamepad: from the scenario's finger to the kernel, for every exit path."""
 
 import contextlib
 import io
@@ -429,7 +429,7 @@ def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, r
 def test_a_board_without_a_calibration_is_told(sensor):
     with (
         Board(LockstepLink(sensor, Held())) as board,
-        pytest.raises(SpotsError, match="spots calibrate position"),
+        pytest.raises(SpotsError, match="run 'spots calibrate'"),
     ):
         play.controller_for(board, load_settings())
 

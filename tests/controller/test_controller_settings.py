@@ -1,4 +1,4 @@
-"""Settings files: an error is reported, and what is written is read back."""
+"""Settings files of the controller: errors, and files that are saved and read again."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The 1-Euro filter on signals whose answer is known."""
+"""The 1-Euro filter on signals with a known result."""
 
 import math
 import random

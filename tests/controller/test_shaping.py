@@ -1,4 +1,4 @@
-"""Curves of an axis: ends and middle exact, no step backwards, the same on both sides."""
+"""Response curves of an axis: exact at ends and middle, monotone, symmetric."""
 
 import math
 

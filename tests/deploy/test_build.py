@@ -1,4 +1,4 @@
-"""What goes onto each board: compiled where it can be, and nothing stale."""
+"""The files for each board: compiled if possible, and none from an earlier build."""
 
 import json
 import re
@@ -58,7 +58,7 @@ def test_viper_is_for_boards_whose_machine_code_is_known(said, tmp_path, monkeyp
     text = f'title = "Odd"\n{said}\nviper = true\n[device]\n'
     (tmp_path / "odd" / "board.toml").write_text(text)
     monkeypatch.setattr(staging, "BOARDS", tmp_path)
-    with pytest.raises(SpotsError, match=r"odd/board\.toml: viper needs MicroPython and a march"):
+    with pytest.raises(SpotsError, match=r"odd/board\.toml: viper needs runtime = micropython"):
         device_of("odd")
 
 

@@ -1,4 +1,4 @@
-"""Boards of a few lines behind PTYs, that are unplugged and come back under other names."""
+"""Small boards behind PTYs that are unplugged and appear again under other names."""
 
 from __future__ import annotations
 

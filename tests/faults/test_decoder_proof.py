@@ -1,4 +1,4 @@
-"""The decoder under every damage of a byte, and many damages of several.
+"""The decoder under every possible damage of one byte, and many damages of several bytes.
 
 A piece of the stream is what lies between two delimiters. Damage that leaves the delimiters of a
 frame alone changes that piece only, so that variants of a frame are tried one behind the other in

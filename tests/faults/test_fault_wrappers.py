@@ -1,4 +1,4 @@
-"""What the wrappers do to bytes, transfers and a board, by themselves."""
+"""The fault wrappers alone: what they do to bytes, transfers and a board."""
 
 import errno
 

@@ -1,4 +1,4 @@
-"""Everything at once: the scenario of the package, in simulated and in real time."""
+"""The scenario `fire` with all faults, in simulated and in real time."""
 
 import json
 from collections import deque

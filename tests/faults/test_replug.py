@@ -1,4 +1,4 @@
-"""A board that is unplugged and comes back under another name, a hundred times."""
+"""A board that is unplugged and appears again under another name, a hundred times."""
 
 import gc
 import itertools

@@ -1,4 +1,4 @@
-"""A program's side of a restart, against a stand-in for a board that restarts on request."""
+"""Restarts of a board as a program sees them, with a substitute that restarts on request."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Keys and controller while everything goes wrong: nothing that no finger did, nothing stuck.
+"""Keys and controller with all faults: no press without a finger, and no stuck key.
 
 Two keyboards at once: the board's own engine, whose reports go out over USB, and the one on the
 host, which sees only what came through the damaged link.

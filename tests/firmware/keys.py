@@ -1,4 +1,4 @@
-"""A keypad on a desk: readings in, events out, at 10 ms a reading."""
+"""A keypad in CPython: readings in, events out, with 10 ms between two readings."""
 
 from __future__ import annotations
 

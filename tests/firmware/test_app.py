@@ -202,6 +202,6 @@ def test_the_longest_reply_fits_a_frame():
     reply["dark"] = reply["rest"] = [DARK_SAMPLES * 65_535] * 6
     for name in ("missed", "retries", "dropped", "dropped_reports", "faults"):
         reply[name] = 1 << 30
-    reply["fault"] = "the AS7341 does not hold its settings; check its supply and wiring"
+    reply["fault"] = "the AS7341 has lost its settings; check its supply and wiring"
     reply["saturation"], reply["full_scale"], reply["re"] = "digital", 65_535, "get"
     assert TEXT_MAX - 50 < len(json.dumps(reply)) <= TEXT_MAX

@@ -1,4 +1,4 @@
-"""Readings become touches: none of noise, one of one finger, two of two."""
+"""Readings become touches: noise gives no touch, one finger gives one, two fingers give two."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Dot products, tables and flags: exact, inside 31 bits, never a wrong position."""
+"""Dot products, tables and flags: exact, within 31 bits, never a wrong position."""
 
 import itertools
 from fractions import Fraction

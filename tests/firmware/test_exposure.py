@@ -1,4 +1,4 @@
-"""What the registers can do, and the search that fills the converter."""
+"""Exposures that the registers allow, and the search of gain and LED current."""
 
 import pytest
 from hypothesis import example, given

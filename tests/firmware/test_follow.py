@@ -1,4 +1,4 @@
-"""The light of the untouched strip is followed slowly towards a touch and quickly away from it."""
+"""The baseline follows the untouched strip's light: slowly if it grows, quickly if it falls."""
 
 from spots_device.kernel import follow
 

@@ -1,4 +1,4 @@
-"""Frames as the firmware makes them, against independent encoders and the bytes of the protocol."""
+"""Frames of the firmware, compared with independent encoders and the bytes of the protocol."""
 
 import struct
 import zlib

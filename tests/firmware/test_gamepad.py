@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
 
-from spots_device.decode import LED_OFF, TOO_DARK, TOUCHING
+from spots_device.contact import TWO_FIT
+from spots_device.decode import LED_OFF, MISFIT, TOO_DARK, TOUCHING
 from spots_device.gamepad import GamepadAxes
 
 LENGTH_UM = 85_000
@@ -53,6 +54,13 @@ def test_without_a_touch_all_is_0_and_a_doubtful_reading_changes_nothing(axes):
     assert axes.sink.now == before
     axes.take(TOO_DARK, 0, 0)
     assert axes.sink.now == (0, 0, 0, 0)
+
+
+def test_a_reading_that_fits_one_press_up_to_the_drift_moves_the_axes(axes):
+    axes.take(TOUCHING | TWO_FIT, LENGTH_UM, 5000)
+    assert axes.sink.now == (32_767, 0, 32_760, 1)
+    axes.take(TOUCHING | MISFIT, 0, 5000)
+    assert axes.sink.now == (32_767, 0, 32_760, 1)
 
 
 @given(

@@ -1,4 +1,4 @@
-"""Reports reach the host whole, once and in order, or not at all; and no key stays down."""
+"""Reports reach the host completely, once and in order, or not at all; no key stays pressed."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""What a finger does on a key is what the layout says; whatever it does, no key stays down."""
+"""Touches on keys give the actions of the layout, and no key stays pressed."""
 
 import pytest
 from hypothesis import given, settings

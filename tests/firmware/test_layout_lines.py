@@ -1,4 +1,4 @@
-"""A layout is taken whole and sound, or refused with a sentence."""
+"""A layout is accepted if it is completely valid, or refused with a sentence."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Ctrl-C at any moment, and a second one: no key stays down, and Ctrl-C works afterwards."""
+"""Ctrl-C at any moment, even twice: no key stays pressed, and Ctrl-C works afterwards."""
 
 import sys
 

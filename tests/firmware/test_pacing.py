@@ -1,4 +1,4 @@
-"""The lock on the sensor's clock: no sample missed, none twice, hardly a poll in vain."""
+"""The schedule of polls: no sample is missed or read twice, and few polls are early."""
 
 import random
 
@@ -40,8 +40,14 @@ class Run:
         """Sample with another period from now on, on the same oscillator."""
         self.true_us, self.taken, self.samples = true_us, 0, []
         self.origin = self.now + 15_000
-        self.pacing.learn()
+        self.learn()
         self.pacing.start(SmallInt(self.now % WRAP), nominal_us)
+
+    def learn(self):
+        """Update the oscillator's deviation, in integers of any size."""
+        pacing = self.pacing
+        pacing.lasted_us, pacing.longest_us = int(pacing.lasted_us), int(pacing.longest_us)
+        pacing.learn()
 
     def poll(self, late_us=0):
         wait_us = Clock.ticks_diff(self.pacing.due, self.now % WRAP)
@@ -188,3 +194,15 @@ def test_the_period_is_measured_to_a_few_hundredths_of_a_per_cent(nominal_us, er
         lasted_us, longest_us = int(pacing.lasted_us), int(pacing.longest_us)
         assert lasted_us - 1 <= pacing.sampled * true_us <= longest_us + 1
         assert longest_us - lasted_us < longest_us / 2000
+
+
+def test_a_short_measurement_of_the_oscillator_does_not_replace_a_long_one():
+    run = Run(10_000, 10_300)
+    while len(run.samples) < 3000:
+        run.poll()
+    for _ in range(5):
+        run.restart(100_000, 103_000)
+        while not run.pacing.sampled:
+            run.poll(late_us=run.polls * 137 % 700)
+    run.learn()
+    assert run.pacing.nominal_us(1_000_000) * 1.03 == pytest.approx(1_000_000, abs=25)

@@ -1,4 +1,4 @@
-"""Where a second finger is estimated beside a first one that rests."""
+"""The estimated position of a second finger beside a resting first finger."""
 
 import math
 

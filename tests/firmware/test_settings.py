@@ -1,4 +1,4 @@
-"""Settings are taken whole or not at all, and a save survives a cut of power at every step."""
+"""Settings change completely or not at all; a save survives a power cut at every step."""
 
 import os
 from types import SimpleNamespace

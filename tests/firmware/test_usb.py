@@ -1,4 +1,4 @@
-"""What the two runtimes' USB modules make of ``send(report) -> bool``, on stand-ins for both."""
+"""The USB modules of both runtimes, on substitutes for both USB stacks."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""Look for bytes that break a target, and keep those that reach what none before did."""
+"""Fuzzes a target: searches bytes that make it fail, and stores bytes that reach new code."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ FOUND = HERE.parents[1] / "build" / "fuzz"
 FILES_MAX = 90
 BYTES_MAX = 16_000
 LENGTH_MAX = 4096
-# On a loaded machine; a target that is stuck is found all the same.
+# Long enough for a loaded computer; a target that hangs is still found.
 _STUCK_S = 60
 _OPTIONS = (f"-max_len={LENGTH_MAX}", f"-timeout={_STUCK_S}", "-print_final_stats=1")
 _FOUND = 1
 
 
 def main() -> int:
-    """Run one target, or list them."""
+    """Fuzz one target; without a name, list all targets."""
     parser = argparse.ArgumentParser(prog="fuzz", description=__doc__)
     parser.add_argument("target", nargs="?", choices=TARGETS, metavar="TARGET")
     parser.add_argument("--seconds", type=int, default=60)
@@ -69,7 +69,7 @@ def _engine(target: str, *arguments) -> str:
 
 
 def _keep(target: str, least: Path) -> None:
-    """Keep the smallest inputs in place of those of the last time, within the bounds."""
+    """Replace the stored inputs of a target by the smallest ones in the folder `least`."""
     known = kept.named(target).values()
     room_files, room_bytes = FILES_MAX - len(known), BYTES_MAX - sum(map(len, known))
     chosen = []

@@ -1,4 +1,4 @@
-"""What targets play with: the firmware's application on a sensor that is not there, and fingers."""
+"""Helpers of the fuzz targets: the firmware on a substitute sensor, and random fingers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spots_device.contact import TICKS
 from spots_device.decode import MISFIT, TOO_DARK, TOUCHING
 from spots_device.settings import checksum
 
-# More would be one more of the same, and slow.
+# More lines test nothing new, and are slow.
 LINES_MAX = 40
 _WRAP = 1 << 30
 _SETTLE_STEPS = 100  # a search over all gains and a dark frame end within so many samples
@@ -28,7 +28,7 @@ _STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 
 
 def _own_app():
-    """Return a copy of the module that no other test sees: with files of its own, and no gc."""
+    """Return a private copy of the firmware's module `app`, with its own files and without gc."""
     spec = importlib.util.find_spec("spots_device.app")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -72,7 +72,7 @@ class _Serial:
 
 
 class _Sensor:
-    """As `as7341.AS7341`; counts grow with gain and exposure, and saturate."""
+    """Substitute for `as7341.AS7341`; counts grow with gain and exposure, and saturate."""
 
     def __init__(self, clock):
         self._clock = clock
@@ -119,7 +119,7 @@ class _Sensor:
 
 
 class Board:
-    """The application of the firmware, freshly started, on a clock of its own."""
+    """The firmware's application after a start, with a simulated clock."""
 
     def __init__(self):
         for path in Path(_STORE.name).iterdir():
@@ -132,20 +132,20 @@ class Board:
         self.said()
 
     def hear(self, data):
-        """Give it what a host sends, and let it run until it has heard all."""
+        """Send bytes to the board, and run the board until it has read all of them."""
         self._serial.heard += data
         self.app.step()
         while self._serial.heard:
             self.app.step()
 
     def summed(self, line):
-        """Return a line with the checksum of what was uploaded so far in its place."""
+        """Return a line in which the checksum of the uploaded lines replaces ``CHECKSUM``."""
         commands = self.app._commands
         upload = commands._uploads["layout" if line.startswith(b"layout") else "cal"]
         return line.replace(b"CHECKSUM", checksum(upload._lines or []).encode())
 
     def said(self):
-        """Return the frames that it has sent since; none of them is bad."""
+        """Return the frames that the board has sent since the last call; all must be valid."""
         frames = self._decoder.feed(bytes(self._serial.said))
         self._serial.said.clear()
         assert not self._decoder.stats.bad_crc
@@ -153,14 +153,14 @@ class Board:
         return frames
 
     def settle(self):
-        """Let it end what was asked of it."""
+        """Run the board until it has replied to its last command."""
         for _ in range(_SETTLE_STEPS):
             self.app.step()
             if not self.app.replies._claimed:
                 return
 
     def state(self):
-        """Return what a command can change."""
+        """Return everything that a command can change."""
         app = self.app
         return (
             dict(app.settings.values),
@@ -172,7 +172,7 @@ class Board:
 
 
 class Fingers:
-    """Takes the events of a keypad; `down` has what is held."""
+    """Receives the events of a keypad; `down` contains the pressed keys."""
 
     def __init__(self):
         self.down = set()
@@ -186,7 +186,7 @@ class Fingers:
         pass
 
     def play(self, pad, seed):
-        """Press, slide, tap and lift at random; end without a finger."""
+        """Press, slide, tap and lift on the keypad `pad` at random; lift all fingers at the end."""
         rng = random.Random(seed)
         t = TICKS - 2000
         for _ in range(40):
@@ -206,7 +206,7 @@ class Fingers:
 
 
 def shrink(calibration):
-    """Make every number of a calibration one that cannot leave 31 bits."""
+    """Replace all numbers of a calibration by a type that raises an error beyond 31 bits."""
     for owner in (calibration, *calibration.segments):
         for name, value in vars(owner).items():
             if isinstance(value, array):
@@ -216,7 +216,7 @@ def shrink(calibration):
 
 
 def play_controller(controller, settings):
-    """Give a controller two seconds of readings."""
+    """Feed a controller with readings of two seconds, and check its states."""
     made = controller(settings, _LENGTH_UM)
     rng = random.Random(0)
     for i in range(200):

@@ -1,4 +1,4 @@
-"""One process of atheris: TARGET, then libFuzzer's arguments."""
+"""Runs atheris in one process; arguments: name of a target, then arguments of libFuzzer."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What fuzzing kept of each target: regressions with a name as files, the rest in one archive."""
+"""Stored inputs of each target: named regressions as files, all others in one archive."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ CORPUS = Path(__file__).parent / "corpus"
 
 
 def named(target: str) -> dict[str, bytes]:
-    """Return the regressions of a target, by their names."""
+    """Return the named regressions of a target: content by name."""
     folder = CORPUS / target
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 def found(target: str) -> dict[str, bytes]:
-    """Return what fuzzing found, by the SHA-1 of each."""
+    """Return the inputs that fuzzing found for a target: content by its SHA-1."""
     try:
         with zipfile.ZipFile(CORPUS / f"{target}.zip") as archive:
             return {name: archive.read(name) for name in archive.namelist()}
@@ -25,12 +25,12 @@ def found(target: str) -> dict[str, bytes]:
 
 
 def kept(target: str) -> dict[str, bytes]:
-    """Return all of it."""
+    """Return all stored inputs of a target."""
     return {**named(target), **found(target)}
 
 
 def keep(target: str, inputs: list[bytes]) -> None:
-    """Replace what fuzzing found; the same inputs give the same archive."""
+    """Replace the inputs that fuzzing found; equal inputs give an equal archive."""
     digests = {hashlib.sha1(data).hexdigest(): data for data in inputs}
     with zipfile.ZipFile(CORPUS / f"{target}.zip", "w") as archive:
         for name, data in sorted(digests.items()):

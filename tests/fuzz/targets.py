@@ -1,7 +1,7 @@
-"""What is fuzzed: by name, a function of bytes that raises only if something is wrong.
+"""The fuzz targets: functions that take arbitrary bytes, and raise an error only for a defect.
 
-Each reads its bytes as somebody's file, message or line, catches the error that is documented for
-bad ones, and asserts what must hold for good ones.
+Each target uses the bytes as a file, a message or a command line. It accepts the documented error
+for invalid bytes, and checks the result for valid bytes.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _SOME_TIMES_S = (0.0, 0.3, 12.5, 1e6)
 
 @contextlib.contextmanager
 def _refusing():
-    """Let pass a SpotsError, if it is one line that a terminal can show."""
+    """Accept a SpotsError whose text is one printable line."""
     try:
         yield
     except SpotsError as error:
@@ -72,7 +72,7 @@ def _check_line(text: str) -> None:
 
 
 def _stream(data: bytes) -> bytes:
-    """Return bytes as they are, or, after a mark, the frames of payloads between CR LF."""
+    """Return the bytes; if they start with ``=``, encode each line (CR LF) as a frame."""
     if not data.startswith(_SEALED):
         return data
     told = data[1:].replace(b"PROTOCOL", b"%d" % PROTOCOL)
@@ -90,7 +90,7 @@ def _file(name: str, content: bytes) -> Path:
 
 
 def decoder(data: bytes) -> None:
-    """However a stream is cut, the same frames come out, and memory is bounded."""
+    """Decoder: frames do not depend on how a stream is divided; memory is limited."""
     stream = _stream(data)
     at_once, pieces = Decoder(), Decoder()
     frames, size = [], 1 + len(stream) % 7
@@ -103,7 +103,7 @@ def decoder(data: bytes) -> None:
 
 
 def commands(data: bytes) -> None:
-    """Every line gets one reply, and one that is refused changes nothing."""
+    """Commands of a board: each line gets one reply; a refused command changes nothing."""
     board = desk.Board()
     for line in data.split(b"\n")[: desk.LINES_MAX]:
         before = board.state()
@@ -120,7 +120,7 @@ def commands(data: bytes) -> None:
 
 
 def calibration(data: bytes) -> None:
-    """What a board believes, it can calculate with: nothing leaves 31 bits."""
+    """Calibration on a board: with an accepted one, no number exceeds 31 bits."""
     lines = _text(data).split("\n")
     for strain_ppm in (0, 50_000):
         try:
@@ -139,7 +139,7 @@ def calibration(data: bytes) -> None:
 
 
 def layout_lines(data: bytes) -> None:
-    """What a board believes, it can play: every key that goes down goes up."""
+    """Layout on a board: with an accepted one, each pressed key is released."""
     try:
         made = Layout(_text(data).split("\n"))
     except LayoutError:
@@ -152,7 +152,7 @@ def layout_lines(data: bytes) -> None:
 
 
 def settings_file(data: bytes) -> None:
-    """A settings file on the board: read whole, or refused with a sentence."""
+    """Settings file on a board: read completely, or refused with an error."""
     lines = data.split(b"\n")
     if data.startswith(_SEALED):
         lines[0] = lines[0][1:]
@@ -173,7 +173,7 @@ def settings_file(data: bytes) -> None:
 
 
 def calibration_toml(data: bytes) -> None:
-    """A calibration file, with its checksum made good after a mark."""
+    """Calibration file; if it starts with ``=``, a correct checksum is added."""
     if data.startswith(_SEALED):
         body = data[1:].replace(b"\r", b"")
         data = body + b'[end]\ncrc32 = "%08x"\n' % zlib.crc32(body)
@@ -185,7 +185,7 @@ def calibration_toml(data: bytes) -> None:
 
 
 def layout_toml(data: bytes) -> None:
-    """A layout file: what is accepted, board and page can show."""
+    """Layout file: board, terminal and web UI accept a valid one."""
     with _refusing():
         found = layout.load(_file("layout.toml", data))
         Layout(found.lines)
@@ -197,7 +197,7 @@ def layout_toml(data: bytes) -> None:
 
 
 def sensor_toml(data: bytes) -> None:
-    """A sensor file: what is accepted has light that is a number."""
+    """Sensor file: a valid one gives finite count rates."""
     with _refusing():
         file = files.load(files.SensorFile, _file("sensor.toml", data))
         with _quiet():
@@ -206,7 +206,7 @@ def sensor_toml(data: bytes) -> None:
 
 
 def scenario_toml(data: bytes) -> None:
-    """A scenario file: what is accepted can be played at any time."""
+    """Scenario file: a valid one can be played at any time."""
     with _refusing():
         file = files.load(files.ScenarioFile, _file("scenario.toml", data))
         scenario = Scenario(file)
@@ -226,7 +226,7 @@ def scenario_toml(data: bytes) -> None:
 
 
 def linkage_toml(data: bytes) -> None:
-    """A linkage file."""
+    """File of a simulated linkage."""
     sensor = files.load(files.SensorFile, "default")
     with _refusing():
         made = linkage.Mechanism(files.load(files.LinkageFile, _file("l.toml", data)), sensor)
@@ -234,7 +234,7 @@ def linkage_toml(data: bytes) -> None:
 
 
 def mounted_toml(data: bytes) -> None:
-    """The file of a linkage that stands: what is accepted can be saved, read and solved."""
+    """File of a real linkage: a valid one can be saved and read again."""
     path = _file("mounted.toml", data)
     mounted.is_mounted(str(path))
     with _refusing():
@@ -247,20 +247,20 @@ def mounted_toml(data: bytes) -> None:
 
 
 def points_csv(data: bytes) -> None:
-    """A table of points that a linkage was measured at."""
+    """Table of the positions at which a linkage was measured."""
     with _refusing():
         rows, _ = twin_points._read(_file("points.csv", data))
         assert all(map(math.isfinite, rows.ravel()))
 
 
 def path_toml(data: bytes) -> None:
-    """A path file; how long it takes is not asked."""
+    """Path file of a linkage; the duration of its motion is not tested."""
     with _refusing():
         files.load(files.PathFile, _file("path.toml", data))
 
 
 def controller_toml(data: bytes) -> None:
-    """Settings of the controller: what is accepted can be saved, read and played."""
+    """Settings file of the controller: a valid one can be saved, read again and used."""
     with _refusing():
         found = controller_settings.load(_file("controller.toml", data))
         path = FOLDER / "again.toml"
@@ -270,13 +270,13 @@ def controller_toml(data: bytes) -> None:
 
 
 def wearable_toml(data: bytes) -> None:
-    """A file of gestures."""
+    """File with the keys of gestures."""
     with _refusing():
         wearable.Mapping(_file("wearable.toml", data))
 
 
 def recording(data: bytes) -> None:
-    """A recording: read, summarised, played and exported."""
+    """Recording: it is read, summarised, played and exported."""
     path = _file("a.spots", _stream(data))
     with _refusing():
         assert report(summary(path)).replace("\n", "").isprintable()
@@ -303,7 +303,7 @@ def _draw(picture) -> None:
 
 
 def published(data: bytes) -> None:
-    """What anyone publishes on Zenoh, after its name in a line: a line, or none of ours."""
+    """Message on Zenoh, with its key in the first line: printed as one line, or ignored."""
     name, _, content = data.partition(b"\n")
     for written in (subscribe._Lines().written, subscribe._as_json):
         text = subscribe._text(written, _text(name), content)
@@ -311,7 +311,7 @@ def published(data: bytes) -> None:
 
 
 def page_message(data: bytes) -> None:
-    """What a page sends: a number that was drawn, or the end of the connection."""
+    """Message of the web UI: the number of the last picture that the browser has drawn."""
     if number := _NUMBER.fullmatch(_text(data[:_ACK_MAX])):
         PagePace(lambda: 0.0).acknowledge(int(number[0]))
 
@@ -325,7 +325,7 @@ _GUARDS = {
 
 
 def guard(data: bytes) -> None:
-    """A request: guard, Host, Origin, Cookie and query, a line each. Who gets in may."""
+    """HTTP request (lines: guard, Host, Origin, Cookie, query): only allowed ones are accepted."""
     lines = [line.replace(b"\r", b"").replace(b"\0", b"") for line in data.split(b"\n")]
     kind, host, origin, cookie, query = (lines + [b""] * 5)[:5]
     named = {b"Host": host, b"Origin": origin, b"Cookie": cookie}
@@ -401,6 +401,6 @@ TARGETS = {
 
 
 def run(name: str, data: bytes) -> None:
-    """Give bytes to a target; what it prints is of no interest."""
+    """Run a target with bytes, and discard its output."""
     with contextlib.redirect_stdout(io.StringIO()):
         TARGETS[name](data)

@@ -1,4 +1,4 @@
-"""Every target with every input that fuzzing kept, and with what hypothesis makes of them."""
+"""Runs each target with its stored inputs, and with inputs that hypothesis makes from them."""
 
 import pytest
 from hypothesis import given, settings
@@ -25,7 +25,7 @@ def test_what_was_kept(name):
 
 @st.composite
 def changed(draw, inputs):
-    """Pieces of inputs one after the other, some bytes between them."""
+    """Return pieces of several inputs, joined by random bytes."""
     data = b""
     for _ in range(draw(st.integers(1, 3))):
         whole = draw(st.sampled_from(inputs))

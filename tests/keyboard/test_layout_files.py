@@ -1,4 +1,4 @@
-"""Layout files are compiled to what a board takes; an error names its line and its fix."""
+"""Layout files are compiled to the lines of a board; errors name line and remedy."""
 
 import numpy as np
 import pytest

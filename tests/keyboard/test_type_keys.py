@@ -1,4 +1,4 @@
-"""A program that types, or does what gestures mean: whatever ends it, nothing stays down."""
+"""Programs that press keys: on every exit path no key stays pressed."""
 
 import json
 from types import SimpleNamespace
@@ -265,7 +265,7 @@ def test_rest_is_refused_where_nothing_follows_it(board):
 
 def test_a_board_without_a_calibration_is_told(sensor):
     bare = Board(LockstepLink(sensor, Scenario(HELD), 0))
-    with bare, pytest.raises(SpotsError, match="spots calibrate position"):
+    with bare, pytest.raises(SpotsError, match="run 'spots calibrate'"):
         type_on(bare, load("digits"), Computer())
 
 

@@ -1,4 +1,4 @@
-"""What a program does with a board: iterators, callbacks, asyncio, threads, and what is unknown."""
+"""The API of a board: iterators, callbacks, asyncio, threads, and unknown values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Board time to host time."""
+"""Conversion of board time to host time."""
 
 import pytest
 from hypothesis import given

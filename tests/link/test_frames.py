@@ -1,4 +1,4 @@
-"""The decoder: every good frame, nothing else, whatever happens to the bytes."""
+"""The decoder returns all valid frames and no others, whatever the damage."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""A board with invalid replies is refused in one sentence, whatever it sends."""
+"""A board with invalid replies is refused in one sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A strip as an encoder: the angle, its speed by the board's clock, its standard error, play."""
+"""A strip as an encoder: angle, velocity by the board's clock, standard error, backlash."""
 
 from __future__ import annotations
 

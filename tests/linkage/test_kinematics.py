@@ -1,4 +1,4 @@
-"""Kinematic calibration: it finds what is there, and names what it cannot separate."""
+"""Kinematic calibration finds the parameters, and names those that it cannot separate."""
 
 from __future__ import annotations
 

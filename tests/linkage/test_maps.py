@@ -1,4 +1,4 @@
-"""The linkage's pictures and its page."""
+"""The linkage's pictures and its document."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The twin: two encoders to one terminal, and how near it comes through the real firmware."""
+"""The digital twin: from two encoders to the end point, and its error with the real firmware."""
 
 from __future__ import annotations
 

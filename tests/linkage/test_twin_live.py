@@ -1,4 +1,4 @@
-"""The twin of boards: live, recorded, restarted; its linkage file; what the command shows."""
+"""The digital twin of boards: live, recorded, restarted; its linkage file; the command's output."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Machine:
     def __init__(self, sensor, folder):
         linkage = load(LinkageFile, "default")
         self._sensor = sensor
-        self.strip = calibrated(sensor, linkage, 0, EXPOSURE_US)
+        self.strip = calibrated(sensor, 0, EXPOSURE_US)
         self.mechanism = mechanism = Mechanism(linkage, sensor)
         self.motion = guided(load(PathFile, "sust"), START_S)
         self._scenarios = mechanism.drive(self.motion)

@@ -1,4 +1,4 @@
-"""From places where the terminal was to a linkage file, by the command line."""
+"""From measured positions of the end point to a linkage file, with the command line."""
 
 from __future__ import annotations
 

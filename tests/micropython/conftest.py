@@ -1,4 +1,4 @@
-"""The machines that the scripts of this tier run in.
+"""Fixtures that run the scripts of this folder in MicroPython.
 
 Two real MicroPythons, one with words of 64 bits and one of 32, and CPython to compare them with.
 Each gets the firmware's package and the same scripts, unchanged, in a folder of its own; the one

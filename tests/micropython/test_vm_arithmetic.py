@@ -1,4 +1,4 @@
-"""The firmware's arithmetic in a real MicroPython: the integers of CPython, without the heap.
+"""The firmware's arithmetic in a real MicroPython: same integers as in CPython, no allocation.
 
 Each trial runs while the heap is locked: in the 32-bit machine it ends in MemoryError as soon as
 one value passes 31 bits. Arguments go to the ends of what calibration and chip allow.

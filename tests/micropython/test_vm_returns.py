@@ -1,4 +1,4 @@
-"""A sensor that returns: the loop goes on with a clean heap.
+"""A sensor that returns: the loop continues without garbage on the heap.
 
 Each allocation searches the heap for a free block, so garbage that is left behind slows the loop
 down as long as nobody sends a command.

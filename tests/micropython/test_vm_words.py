@@ -1,4 +1,4 @@
-"""That the two machines differ in what they are there for: the width of their small integers."""
+"""The two MicroPythons of the tests have small integers of different width."""
 
 
 def test_a_small_integer_is_one_bit_and_its_sign_short_of_a_word(machine, machine_bits):

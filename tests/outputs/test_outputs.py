@@ -1,4 +1,4 @@
-"""Keyboards and gamepads of a computer: everything that goes down goes up, however it ends."""
+"""Keyboards and gamepads of a computer: every pressed key is released on every exit path."""
 
 import os
 import sys

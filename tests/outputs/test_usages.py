@@ -1,4 +1,4 @@
-"""The table of keys, against those of others."""
+"""The table of keys, compared with other tables."""
 
 import runpy
 from importlib.util import find_spec

@@ -1,4 +1,4 @@
-"""A recording of real firmware in simulated time, and what was seen while it was made."""
+"""A recording of real firmware in simulated time, and the frames that it must contain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording process that says what it has handed on, to be killed."""
+"""A process that records and reports its frames, to be killed by a test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links that deliver given bytes, and recordings made of them."""
+"""Links that deliver given bytes, and recordings of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The examples do what they say, on a board in simulated time."""
+"""The examples, on a board in simulated time."""
 
 import os
 import runpy

@@ -1,4 +1,4 @@
-"""What 0.1.0 wrote loads in this version and means the same."""
+"""Files of version 0.1.0 load in this version with the same meaning."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""Arrays of a recording: what its frames are, to the last bit, whatever happened to its bytes."""
+"""Arrays of a recording equal its frames to the last bit, even in damaged files."""
 
 import dataclasses
 import random

@@ -1,4 +1,4 @@
-"""``spots record``, ``replay`` and ``info``, and what they say of what they cannot do."""
+"""``spots record``, ``replay`` and ``info``, and their errors."""
 
 import json
 import os

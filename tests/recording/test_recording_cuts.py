@@ -1,4 +1,4 @@
-"""However a recording ends or is damaged: the whole frames are there, and no wrong one."""
+"""Cut and damaged recordings: all complete frames are read, and no wrong one."""
 
 import contextlib
 import itertools
@@ -8,6 +8,7 @@ import random
 import signal
 import struct
 import sys
+import threading
 import time
 
 import pytest
@@ -16,8 +17,9 @@ from hypothesis import strategies as st
 
 import kills
 import spots
-from reels import record, recorder, replayed
+from reels import INFO, clock, record, recorder, replayed
 from spots.link.frames import Decoder, note
+from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from test_frames import encoded, touch
 
@@ -61,6 +63,25 @@ def test_cut_at_every_byte_the_whole_frames_are_there(whole, tmp_path):
         assert recording.cut_bytes == size - 1 - data.rfind(b"\0", 0, size)
         assert recording.complete == (size == len(data))
     assert 0 < header_ends < ends[0] / 2  # one of two copies is enough
+
+
+def test_a_stop_in_another_thread_waits_for_the_frame_in_work(tmp_path):
+    path, stops = tmp_path / "run.spots", []
+
+    def describe():  # the recorder asks for it in the middle of a write
+        for stop in stops:
+            stop.start()
+            stop.join(0.2)  # without a lock, the recording has ended by then
+        return {"info": INFO, "clock": clock().state(), "calibration": None}
+
+    one = Recorder(time.monotonic, path, describe)
+    stops.append(threading.Thread(target=one.stop))
+    one.take(touch(0), time.monotonic())
+    stops[0].join()
+    one.take(touch(1), time.monotonic())
+    frames, recording = replayed(path)
+    assert [frame.sequence for frame in frames] == [0]
+    assert recording.complete
 
 
 @contextlib.contextmanager

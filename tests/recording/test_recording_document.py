@@ -1,4 +1,4 @@
-"""docs/recording.md says what is in the files."""
+"""The statements of docs/recording.md about the file format."""
 
 import re
 from pathlib import Path

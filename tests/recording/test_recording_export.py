@@ -1,4 +1,4 @@
-"""MCAP, CSV and NumPy files hold the numbers of the recording."""
+"""MCAP, CSV and NumPy files contain the numbers of the recording."""
 
 import csv
 import json

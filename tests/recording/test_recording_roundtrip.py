@@ -1,4 +1,4 @@
-"""What was recorded comes back: every frame, its times, the board that it is of."""
+"""Recordings return all frames with their times, and the board's description."""
 
 import json
 import struct

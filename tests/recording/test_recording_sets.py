@@ -1,4 +1,4 @@
-"""Rotation: files that follow each other, each a recording of its own, together one."""
+"""Rotation: each file of a set is a recording of its own, and together they are one."""
 
 import struct
 import time

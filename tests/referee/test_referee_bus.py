@@ -1,4 +1,4 @@
-"""The look-alike of CircuitPython's I2C refuses and reports what the real one does."""
+"""The simulated I2C of CircuitPython reports the same errors as the real one."""
 
 from __future__ import annotations
 

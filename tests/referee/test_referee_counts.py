@@ -1,4 +1,4 @@
-"""Both drivers read the same counts of the same sensor under the same press."""
+"""Both drivers read the same counts from the same sensor under the same press."""
 
 from __future__ import annotations
 

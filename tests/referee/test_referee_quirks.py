@@ -1,4 +1,4 @@
-"""Whatever the documents leave open: every sample is read, and none of them twice."""
+"""For all behaviours that the documents leave open, each sample is read exactly once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one driver writes into the chip, the other reads out of it."""
+"""Register values that one driver writes are read by the other driver."""
 
 from __future__ import annotations
 

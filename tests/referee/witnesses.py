@@ -1,4 +1,4 @@
-"""Two witnesses of one simulated sensor: our firmware, and Adafruit's unmodified driver."""
+"""Two drivers on one simulated sensor: this firmware's, and Adafruit's unmodified driver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network for each test; what is opened by name calls its hub."""
+"""A Zenoh network for each test, to which boards that are opened by name connect."""
 
 import pytest
 

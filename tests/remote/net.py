@@ -1,4 +1,4 @@
-"""A Zenoh network of this machine alone, and boards published on it from this process."""
+"""A Zenoh network on this computer only, and boards that this process publishes on it."""
 
 from __future__ import annotations
 

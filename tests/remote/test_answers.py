@@ -1,4 +1,4 @@
-"""Questions from afar never cost a board its readings."""
+"""Queries of remote readers never cost a board its readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Peers that send what no publisher and no reader of this project would."""
+"""Peers that send messages which no SPOTS program sends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every thread and callback of the host package goes on after any exception, with a sentence."""
+"""Every thread and callback of the host continues after an exception, which is reported."""
 
 from __future__ import annotations
 
@@ -130,12 +130,12 @@ def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
     state = PageState()
     recordings = Recordings(tmp_path, state)
     fault.patch(monkeypatch, Board, "record")
-    reader, _ = reading(open_stand_in, state, recordings=recordings)
+    reader, _ = reading(open_stand_in, state, orders=[recordings])
     reader.start()
     wait_until(lambda: recordings._attended)
     with pytest.raises(spots.SpotsError, match="a recording failed"):
-        recordings.ask(START).result(2)
-    assert recordings.ask(START).result(30) is None
+        recordings.submit(START).result(2)
+    assert recordings.submit(START).result(30) is None
     goes_on(reader, state)
 
 

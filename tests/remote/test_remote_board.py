@@ -1,4 +1,4 @@
-"""A board on another machine: read as any other, never sent a command, found again."""
+"""A board on another machine: read like a local board, without commands, and reconnected."""
 
 import json
 import socket

@@ -1,4 +1,4 @@
-"""Across processes: a publisher killed outright, readers that stand still, every frame counted."""
+"""Several processes: killed publishers and stopped readers; every frame is counted."""
 
 from __future__ import annotations
 

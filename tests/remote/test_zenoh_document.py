@@ -1,4 +1,4 @@
-"""docs/zenoh.md: the program and the configurations in it do what it says."""
+"""The program and the configurations in docs/zenoh.md."""
 
 from __future__ import annotations
 

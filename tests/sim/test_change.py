@@ -1,4 +1,4 @@
-"""A strip that is not what it was: every change has the size and the sign that its key says."""
+"""Changes of a strip since its calibration have the size and sign that their keys state."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The simulated AS7341 does what the datasheet says, register by register."""
+"""The simulated AS7341 behaves as the datasheet says, register by register."""
 
 import numpy as np
 import pytest

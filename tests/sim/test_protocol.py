@@ -1,4 +1,4 @@
-"""The simulator and its boards use the same numbers, on every system."""
+"""The simulator and its boards use the same constants, on every system."""
 
 import errno
 

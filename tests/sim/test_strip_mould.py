@@ -1,4 +1,4 @@
-"""Moulds, caps and drawings of a strip, measured on the STL files that a printer gets."""
+"""Moulds, caps and drawings of a strip, measured on the STL files."""
 
 import re
 

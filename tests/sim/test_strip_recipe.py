@@ -1,4 +1,4 @@
-"""What `spots design --out` writes to build a strip, and what it mixes."""
+"""The instructions that `spots design --out` writes, and their amounts."""
 
 import re
 import shlex

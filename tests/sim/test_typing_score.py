@@ -1,4 +1,4 @@
-"""What people type, and how it is scored."""
+"""The simulated typist, and the score of typing."""
 
 import json
 

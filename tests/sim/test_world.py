@@ -1,4 +1,4 @@
-"""Optics, contact and scenarios: physics in the units of the files."""
+"""Optics, contact and scenarios, in the units of the files."""
 
 import numpy as np
 import pytest

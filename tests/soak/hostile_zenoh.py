@@ -1,9 +1,9 @@
-"""Runs hostile Zenoh peers against real processes of `monitor`, `serve` and `subscribe`.
+"""Runs hostile Zenoh peers against `monitor`, `serve`, `subscribe` and `keyboard --dry-run`.
 
     python tests/soak/hostile_zenoh.py --minutes 60
 
-The last line of the output is JSON. The exit code is 1 if a process ended, its memory grew, or its
-readings stopped.
+The last line of the output is JSON. The exit code is 1 if a process ended, its memory grew, its
+readings stopped, or a key stayed down.
 """
 
 from __future__ import annotations
@@ -28,12 +28,17 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / 
 
 from boards import running  # noqa: E402
 
+import spots  # noqa: E402
 from net import Net, session  # noqa: E402
+from spots.link.connect import prepare  # noqa: E402
+from spots_sim.files import SensorFile, load  # noqa: E402
+from spots_sim.stage import calibrate, set_as_calibrated  # noqa: E402
 
 SAMPLE_EVERY_S = 5.0
 WARM_UP_SHARE = 0.25  # of the duration; memory may grow only before
 GROWTH_MAX = 24 << 20
 STALE_MAX_S = 15.0
+HELD_MAX_S = 15.0  # the scenario holds a key for less than a second
 DEEP = b'{"a":' * 20_000 + b"1" + b"}" * 20_000
 PAYLOADS = (b"", b"\0" * 50, b"\xff" * 700, b"{}", b"[]", DEEP, b"\0" + b"x" * 2_000_000)
 PAYLOADS += tuple(b'{"utc_s":%s}' % one for one in (b"1e999", b"null", b"[[]]", b"9" * 400))
@@ -86,6 +91,8 @@ class Victim:
         self.rss: list[int] = []
         self.heard_s, self.readings, self.stale_s = time.monotonic(), 0, 0.0
         self.url, self.last = "", ""
+        self.down_s: dict[str, float] = {}
+        self.held_s = 0.0
         command = [sys.executable, "-m", "spots", *arguments, "--zenoh-config", str(config)]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
@@ -99,6 +106,13 @@ class Victim:
                 self.url = found[0]
             if self._reading.search(line):
                 self.took()
+            self._key(*line.split())
+
+    def _key(self, word: str = "", name: str = "", *_) -> None:
+        if word == "down":
+            self.down_s[name] = time.monotonic()
+        elif word == "up":
+            self.held_s = max(self.held_s, time.monotonic() - self.down_s.pop(name))
 
     def took(self) -> None:
         self.readings += 1
@@ -108,6 +122,7 @@ class Victim:
         statm = Path(f"/proc/{self.process.pid}/statm").read_text()
         self.rss.append(int(statm.split()[1]) * os.sysconf("SC_PAGE_SIZE"))
         self.stale_s = max(self.stale_s, time.monotonic() - self.heard_s)
+        self.held_s = max([self.held_s, *(time.monotonic() - s for s in [*self.down_s.values()])])
 
     def figures(self) -> dict:
         warm = self.rss[int(WARM_UP_SHARE * len(self.rss)) :] or [0]
@@ -120,7 +135,13 @@ class Victim:
             "grown_MB": round(grown / 1e6, 1),
             "readings": self.readings,
             "longest_without_s": round(self.stale_s, 1),
-            "ok": alive and grown < GROWTH_MAX and self.stale_s < STALE_MAX_S,
+            "longest_held_s": round(self.held_s, 1),
+            "down": [*self.down_s],
+            "ok": alive
+            and grown < GROWTH_MAX
+            and self.stale_s < STALE_MAX_S
+            and self.held_s < HELD_MAX_S
+            and not self.down_s,
             **({} if alive else {"last_line": self.last}),
         }
 
@@ -155,6 +176,10 @@ def main() -> int:
         config, board_id, seed = options.attack
         attack(Path(config), board_id, int(seed))
     with tempfile.TemporaryDirectory() as folder, running("") as start:
+        file = load(SensorFile, "default")
+        with spots.open(start["port"]) as board:
+            set_as_calibrated(board, file)
+            prepare(board, calibrate(file))
         net = Net(Path(folder))
         own = [sys.executable, "-m", "spots", "publish", "--port", start["port"]]
         own += ["--zenoh-config", str(net.hub)]
@@ -165,6 +190,7 @@ def main() -> int:
             Victim(net.leaf, r" mm +[\d.]+ N|no touch", "monitor", *port),
             Victim(net.leaf, r"(?!)", "serve", *port, "--http-port", "0"),
             Victim(net.leaf, rf"^{board_id}  ", "subscribe", "spots/**"),
+            Victim(net.leaf, "^down", "keyboard", *port, "--layout", "digits", "--dry-run"),
         ]
         while not victims[1].url:
             time.sleep(0.1)
@@ -179,9 +205,12 @@ def main() -> int:
                 for victim in victims:
                     if victim.process.poll() is None:
                         victim.sample()
-            figures = {victim.name: victim.figures() for victim in victims}
-            figures["publish"] = {"ok": publisher.poll() is None}
+            figures = {"publish": {"ok": publisher.poll() is None}}
             figures["attackers"] = {"ok": all(one.poll() is None for one in hostile)}
+            # The keyboard must release its keys when the board is lost.
+            publisher.kill()
+            time.sleep(SAMPLE_EVERY_S)
+            figures |= {victim.name: victim.figures() for victim in victims}
         finally:
             for one in (*hostile, *(victim.process for victim in victims), publisher):
                 one.kill()

@@ -1,4 +1,4 @@
-"""Stands in for python-evdev and the kernel behind it, also in another process.
+"""A substitute for python-evdev and the kernel, also in another process.
 
 Where the environment names a file (``STAND_IN_EVENTS``), each event is a line there. A FIFO
 (``STAND_IN_HANDLE``) is held open as a device's handle is: inherited by whoever inherits all.

@@ -1,4 +1,4 @@
-"""What a person sees: the picture, the plain lines, the lists."""
+"""The terminal's output: picture, lines, lists."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""docs/api.md and the examples of the public docstrings, on a board in simulated time."""
+"""The examples of docs/api.md and of the public docstrings, on a board in simulated time."""
 
 from __future__ import annotations
 

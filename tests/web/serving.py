@@ -1,4 +1,4 @@
-"""A board in simulated time that keeps to the clock, and a page server in a thread."""
+"""A board in simulated time at the pace of its clock, and a web server in a thread."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from spots.errors import PortLostError, SpotsError
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
+from spots.web.app import NOTHING
 from spots.web.board_feed import BoardReader
+from spots.web.calibration import PageCalibration
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
@@ -21,10 +23,14 @@ from spots_sim.paced import PacedLink
 
 
 class Cable(PacedLink):
-    """A link in simulated time that never runs ahead of the real one, with a cable to pull."""
+    """A link in simulated time that never runs ahead of the real one, with a cable to pull.
 
-    def __init__(self, link):
+    With a speed, its time passes so many times faster than the real one.
+    """
+
+    def __init__(self, link, speed=1.0):
         super().__init__(link, 0.0)
+        self._speed = speed
         self.pace()
         self.plugged = True
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
@@ -32,7 +38,11 @@ class Cable(PacedLink):
 
     def pace(self):
         """Keep to the clock from here on."""
-        self._epoch_s = time.monotonic() - self.now_s()
+        self._begun_s, self._epoch_s = self.now_s(), time.monotonic()
+
+    def _wait(self):
+        ahead_s = (self.now_s() - self._begun_s) / self._speed
+        time.sleep(max(ahead_s - (time.monotonic() - self._epoch_s), 0.0))
 
     def read(self, timeout_s):
         self._check()
@@ -60,23 +70,35 @@ class Bench:
         Of the board that is plugged in.
     """
 
-    def __init__(self, sensor, calibration, scenario, layout="digits", record_to=None):
+    def __init__(
+        self,
+        sensor,
+        calibration,
+        scenario,
+        layout="digits",
+        record_to=None,
+        session=None,
+        speed=1.0,
+    ):
+        self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
         self.state = PageState()
         self.recordings = Recordings(record_to, self.state) if record_to else None
+        self.orders = {"recording": self.recordings} if record_to else {}
+        if session:
+            self.orders["calibration"] = PageCalibration(session, self.state)
         self.link = None
         self.there = True
         self.asked_for = []
-        self.reader = BoardReader(
-            self._open, load(layout), self.state, 0.05, recordings=self.recordings
-        )
+        orders = self.orders.values()
+        self.reader = BoardReader(self._open, load(layout), self.state, 0.05, orders=orders)
         self.reader.start()
 
     def _open(self, board_id):
         self.asked_for.append(board_id)
         if not self.there:
             raise SpotsError("no board found, plug one in")
-        link = Cable(LockstepLink(self._sensor, self._scenario))
+        link = Cable(LockstepLink(self._sensor, self._scenario), self._speed)
         board = Board(link)
         if self._calibration:
             prepare(board, self._calibration)
@@ -106,8 +128,8 @@ class Bench:
 class Serving:
     """A server in a thread with an event loop of its own."""
 
-    def __init__(self, state, address="127.0.0.1", port=0, recordings=None):
-        self._server = Server(state, address, port, recordings=recordings)
+    def __init__(self, state, address="127.0.0.1", port=0, orders=NOTHING):
+        self._server = Server(state, address, port, orders)
         self._up = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._main()), daemon=True)
         self._thread.start()

@@ -1,4 +1,4 @@
-"""What the page makes of readings, also of boards that are slow and of silence."""
+"""The web UI's state from readings, also of slow and of silent boards."""
 
 from types import SimpleNamespace
 

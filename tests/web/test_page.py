@@ -1,4 +1,4 @@
-"""What a person sees, in a real browser, of a real firmware on a simulated strip."""
+"""The web UI in a real browser, with real firmware on a simulated strip."""
 
 from __future__ import annotations
 
@@ -182,9 +182,7 @@ def test_the_page_of_an_uncalibrated_board_ends_with_the_next_step(sensor, serve
     one = Bench(sensor, None, Held())
     try:
         page = open_page(serve(one.state).url)
-        step = re.compile(
-            r"^every reading .* has no calibration .*; next: spots calibrate position$"
-        )
+        step = re.compile(r"^every reading .* has no calibration .*; next: spots calibrate$")
         expect(page.locator("#next")).to_have_text(step, timeout=LONG_MS)
         assert page.evaluate(LAST) < 1
     finally:

@@ -1,4 +1,4 @@
-"""Whoever opens connections and says nothing keeps nobody from the page."""
+"""Clients that open connections and send nothing do not keep browsers out."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""The demo opens the page where somebody sees it, and stays in the terminal where not."""
+"""The demo opens the web UI on a computer with a screen, and uses the terminal elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who gets the page, and that nobody gets more than to look."""
+"""Access control of the web UI: who can open it, and who can send commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How old a reading is when it is on the screen. ``pytest -s`` prints the figures of docs/page.md.
+"""Age of a reading on the screen. ``pytest -s`` prints the values of docs/page.md.
 
 Times are not asserted: what else runs on a machine is none of the page's making. What is: a page
 draws readings once and in their order, never has more than two messages underway, and draws on

@@ -1,4 +1,4 @@
-"""What slow clients get, and that they slow nobody."""
+"""Messages to slow clients, which must not slow down other clients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages that share a processor get messages as often as it can draw, in simulated time."""
+"""Browsers that share a processor get as many messages as it can draw, in simulated time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page may start and stop a recording, but only with the token, and nothing else."""
+"""A browser with the token can start and stop a recording, and do nothing else."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def ready(one):
     """Wait until a board is read."""
     while True:
         with pytest.raises(SpotsError) as refused:
-            one.recordings.ask("stop").result(60)
+            one.recordings.submit("stop").result(60)
         if "no recording to stop" in str(refused.value):
             return
         time.sleep(0.02)
@@ -58,7 +58,7 @@ def recorded(bench, serve, tmp_path):
     held.press = Press(40.0, 4000, 4.0)
     one = bench(held, record_to=tmp_path)
     ready(one)
-    return one, serve(one.state, recordings=one.recordings)
+    return one, serve(one.state, orders=one.orders)
 
 
 def test_a_recording_of_the_page_is_one_like_any_other(recorded, open_page, tmp_path):
@@ -140,7 +140,7 @@ def test_what_cannot_be_is_told(recorded, tmp_path, serve):
     assert post(server, "stop", token=token)[0] == 204
     state = PageState()
     nobody = Recordings(tmp_path, state)
-    lonely = serve(state, recordings=nobody)
+    lonely = serve(state, orders={"recording": nobody})
     assert post(lonely, "start", token=token_of(lonely)) == (
         409,
         "there is no board to record: plug one in",
@@ -181,8 +181,8 @@ def test_a_mistake_is_one_sentence(capsys, tmp_path, port, folder, says):
 def test_the_name_of_a_file_stays_in_its_folder(recorded, tmp_path):
     one, _ = recorded
     one.board.info["id"] = "../../e/v\\il\0"
-    one.recordings.ask("start").result(60)
-    one.recordings.ask("stop").result(60)
+    one.recordings.submit("start").result(60)
+    one.recordings.submit("stop").result(60)
     (path,) = tmp_path.iterdir()
     assert path.name.endswith("-evil.spots")
 

@@ -1,4 +1,4 @@
-"""A linkage on the page: fed by two boards, with a word on what is wrong."""
+"""A linkage in the web UI, with two boards, and its error messages."""
 
 from __future__ import annotations
 

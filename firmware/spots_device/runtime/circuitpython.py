@@ -29,7 +29,7 @@ _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 class BusioBus:
     """Reads and writes the sensor's registers over ``busio``.
 
-    A transfer allocates memory in Adafruit's I2CDevice, but nothing here.
+    Each transfer allocates memory, but only in Adafruit's I2CDevice.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class AdafruitSensor(AS7341):
         super().start(plan, gain, exposure_us, led_mA, mains_hz)
 
     def recover(self):
-        """Free the wires and open the controller again."""
+        """Free the wires of the I2C bus, and open the I2C controller again."""
         if self._i2c is not None:
             self._i2c.deinit()
             self._i2c = None
@@ -206,7 +206,7 @@ class CdcSerial:
         return sent == size or (sent > 0 and self._finish(view[1], sent))
 
     def read(self):
-        """Return the next byte, or -1 if no byte waits."""
+        """Return the next byte from the host, or -1 if no byte waits."""
         if self._port.readinto(self._byte) == 1:
             return self._byte[0]
         return -1

@@ -40,7 +40,7 @@ def free_bus(scl, sda, is_high, put):
 
 
 def is_held(pressed, sleep_ms):
-    """Return whether a button is pressed within half a second.
+    """Wait up to half a second for a button; return whether it was pressed.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class MachineBus:
         self._write(ADDRESS, buffer)
 
     def recover(self):
-        """Free the wires and open the controller again."""
+        """Free the wires of the I2C bus, and open the I2C controller again."""
         scl, sda = [
             machine.Pin(pin, machine.Pin.OPEN_DRAIN, machine.Pin.PULL_UP, value=1)
             for pin in self._pins
@@ -111,7 +111,7 @@ class StdioSerial:
         return False
 
     def read(self):
-        """Return the next byte, or -1 if no byte waits.
+        """Return the next byte from the host, or -1 if no byte waits.
 
         A USB port raises KeyboardInterrupt at Ctrl-C by itself; for other ports this method does.
         """

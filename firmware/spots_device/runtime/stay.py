@@ -9,12 +9,12 @@ _FILE = "stay"
 
 
 def stay_after_reset():
-    """Create the marker file: the application does not start after the next reset."""
+    """Create a marker file, so that the application does not start after the next reset."""
     open(_FILE, "w").close()
 
 
 def told_to_stay():
-    """Remove the marker file; return whether it existed."""
+    """Remove the marker file of `stay_after_reset`; return whether it existed."""
     try:
         os.remove(_FILE)
     except OSError:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SpotsError
-from .guide import Guide
+from .dialog import Dialog
 from .presser import Presser
 from .presses import Noise, Presses
 from .session import Wanted
@@ -17,11 +17,11 @@ from .spectra import Reading, SpectrumReader
 
 _TRIES = 5
 _WINDOW_S = 0.24
-_MARK_S = 1.5
+_LONG_S = {"mark": 3.0, "hand": 0.75}  # of presses with a finger, by kind
 _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
-# Of a mark, which only needs the colour. With 100 ms, the tremor of a finger looks like slow drift.
-_MARK_DRIFT_MAX = 0.05
+# Of presses with a finger, whose tremor looks like slow drift in readings of 100 ms.
+_FINGER_DRIFT_MAX = 0.05
 _TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
 _SIGMAS = 5.0
 _OUTLIER = 0.3  # log2: largest difference from the light that the neighbours suggest
@@ -30,7 +30,28 @@ _CONTINUES = "the presses taken so far are stored; run the same command again to
 
 
 class BadPressError(Exception):
-    """The press is not valid; the text gives the reason."""
+    """Raised if a press is not valid; the text gives the reason."""
+
+
+class TooDarkError(BadPressError):
+    """Raised if a channel has no light during a press."""
+
+
+def samples_of(kind: str, exposure_us: int) -> int:
+    """Return the number of samples in a reading of a press.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the press, see `session.Wanted`.
+    exposure_us : int
+        Exposure of a sample in us.
+
+    Returns
+    -------
+    int
+    """
+    return max(_WINDOW_MIN, round(_LONG_S.get(kind, _WINDOW_S) * 1e6 / exposure_us))
 
 
 @dataclass
@@ -43,7 +64,7 @@ class Bench:
         Reads the board.
     presser : Presser
         Person or machine that presses the strip.
-    guide : Guide
+    guide : Dialog
         Shows what to do, and the progress.
     length_um : float
         Length of the strip at rest, in um.
@@ -53,19 +74,19 @@ class Bench:
 
     reader: SpectrumReader
     presser: Presser
-    guide: Guide
+    guide: Dialog
     length_um: float
     path: Path
 
     @property
     def window(self) -> int:
-        """Number of samples in a reading."""
-        return self._samples(_WINDOW_S)
+        """Number of samples in a reading of a press."""
+        return samples_of("", self.reader.info["exposure_us"])
 
     @property
     def mark_samples(self) -> int:
-        """Number of samples in the reading of a mark, whose noise would shift whole tables."""
-        return self._samples(_MARK_S)
+        """Number of samples in a reading of a mark; many, because its noise shifts whole tables."""
+        return samples_of("mark", self.reader.info["exposure_us"])
 
     def take(
         self,
@@ -96,19 +117,25 @@ class Bench:
         ------
         SpotsError
             If no attempt gave a valid press.
+        TooDarkError
+            If a press by hand with a known force was too dark; the strip is released.
         """
         self.guide.want(wanted)
         for _ in range(_TRIES):
             self.presser.press(wanted)
             try:
                 reading = self._held(noise, wanted.kind)
-                if wanted.kind == "mark":
-                    reading = self.reader.read(self.mark_samples)
+                if wanted.kind in _LONG_S:
+                    exposure_us = self.reader.info["exposure_us"]
+                    reading = self.reader.read(samples_of(wanted.kind, exposure_us))
                     _check_steady(reading, noise, self.window, wanted.kind)
                 judge(reading)
                 return reading
             except BadPressError as bad:
                 trouble = f"{wanted}: {bad}"
+                if isinstance(bad, TooDarkError) and wanted.kind == "hand" and wanted.force_mN:
+                    self.release()
+                    raise
             self.guide.say(f"{trouble}; press again")
             if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()
@@ -126,49 +153,48 @@ class Bench:
         self.presser.release()
         end_s = self.reader.board.now_s() + self.presser.patience_s
         while self.reader.board.now_s() < end_s:
-            if self.reader.read(2).counts.max() < max(1.0, peak / 2):
+            reading = self.reader.read(2)
+            if reading.counts.max() < max(1.0, peak / 2):
                 return
+            self.guide.watch(reading, "release", 0.0)
         raise SpotsError(
             "the strip stays bright after the release: shade the strip, and do not press it"
         )
 
-    def _samples(self, seconds: float) -> int:
-        return max(_WINDOW_MIN, round(seconds * 1e6 / self.reader.info["exposure_us"]))
-
     def _held(self, noise: Noise | None, kind: str) -> Reading:
-        """Return the first reading of a steady press of a kind, or raise `BadPressError`."""
+        """Wait for a steady press, and return its reading, or raise `BadPressError`."""
         end_s = self.reader.board.now_s() + self.presser.patience_s
-        reason, steady = "no press is seen", 0
+        reason: BadPressError = TooDarkError("no press is seen")
+        steady = 0
         while steady < self.presser.steady:
             if self.reader.board.now_s() >= end_s:
-                raise BadPressError(reason)
+                raise reason
             reading, trouble = self.reader.read(self.window), None
             try:
                 _check_steady(reading, noise, self.window, kind)
                 steady += 1
             except BadPressError as bad:
-                reason = trouble = str(bad)
-                steady = 0
+                reason, trouble, steady = bad, str(bad), 0
             self.guide.watch(reading, trouble, steady / self.presser.steady)
         any_light = kind == "choose"
         if reading.saturated and not any_light:
             raise BadPressError("a channel is saturated: press less, or lower gain or LED current")
         if reading.dark and not any_light:
-            raise BadPressError("too dark: press harder, or raise gain, LED current or exposure")
+            raise TooDarkError("too dark: press harder, or raise gain, LED current or exposure")
         return reading
 
 
 def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
     """Raise `BadPressError` if brightness or colour change during a reading."""
     if (reading.counts < 1).all():
-        raise BadPressError("no press is seen")
+        raise TooDarkError("no press is seen")
     if noise is None:
         expected = np.maximum(reading.variance, _VARIANCE_MIN)
     else:
         expected = noise.variance(np.maximum(reading.counts, 0))
     total = max(reading.counts.sum(), 1.0)
     sigma = np.sqrt(4 * expected.sum() / window) / total / np.log(2)
-    drift_max = _MARK_DRIFT_MAX if kind == "mark" else _DRIFT_MAX
+    drift_max = _FINGER_DRIFT_MAX if kind in _LONG_S else _DRIFT_MAX
     if abs(reading.drift) > drift_max + _SIGMAS * sigma:
         raise BadPressError("the light changes: hold still")
     if not reading.saturated and np.mean(reading.variance / expected) > _TREMBLE_MAX:

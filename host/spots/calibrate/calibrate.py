@@ -23,11 +23,14 @@ _LENGTH_MM = 85.0
 
 def calibrate_command(options: argparse.Namespace) -> None:
     """Run ``spots calibrate`` with the options that `cli` parsed."""
-    usual, least = COUNTS[options.kind]
+    kind = "rough" if options.rough else options.kind
+    if options.rough and options.kind != "fine":
+        raise SpotsError(f"--rough: not valid for '{options.kind}'")
+    usual, least = COUNTS[kind]
     count = usual if options.places is None else options.places
     if count < least:
-        raise SpotsError(f"--places: {options.kind} needs {least} or more")
-    if (options.kind == "strain") != (options.strain_percent is not None):
+        raise SpotsError(f"--places: {kind} needs {least} or more")
+    if (kind == "strain") != (options.strain_percent is not None):
         raise SpotsError("--strain-percent: required for 'strain', and only valid there")
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
@@ -37,7 +40,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
             "--out"
         )
     with opened(options, session, out) as bench:
-        calibrate(bench, session, options.kind, count, options.strain_percent, options)
+        calibrate(bench, session, kind, count, options.strain_percent, options)
 
 
 @contextmanager

@@ -32,6 +32,7 @@ _HEAD = f"""\
 version = {VERSION}
 """
 _COMMENTS = {
+    "relative_force": "# Forces are relative to the presses: no scale was used.",
     "lines": "# Calibration lines for the board, see docs/protocol.md.",
     "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
@@ -98,7 +99,7 @@ class Joint(_Struct, kw_only=True):
 
 
 class Marks(_Struct, kw_only=True):
-    """Presses of a calibration that a re-zero repeats.
+    """Reference presses at three marked positions, which a re-zero repeats to measure drift.
 
     Attributes
     ----------
@@ -152,6 +153,9 @@ class CalibrationFile(_Struct, kw_only=True):
         Calibration lines for the board, see `spots_device.calibration`.
     original : tuple of str
         Lines before the first re-zero; empty without a re-zero.
+    relative_force : bool
+        Whether the forces of the presses were unknown. A force in mN then is 3000 times the light
+        over the mean light of the presses.
     residuals : list of Residual
         Errors at the presses of the calibration, one entry for each strain.
     joint : Joint or None
@@ -172,6 +176,7 @@ class CalibrationFile(_Struct, kw_only=True):
     led_mA: int
     lines: tuple[str, ...]
     original: tuple[str, ...] = ()
+    relative_force: bool = False
     residuals: list[Residual] = []
     joint: Joint | None = None
     marks: Marks | None = None
@@ -225,12 +230,9 @@ def load(path: Path) -> CalibrationFile:
     try:
         text = read_text(path)
     except FileNotFoundError:
-        raise SpotsError(
-            f"there is no file {path}: make it with 'spots calibrate position' and "
-            "'spots calibrate force'"
-        ) from None
+        raise SpotsError(f"there is no file {path}: make it with 'spots calibrate'") from None
     except OSError as error:
-        raise SpotsError(f"cannot read {path}: {error.strerror}") from None
+        raise SpotsError(f"cannot read {path} ({error.strerror}): name another file") from None
     except UnicodeDecodeError:
         raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
@@ -287,9 +289,8 @@ def _checked(path: Path, body: str) -> CalibrationFile:
             Calibration(found.original)
     except (msgspec.ValidationError, CalibrationError, KeyError) as error:
         raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
-    reason = made.mismatch(found.conditions)
-    if reason is not None:
-        raise SpotsError(f"{path} contradicts itself ({reason}): {_AGAIN}")
+    if made.conditions != found.conditions:
+        raise SpotsError(f"{path} contradicts itself (its lines are for other settings): {_AGAIN}")
     return found
 
 
@@ -308,12 +309,12 @@ def _text(calibration: CalibrationFile) -> str:
         elif isinstance(value, dict):
             rows += ["", *comment, f"[{name}]", *_pairs(value)]
         else:
-            rows += _pairs({name: value})
+            rows += [*comment, *_pairs({name: value})]
     return _HEAD + "\n".join([*rows, "", ""])
 
 
 def _pairs(fields: dict) -> list[str]:
-    # JSON's numbers, strings and lists are also TOML; a date stands without quotes.
+    # JSON's numbers, strings and lists are also TOML; dates have no quotes.
     return [
         f"{name} = {value if name == 'date' else json.dumps(value)}"
         for name, value in fields.items()

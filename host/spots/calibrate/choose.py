@@ -35,7 +35,7 @@ class Choice:
     sigma_um : float
         Least possible standard deviation of one sample's position in um, averaged over the strip.
     present_sigma_um : float
-        The same for the plan of the first pass; infinite if one of its channels is not usable.
+        Standard deviation with the channels of the first pass; infinite if one is not usable.
     """
 
     plan: tuple[str, ...]
@@ -100,7 +100,10 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Return usable diodes, positions, and log2 of the counts scaled to the first pass's force."""
+    """Return usable diodes, positions in um, and log2 of their counts at the first pass's force.
+
+    The arguments are those of `choose`.
+    """
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {
         diode
@@ -122,7 +125,11 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the bound of the standard deviation of each position, if the brightness is unknown."""
+    """Return the smallest possible standard deviation of n positions in um, shape (n,).
+
+    `slopes` are the derivatives of the channels' logarithms by position in 1/um, and `variance`
+    their variances, both of shape (n, c).
+    """
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)
     return np.sqrt(a / (a * c - b**2))

@@ -14,7 +14,7 @@ from .choose import DIODES
 _CENTRE_NM = dict(zip(DIODES, (415, 445, 480, 515, 555, 590, 630, 680)))
 _BLUE_NM = 500  # above it the light of a white LED comes from its phosphor
 _PHOSPHOR_FWHM_NM = 130.0  # of usual white LEDs
-# Least value to name, and the words; each least value moves a press on 85 mm by about 0.1 mm.
+# Smallest change that is named, and its name. It moves a press on 85 mm by about 0.1 mm.
 _WORDS = (
     (0.25, "dye {:.1f} % paler", "dye {:.1f} % darker"),
     (0.05, "LED {:.2f} nm redder", "LED {:.2f} nm bluer"),
@@ -52,7 +52,7 @@ def described(place_um, logs, shifts, plan) -> str:
     absorbed = _centred(near - logs)
     grows = absorbed - absorbed.mean(axis=0)
     paler = float((grows * shifts).sum() / max((grows**2).sum(), 1e-12))
-    redder = 8 * nm / _PHOSPHOR_FWHM_NM**2  # log2 of a bell, per nm that it shifts
+    redder = 8 * nm / _PHOSPHOR_FWHM_NM**2  # log2 of a Gaussian peak, per nm of its shift
     design = _centred(np.stack([redder, nm < _BLUE_NM])).T
     rest = (shifts - paler * absorbed).mean(axis=0)
     (shift_nm, bluer), *_ = np.linalg.lstsq(design, rest, rcond=None)

@@ -18,7 +18,7 @@ from spots_device.smux import CHANNELS
 _DEGREE = 7
 _PLACES = 65
 _ONE_Q12 = 1 << 12
-# Rounding errors of the sums, whose places and values are integers; in log2 units.
+# Rounding errors of the sums, whose positions and values are integers; in log2 units.
 _SUM_SIGMA, _MISFIT_SIGMA = 5e-5, 1e-4
 # Expected size of the Chebyshev coefficient of degree n, times n squared.
 _COEFFICIENT_SIGMA = 3.0

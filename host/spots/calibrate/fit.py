@@ -38,7 +38,11 @@ ONE_Q12 = 1 << 12
 
 
 def fit(
-    along: dict[int, Presses], pressed: Presses, noise: Noise, conditions: Conditions
+    along: dict[int, Presses],
+    pressed: Presses,
+    noise: Noise,
+    conditions: Conditions,
+    misfit: np.ndarray | None = None,
 ) -> list[str]:
     """Fit a calibration and return its lines, see `spots_device.calibration`.
 
@@ -54,6 +58,8 @@ def fit(
         Noise of the sensor at these conditions.
     conditions : Conditions
         Board and settings of the presses.
+    misfit : numpy.ndarray, shape (n, 6), optional
+        Errors of the logs of presses that widen the tolerance; those of `along` if not given.
 
     Returns
     -------
@@ -91,7 +97,9 @@ def fit(
     end = max(round(_TOUCH_HYSTERESIS * begin), round(float(forces[0])) + 1)
     lines.append(f"touch {max(begin, end)} {end}")
     # The largest misfit of a single press is added to the noise.
-    off = np.abs((along[0].logs - rest.logs(along[0].position_um)) @ test).max() / ONE_Q13
+    if misfit is None:
+        misfit = along[0].logs - rest.logs(along[0].position_um)
+    off = np.abs(misfit @ test).max() / ONE_Q13
     tolerances = 1 + (off + _MISFIT_SIGMAS * sigma_misfit) * ONE_Q12
     tolerances = tolerances.clip(_TOLERANCE_MIN, _TOLERANCE_MAX)
     lines += [_statement("f", knot) for knot in zip(brightnesses, forces, tolerances)]
@@ -157,12 +165,12 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
 
 
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best weights for position and for force in the middle of a part of the strip."""
+    """Return the six channels' best weights for position, and for force, in a part of the strip."""
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the slope over the whole part, the mean error of the force in the part is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
     design = np.stack([np.ones_like(slope), slope / np.abs(slope).max()], axis=1)
-    force, position = _estimators(design, information)
+    force, position = estimators(design, information)
     position *= 2 / np.abs(position).sum()
     # If all channels decay nearly alike, weights that cancel the decay are large. Weights at the
     # board's limit cancel a part of it, and the table of offsets corrects the rest.
@@ -183,18 +191,35 @@ def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
     slope = curve.logs(curve.ends_um[1]) - curve.logs(curve.ends_um[0])
     design = np.stack([np.ones_like(slope), slope, slope**2], axis=1)
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(curve.ends_um)))
-    weights = _estimators(design, information)[2]
+    weights = estimators(design, information)[2]
     return _weights_q13(2 * weights / np.abs(weights).sum(), 0)
 
 
-def _estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the generalised least-squares weights: one row for each column of `design`."""
+def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Return the generalised least-squares weights.
+
+    Parameters
+    ----------
+    design : numpy.ndarray, shape (c, n)
+        Derivatives of the logs of c channels by n unknowns.
+    information : numpy.ndarray, shape (c,)
+        1/variance of the log of each channel.
+
+    Returns
+    -------
+    numpy.ndarray, shape (n, c)
+        One row of weights for each unknown.
+    """
     weighted = design * information[:, None]
     return np.linalg.solve(design.T @ weighted, weighted.T)
 
 
 def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest standard deviations of position and misfit, for each brightness."""
+    """Return the largest standard deviations of position in um, and of misfit in log2 units.
+
+    `dimmer` are n brightnesses relative to the firm press, in log2 units; results have shape (n,).
+    `parts` are the segments, and `test` the weights of the misfit.
+    """
     places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
     weights = np.array([_part_at(rest, parts, x)[0] for x in places])
@@ -221,7 +246,10 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
 
 
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return forces and brightnesses of the knots, from the least force with light upwards."""
+    """Return the table of force by brightness: ascending forces in mN, and brightnesses in Q20.
+
+    `firm` is the brightness of the firm presses along the strip (`rest`), in Q20.
+    """
     lit = pressed.lit_everywhere()
     brightness = np.array(
         [

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from ..errors import SpotsError, printable
 from ..terminal.view import bar, bars, live, strip_columns
+from .dialog import Progress, UndoError
 from .session import Wanted
 from .spectra import Reading
 
@@ -23,7 +24,7 @@ _LOW = 24  # lines of a terminal that has room for one message
 
 
 class Guide:
-    """Shows a session: a picture on a terminal, plain lines elsewhere. Use it in a ``with`` block.
+    """A dialog: a picture on a terminal, plain lines elsewhere. Use it in a ``with`` block.
 
     Parameters
     ----------
@@ -76,11 +77,11 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Increase the number of presses taken by `count`, which may be negative."""
+        """Count `count` more presses as taken in the progress display; it may be negative."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
-        """Mark the place of the next press."""
+        """Show where to press next."""
         columns, share = strip_columns(), wanted.place_um / self._length_um
         at = len(_STRIP) + round(min(max(share, 0), 1) * (columns - 1))
         self._strip = Text(_STRIP + "█" * columns, style="rgb(140,60,60)")
@@ -121,6 +122,13 @@ class Guide:
         counts = " ".join(f"{count:.0f}" for count in reading.counts)
         self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
 
+    def fitted(self, progress: Progress) -> None:
+        """Show the expected accuracy after each press, and where more presses are needed."""
+        self._done, self._total = progress.done, progress.total
+        thin = f"; few presses {', '.join(progress.thin)}" if progress.thin else ""
+        force = f", force {progress.sigma_share:.1%}" if progress.force_mN.any() else ""
+        self.say(f"expected error: position {progress.sigma_um / 1000:.2f} mm{force}{thin}")
+
     def say(self, text: str) -> None:
         """Show a message."""
         text = printable(text)
@@ -136,6 +144,8 @@ class Guide:
         ------
         SpotsError
             If standard input is closed.
+        UndoError
+            If the answer is ``undo``.
         """
         if self._live is not None:
             self._live.stop()
@@ -145,31 +155,9 @@ class Guide:
             self._live.start()
         if not line:
             raise SpotsError("standard input is closed: run this in a terminal")
+        if line.strip().lower() == "undo":
+            raise UndoError
         return line.strip()
-
-    def ask_number(self, question: str, lowest: float, highest: float) -> float:
-        """Ask for a number until the answer is valid.
-
-        Parameters
-        ----------
-        question : str
-            Text of the question, with the unit of the number.
-        lowest, highest : float
-            Least and largest valid number.
-
-        Returns
-        -------
-        float
-            The number. A decimal comma is valid.
-        """
-        while True:
-            answer = self.ask(question)
-            try:
-                if lowest <= (value := float(answer.replace(",", "."))) <= highest:
-                    return value
-            except ValueError:
-                pass
-            self.say(f"'{answer}' is not valid: type a number from {lowest:g} to {highest:g}")
 
     def _draw(self) -> None:
         if self._live is None:

@@ -13,8 +13,9 @@ from spots_device.decode import Decode
 from ..errors import SpotsError
 from . import calibration_file as file
 from .fit import PLACES_MIN, fit
+from .hand import material
 from .joint import fit_joint, joint_marks
-from .presses import MARKS, Noise, Presses
+from .presses import FIRM_MN, MARKS, Noise, Presses
 from .session import Session, presses
 
 _DECODED_SAMPLES = 64  # mean counts are rounded only after multiplication by this
@@ -40,37 +41,59 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     SpotsError
         If the presses do not give a calibration.
     """
-    along = {0: presses(session.of("position"))}
+    hand = session.of("hand")
+    misfit = None
+    if hand:
+        surface, firm, pressed = material(session, session.length_um)
+        taken = surface.taken
+        noise = Noise.of(taken)
+        misfit = taken.logs - surface.logs(taken.position_um, taken.force_mN)
+    else:
+        firm, pressed = presses(session.of("position")), presses(session.of("force"))
+        noise = None
+    along = {0: firm}
     for strain_ppm in sorted({p.strain_ppm for p in session.points if p.kind == "strain"}):
         at_strain = session.of("strain", strain_ppm)
         if len(at_strain) >= PLACES_MIN:
             along[strain_ppm] = presses(at_strain)
-    pressed = presses(session.of("force"))
-    lines = fit(along, pressed, Noise.of(*along.values(), pressed), session.conditions)
+    noise = noise or Noise.of(*along.values(), pressed)
+    lines = fit(along, pressed, noise, session.conditions, misfit)
     try:
         Calibration(lines)
     except CalibrationError as error:
         raise SpotsError(
             f"these presses give no calibration ({error}): take more presses"
         ) from None
+    if hand:
+        places_um = np.array(MARKS) * session.length_um
+        logs = surface.logs(places_um, np.full(len(MARKS), FIRM_MN))
+        marks = _marks(places_um, FIRM_MN, logs)
+        along[0], pressed = taken, taken.keep(taken.force_mN > 0)
+    else:
+        marks = _pressed_marks(session)
     return file.CalibrationFile(
         date=file.now(),
         **session.conditions._asdict(),
         lines=tuple(lines),
         residuals=[_residual(lines, strain, at, pressed) for strain, at in along.items()],
-        marks=_marks(session),
+        marks=marks,
+        relative_force=bool(hand) and not taken.force_mN.any(),
         **_joint(session, say),
     )
 
 
-def _marks(session: Session) -> file.Marks | None:
+def _pressed_marks(session: Session) -> file.Marks | None:
     if len(session.of("mark")) < len(MARKS):
         return None
     pressed = presses(session.of("mark"))
+    return _marks(pressed.position_um, pressed.force_mN[0], pressed.logs)
+
+
+def _marks(place_um, force_mN, logs) -> file.Marks:
     return file.Marks(
-        place_um=tuple(pressed.position_um.tolist()),
-        force_mN=float(pressed.force_mN[0]),
-        logs=tuple(map(tuple, pressed.logs.round(6).tolist())),
+        place_um=tuple(place_um.tolist()),
+        force_mN=float(force_mN),
+        logs=tuple(map(tuple, logs.round(6).tolist())),
     )
 
 
@@ -98,11 +121,12 @@ def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses) -> file.
             rows.append((decode.position_um, decode.force_mN))
         return np.array(rows, dtype=float)
 
-    position = decoded(along)[:, 0] - along.position_um
+    at_um, force_mN = decoded(along).T
+    position = (at_um - along.position_um)[force_mN >= decode.calibration.touch_on_mN]
     found = file.Residual(
         strain_ppm=strain_ppm, position_rms_um=_rms(position), presses=len(position)
     )
-    if strain_ppm:
+    if strain_ppm or not len(pressed.force_mN):
         return found
     lit = pressed.lit_everywhere()
     return replace(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from msgspec.structs import replace
+
+from ..errors import SpotsError
 from ..link.board import Board
 from .dark import take_dark
-from .guide import Guide
+from .dialog import Dialog
 from .presses import FIRM_MN
 from .session import Wanted
 from .spectra import SpectrumReader
+from .typed import grams, typed
 
 _ANGLE_MAX_DEG = 3600.0
 
@@ -17,7 +21,7 @@ class Presser:
 
     Parameters
     ----------
-    guide : Guide
+    guide : Dialog
         Shows the requests, and reads the answers.
 
     Attributes
@@ -31,7 +35,7 @@ class Presser:
     patience_s = 120.0
     steady = 3
 
-    def __init__(self, guide: Guide):
+    def __init__(self, guide: Dialog):
         self._guide = guide
 
     def stretch(self, strain_ppm: int, length_um: float) -> None:
@@ -49,15 +53,51 @@ class Presser:
             self._guide.ask(f"stretch {length}, do not touch it, then press Enter: ")
 
     def press(self, wanted: Wanted) -> None:
-        """Begin a press with the place and force of `wanted`."""
+        """Begin a press at the position and with the force of `wanted`."""
         if wanted.kind == "mark" and wanted.angle_deg is not None:
             self._guide.say(f"turn the joint upwards to {wanted.angle_deg:g} degrees and hold")
+        elif wanted.kind == "hand":
+            force = f"about {grams(wanted.force_mN)}" if wanted.force_mN else "a firm finger"
+            self._guide.say(f"press at {wanted.place_um / 1000:.1f} mm with {force} and hold")
         elif wanted.kind != "joint":
             self._guide.say(f"press at {wanted} and hold")
 
     def release(self) -> None:
         """End the press."""
         self._guide.say("release")
+
+    def read_off(self, wanted: Wanted, length_um: float) -> Wanted | None:
+        """Ask for the true place and force of a press by hand.
+
+        Parameters
+        ----------
+        wanted : Wanted
+            The press that was asked for. If its force is 0, only the place is asked.
+        length_um : float
+            Length of the strip in um.
+
+        Returns
+        -------
+        Wanted or None
+            The press with its true place and force; None to repeat the press.
+        """
+        default, what = f"{wanted.place_um / 1000:.1f} mm", "does the ruler"
+        if wanted.force_mN:
+            default, what = f"{default} {wanted.force_mN / 9.80665:.0f} g", "do ruler and scale"
+        while True:
+            answer = self._guide.ask(f"what {what} show? (Enter: {default}; again; undo) ")
+            if answer.lower() == "again":
+                return None
+            try:
+                place_um, force_mN = typed(answer, length_um)
+            except SpotsError as error:
+                self._guide.say(str(error))
+                continue
+            return replace(
+                wanted,
+                place_um=min(wanted.place_um if place_um is None else place_um, length_um),
+                force_mN=force_mN or wanted.force_mN,
+            )
 
     def dark(self, board: Board) -> None:
         """Take the dark frame of a board whose LED is always on. The strip is not pressed."""
@@ -79,7 +119,7 @@ class Presser:
             The least force in mN.
         """
         # A scale may show grams. A strip that needs more than a firm press has no positions.
-        return 1000 * self._guide.ask_number(
+        return 1000 * self._number(
             f"press at {wanted.place_um / 1000:.1f} mm with the least force that lights every "
             "channel; what does the scale show, in N? ",
             0.01,
@@ -102,9 +142,22 @@ class Presser:
             The angle that the joint now has, in degrees, and the direction of the turn.
         """
         way = "up" if direction > 0 else "down"
-        angle = self._guide.ask_number(
+        angle = self._number(
             f"turn the joint {way} to its next angle and hold; what is the angle, in degrees? ",
             -_ANGLE_MAX_DEG,
             _ANGLE_MAX_DEG,
         )
         return Wanted(kind="joint", place_um=0, force_mN=0, angle_deg=angle, direction=direction)
+
+    def _number(self, question: str, lowest: float, highest: float) -> float:
+        """Ask for a number until the answer is valid. A decimal comma is valid."""
+        while True:
+            answer = self._guide.ask(question)
+            try:
+                if lowest <= (value := float(answer.replace(",", "."))) <= highest:
+                    return value
+            except ValueError:
+                pass
+            self._guide.say(
+                f"'{answer}' is not valid: type a number from {lowest:g} to {highest:g}"
+            )

@@ -87,7 +87,7 @@ def rezero(
             "marks"
         )
     table, reader = Calibration(made.lines), bench.reader
-    reason = table.mismatch(reader.conditions, reader.info.get("mains_hz", 0))
+    reason = table.mismatch(reader.conditions)
     if reason is not None:
         raise SpotsError(f"{bench.path}: {reason}")
     bench.guide.say("dark frames: touch nothing")
@@ -155,10 +155,10 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 
 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """Return the shifts of three marks without a part that only errors of the presses can cause.
+    """Return the shifts of three marks, corrected for presses beside their mark.
 
-    A press beside its mark shifts the logs along their slope. So does a drift of LED, filters or
-    dye, but as if the marks had moved in proportion to their places.
+    A drift of LED, filters or dye shifts the logs as if all marks had moved, each in proportion to
+    its distance from the sensor. Any other movement of the marks is an error of the presses.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
@@ -168,7 +168,10 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
 
 
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
-    """Return the mean shift of the channels at a mark, from presses that agree."""
+    """Ask for presses of a mark until `presses` of them agree; return each channel's mean shift.
+
+    `log` is log2 of the counts at this mark at the calibration.
+    """
     logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
     colour_per_um -= colour_per_um.mean()

@@ -28,11 +28,12 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     Attributes
     ----------
     kind : str
-        Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero.
+        Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero,
+        ``hand`` for a session whose places and forces a person reads.
     place_um : float
         Distance from the sensor's end in um, measured on the stretched strip.
     force_mN : float
-        Force in mN.
+        Force in mN; 0 in a press by hand if it is unknown.
     strain_ppm : int
         Strain of the strip: elongation over length at rest, in ppm.
     angle_deg : float or None
@@ -41,7 +42,7 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
         Direction in which the joint was turned: 1 upwards, -1 downwards; 0 without a joint.
     """
 
-    kind: Literal["choose", "position", "force", "strain", "joint", "mark"]
+    kind: Literal["choose", "position", "force", "strain", "joint", "mark", "hand"]
     place_um: float
     force_mN: float
     strain_ppm: int = 0
@@ -51,7 +52,8 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     def __str__(self) -> str:
         if self.angle_deg is not None:
             return f"the joint at {self.angle_deg:g} degrees"
-        return f"{self.place_um / 1000:.1f} mm with {self.force_mN / 1000:.4g} N"
+        force = f" with {self.force_mN / 1000:.4g} N" if self.force_mN else ""
+        return f"{self.place_um / 1000:.1f} mm{force}"
 
 
 class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -138,10 +140,13 @@ class Session:
     def __init__(self, path: Path):
         self.path = path
         self.points: list[Point] = []
+        self.removed: list[Point] = []  # presses by hand to ask for again
         try:
             data = read_bytes(path, SESSION_MAX_BYTES) if path.exists() else b""
         except OSError as error:
-            raise SpotsError(f"cannot read the session {path}: {error.strerror}") from None
+            raise SpotsError(
+                f"cannot read the session {path} ({error.strerror}): name another file"
+            ) from None
         lines = data.split(b"\n")
         self._whole = len(data) - len(lines[-1])
         for number, line in enumerate(lines[:-1], 1):
@@ -168,8 +173,32 @@ class Session:
                 atomic.sync(file)
                 self._whole = file.seek(0, os.SEEK_END)
         except OSError as error:
-            raise SpotsError(f"cannot write the session {self.path}: {error.strerror}") from None
+            raise SpotsError(
+                f"cannot write the session {self.path} ({error.strerror}): make room on the disk"
+            ) from None
         self.points.append(taken)
+
+    def undo(self) -> Point | None:
+        """Remove the last point, and return it; None if there is no point."""
+        if self.points:
+            self.remove(last := self.points[-1])
+            return last
+        return None
+
+    def remove(self, point: Point) -> None:
+        """Remove a point from the file, which is replaced atomically.
+
+        Raises
+        ------
+        SpotsError
+            If the file cannot be written.
+        """
+        kept = [p for p in self.points if p is not point]
+        text = "".join(msgspec.json.encode(p).decode() + "\n" for p in kept)
+        atomic.write_text(text, self.path)
+        self.points, self._whole = kept, len(text.encode())
+        if point.kind == "hand":
+            self.removed.append(point)
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
         """Return the points of one kind at one strain.

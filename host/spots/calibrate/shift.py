@@ -82,7 +82,10 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the start of each segment in um, strain by strain, from tables that overlap."""
+    """Yield the position in um at which each segment starts, for one strain after the other.
+
+    `rows` are the statements of a calibration, as pairs of name and list of integers.
+    """
     places: list[list[int]] = []
     for name, values in rows:
         if name == "strain":

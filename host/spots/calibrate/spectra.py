@@ -16,8 +16,8 @@ from ..link.board import Board
 from ..link.frames import Frame, Spectrum, Touch
 from .presses import own_variance
 
-_CHANNELS_MIN = 3  # of fewer, the noise that all share cannot be separated
-_TIMEOUT_S = 10.0  # more than any dark window takes
+_CHANNELS_MIN = 3  # with fewer, the noise that all channels share cannot be separated
+_TIMEOUT_S = 10.0  # more than any dark frame takes
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class SpectrumReader:
         return np.array([frame.position_um for frame in frames], dtype=float)
 
     def _frames(self, count: int, is_wanted: Callable[[Frame], bool], limit_s: float) -> list:
-        """Return up to `count` wanted frames whose exposure begins after this call."""
+        """Return up to `count` wanted frames whose exposure begins now or later."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)
         return list(islice(found, count))

@@ -17,7 +17,9 @@ from ..link import lamps
 from . import calibration_file as file
 from .bench import Bench, judge_force, judge_place
 from .choose import choose, passes
+from .dialog import UndoError
 from .fit import PLACES_MIN
+from .hand import by_hand
 from .joint import ANGLES_MIN, fit_joint, joint_marks
 from .make import make
 from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
@@ -25,22 +27,24 @@ from .session import Session, Wanted, point, presses
 from .spectra import Reading
 
 _RULER_UM = 100  # resolution of a ruler
-# By kind: usual and least number of places, forces, or angles in each direction.
+# By kind: usual and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
+    "fine": (36, PLACES_MIN),
+    "rough": (11, 8),
     "position": (17, PLACES_MIN),
     "strain": (17, PLACES_MIN),
     "force": (16, 14),
     "joint": (11, ANGLES_MIN),
 }
 _JUDGES = {"position": judge_place, "strain": judge_place, "force": judge_force}
-_CHOOSE_PLACES = 9
+_CHOOSE_PLACES = {"position": 9, "force": 9, "fine": 4}  # none: the present channels are used
 # The light begins a little below the least force that every channel sees, and grows steeply there.
 # The steps of force are even in the logarithm of what lies above this share of the least force.
 _DARK_SHARE = 0.85
 _LEAST_MARGIN = 1.05  # the least force is increased by this factor
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARK_S = 2.5  # of marks, whose noise shifts whole tables; an LED that is off for longer cools
+DARK_S = 2.5  # dark frames of the marks, whose noise shifts tables; longer, and the LED cools
 
 
 def calibrate(
@@ -60,9 +64,9 @@ def calibrate(
     session : Session
         Presses taken so far; new ones are added.
     kind : str
-        ``position``, ``strain``, ``force`` or ``joint``.
+        ``fine`` or ``rough`` by hand; ``position``, ``strain``, ``force`` or ``joint``.
     count : int
-        Number of positions or forces, or of angles in each direction.
+        Number of presses by hand, positions, forces, or angles in each direction; 0 for the usual.
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
@@ -73,31 +77,60 @@ def calibrate(
     SpotsError
         If the session has another board or other settings, or its presses give no calibration.
     """
+    released = True
+    while True:
+        try:
+            if not released:
+                bench.release()
+                released = True
+            _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
+            return
+        except UndoError:
+            undone, released = session.undo(), False
+            bench.guide.say(f"undone: {undone}" if undone else "there is no press to undo")
+
+
+def _run(
+    bench: Bench,
+    session: Session,
+    kind: str,
+    count: int,
+    strain_percent: float | None,
+    options: argparse.Namespace,
+) -> None:
     session.check(bench.reader.conditions)
     steps = _Steps(bench, session)
     if kind == "joint":
         steps.joint(count)
         return
     if kind != "strain":
-        steps.settle(options)
+        steps.settle(options, _CHOOSE_PLACES.get(kind, 0))
     elif missing := missing_step(session):
         raise SpotsError(f"calibrate position and force before strain: first run {missing}")
     if kind == "position":
         steps.places("position", count, 0)
     elif kind == "force":
         steps.forces(count)
+    elif kind in ("fine", "rough"):
+        bench.reader.set_up(dark_s=DARK_S)
+        by_hand(bench, session, count, kind == "rough")
+        steps.finish()
+        return
     else:
         steps.places("strain", count, round(10_000 * strain_percent))
         bench.presser.stretch(0, bench.length_um)
     if missing := missing_step(session):
         bench.guide.say(f"next: {missing}")
     else:
-        steps.marks()
+        if not session.of("hand"):
+            steps.marks()
         steps.finish()
 
 
 def missing_step(session: Session) -> str | None:
     """Return the command that the session needs before a calibration can be made, or None."""
+    if len(session.of("hand")) >= COUNTS["rough"][1]:
+        return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
         taken = {getattr(p, name) for p in session.of(kind)}
         end_um = (session.length_um or 0) - _RULER_UM if kind == "position" else 0
@@ -113,8 +146,8 @@ class _Steps:
     bench: Bench
     session: Session
 
-    def settle(self, options: argparse.Namespace) -> None:
-        """Choose gain, LED current and channels, unless presses for a calibration fix them."""
+    def settle(self, options: argparse.Namespace, choose_places: int) -> None:
+        """Choose gain, LED current and channels, unless earlier presses of the session fix them."""
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
         if not session.plan_is_open:
@@ -130,8 +163,8 @@ class _Steps:
             self._mains()
             self._auto()
         # Of an LED that is always on, each plan would need a dark frame of its own.
-        if not wanted_plan and reader.info.get("led") != "always":
-            self._choose()
+        if choose_places and not wanted_plan and reader.info.get("led") != "always":
+            self._choose(choose_places)
 
     def _mains(self) -> None:
         reader, guide = self.bench.reader, self.bench.guide
@@ -157,25 +190,44 @@ class _Steps:
         led = f"{found['led_mA']} mA" if kind == "ldr" else kind
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
-    def _choose(self) -> None:
+    def _choose(self, places: int) -> None:
         reader = self.bench.reader
         known = self.session.of("choose")
         plans = passes(known[0].plan if known else reader.conditions.plan)
         row = [Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN)]
-        for place_um in _along(self.bench.length_um, _CHOOSE_PLACES):
+        for place_um in _along(self.bench.length_um, places):
             row.append(Wanted(kind="choose", place_um=place_um, force_mN=FIRM_MN))
-        for plan in plans:
-            reader.set_up("plan=" + ",".join(plan))
-            self._series("choice of channels", row)
+        self._begin("choice of channels", len(row))
+        for wanted in row:
+            missing = [plan for plan in plans if not self.session.has(wanted, plan)]
+            if not missing:
+                self.bench.guide.skip()
+                continue
+            self._set_plan(missing[0])
+            reading = self.bench.take(wanted, self._noise())
+            for plan in missing:
+                if plan != reader.conditions.plan:
+                    # The LED is off in a dark frame, so the strip may be pressed.
+                    self._set_plan(plan)
+                    reading = reader.read(self.bench.window)
+                self.session.add(
+                    point(wanted, reading, reader.conditions, length_um=self.bench.length_um)
+                )
+            self.bench.guide.taken(wanted, reading)
+            self.bench.release()
         measured = tuple(
             presses([p for p in self.session.of("choose") if p.plan == plan]) for plan in plans
         )
         choice = choose(plans, measured, full_scale(*registers(reader.conditions.exposure_us)))
-        reader.set_up("plan=" + ",".join(choice.plan))
+        self._set_plan(choice.plan)
         self.bench.guide.say(
             f"channels {' '.join(choice.plan)}: {choice.sigma_um:.0f} um per sample; "
             f"{' '.join(plans[0])}: {choice.present_sigma_um:.0f} um"
         )
+
+    def _set_plan(self, plan: tuple[str, ...]) -> None:
+        if plan != self.bench.reader.conditions.plan:
+            self.bench.reader.set_up("plan=" + ",".join(plan))
 
     def places(self, kind: str, count: int, strain_ppm: int) -> None:
         """Take presses at positions along the strip, which is at rest or stretched."""
@@ -211,7 +263,7 @@ class _Steps:
         self._series("forces", row)
 
     def marks(self) -> None:
-        """Take the presses that a re-zero repeats."""
+        """Take presses at the marks, which a later re-zero repeats."""
         bench = self.bench
         bench.guide.say("dark frames: touch nothing")
         bench.reader.set_up(dark_s=DARK_S)
@@ -236,7 +288,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at angles up and down, and add the joint to the calibration file."""
+        """Take presses at angles of a joint, up and down; add the joint to the calibration file."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board
@@ -287,7 +339,7 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take the presses of `row` that the session does not have yet."""
+        """Take those presses of `row` that the session does not have; `title` names the series."""
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):
@@ -324,5 +376,5 @@ class _Steps:
 
 
 def _along(length_um: float, count: int) -> list[float]:
-    """Return positions along the strip in um, rounded to 0.1 mm as on a ruler."""
+    """Return `count` positions from end to end of a strip in um, rounded to 0.1 mm for a ruler."""
     return np.round(np.linspace(0, length_um, count), -2).tolist()

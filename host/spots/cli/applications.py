@@ -53,7 +53,7 @@ def controller(parser: Parser):
       spots controller --dry-run
     """
     parser.option("--settings", "FILE.toml", "settings file; default: the package's own")
-    parser.flag("--calibrate", "measure rest and ends of the axes, and write a settings file")
+    parser.flag("--calibrate", "measure middle and ends of the axes, and write a settings file")
     _add_output(parser, "print the gamepad's states, and control no gamepad")
     return calls("spots.controller.controller:controller_command")
 

@@ -68,16 +68,19 @@ def calibrate(parser: Parser):
     """Calibrate a strip: a guided session asks for presses and fits them.
 
     examples:
-      spots calibrate position
-      spots calibrate force
+      spots calibrate --rough
+      spots calibrate
       spots calibrate strain --strain-percent 10
     """
     parser.option(
         "kind",
         "KIND",
-        "position, force, strain or joint; position and force come first",
-        choices=["position", "force", "strain", "joint"],
+        "fine (with ruler and scale) if not given; position, force, strain or joint",
+        nargs="?",
+        default="fine",
+        choices=["fine", "position", "force", "strain", "joint"],
     )
+    parser.flag("--rough", "with a fingertip and a ruler, without a scale: relative forces")
     arguments.add_port(parser)
     parser.option(
         "--session",
@@ -86,7 +89,9 @@ def calibrate(parser: Parser):
         default="calibration.jsonl",
     )
     parser.option("--out", "FILE.toml", "the new file; named like the session if not given")
-    parser.option("--places", "N", "number of places, forces or angles", type=arguments.places)
+    parser.option(
+        "--places", "N", "number of presses, places, forces or angles", type=arguments.places
+    )
     parser.option(
         "--length-mm", "N", "length of the strip at rest; 85 if not given", type=arguments.length_mm
     )

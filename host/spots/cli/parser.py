@@ -37,7 +37,15 @@ def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser of `spots` or of one of its commands."""
+    """A parser of `spots` or of one of its commands.
+
+    Attributes
+    ----------
+    command : callable or None
+        Function that adds the options when they are first needed, see `CommandList.add`.
+    """
+
+    command: Callable[["Parser"], Callable] | None = None
 
     def __init__(self, **options):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
@@ -91,6 +99,9 @@ class Parser(argparse.ArgumentParser):
         unknown : list of str
             Always empty.
         """
+        if self.command:
+            add_options, self.command = self.command, None
+            self.set_defaults(run=add_options(self))
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
             if not unknown[0].startswith("-"):
@@ -146,4 +157,4 @@ class CommandList:
             parser = self._subparsers.add_parser(
                 command.__name__, description=textwrap.fill(summary, self._columns) + "\n" + more
             )
-            parser.set_defaults(run=command(parser))
+            parser.command = command

@@ -178,7 +178,7 @@ class ControllerView:
         self._states += 1
 
     def picture(self) -> Panel:
-        """Return the picture of the present state."""
+        """Return a picture of the controller's present state, for a terminal."""
         stats = self._board.stats
         facts = f"states {self._states}   frames {stats.frames}   lost {stats.lost}"
         controller = self._controller

@@ -92,7 +92,7 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
 
 
 def _touch(board: Board) -> Touch:
-    """Wait until a touch is held, and return the median of its readings."""
+    """Wait until a finger rests on the strip, and return the median of its readings."""
     readings: list[Touch] = []
     for touch in _readings(board, "no touch was held"):
         readings = [*readings, touch] if touch.trusted else []

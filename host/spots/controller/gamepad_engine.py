@@ -1,15 +1,16 @@
 """Computes the state of a gamepad from readings. No I/O; all times are arguments.
 
-An axis follows the finger, and returns to rest when the finger lifts. While readings are untrusted
-or missing, the last valid state is kept for `hold_ms`; then all axes and buttons return to rest.
+An axis follows the finger, and returns to 0 when the finger lifts. While readings are untrusted or
+missing, the last valid state is kept for `hold_ms`; then all axes are 0 and all buttons released.
 """
 
 import math
 from collections import deque
 
 from spots_device import decode
+from spots_device.contact import TWO_FIT
 
-from ..link.frames import Touch
+from ..link.frames import DOUBTFUL, Touch
 from ..outputs.devices import AXIS_MAX, REST, State
 from .controller_settings import ControllerSettings, ForceAxis, PositionAxis, Pressed, Tapped
 from .one_euro import OneEuro
@@ -73,7 +74,7 @@ class Controller:
             State to send now; None if there is nothing to send.
         """
         self._expire(now_s)
-        if touch.trusted:
+        if usable(touch):
             self._feel(touch, now_s)
         elif touch.touching or touch.flags & _BLIND:
             self.held = self._touched
@@ -103,7 +104,7 @@ class Controller:
         return self._sender.due(now_s)
 
     def release(self) -> None:
-        """Return to rest and drop all pending states.
+        """Set all axes to 0, release all buttons, and drop all states that were not sent yet.
 
         A finger that is still on the strip moves the axes, but presses no button until it is
         lifted.
@@ -166,6 +167,14 @@ class _Axis:
         self.value = 0
 
 
+def usable(touch: Touch) -> bool:
+    """Return whether a reading moves a controller: trusted, or of one press on a drifted strip.
+
+    A controller needs less accuracy than a measurement, see docs/drift.md.
+    """
+    return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
+
+
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
     """Return the value of an axis for a deflection.
 
@@ -216,11 +225,11 @@ class _Button:
         self._zone_um = settings.from_percent * percent_um, settings.to_percent * percent_um
 
     def has(self, position_um: float) -> bool:
-        """Return whether a position is in the zone of the button."""
+        """Return whether a position in um is in the button's zone of the strip."""
         return self._zone_um[0] <= position_um <= self._zone_um[1]
 
     def begin(self, mine: bool) -> None:
-        """Begin a touch; `mine` is true if the touch may press this button."""
+        """Handle the start of a touch; `mine` is true if the touch may press this button."""
         self._mine = mine
 
     def take(self, force_mN: float) -> None:
@@ -255,7 +264,7 @@ _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
 
 
 class _Sender:
-    """Limits the rate of states: sends each change of a button, but only the latest axes."""
+    """Limits the rate of gamepad states; skips states of the axes, but no change of a button."""
 
     def __init__(self, rate_hz: float):
         self._every_s = 1 / rate_hz

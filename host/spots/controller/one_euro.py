@@ -60,5 +60,5 @@ class OneEuro:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Return the weight (0 to 1) of a sample that follows the last one after `dt_s` seconds."""
+    """Return the weight (0 to 1) of a new sample, `dt_s` seconds after the last, in a low-pass."""
     return 1 / (1 + 1 / (2 * math.pi * cutoff_hz * dt_s))

@@ -27,7 +27,7 @@ _DIM = 0.01  # share of full scale; with less light a position is noise
 _BRIGHTEST = 0.95  # share of full scale
 # Share of the highest rate: transfers and dark frames take time, too.
 _SLOWEST = 0.7
-_RATE_S = 0.5  # of readings, in which the commands before and after them cost little
+_RATE_S = 0.5  # duration of readings; the commands before and after them cost little time
 _MISSED = 0.15  # share of the samples: more than commands and dark frames cost
 # Wire to check first, by kind of the LED.
 _WIRES = {
@@ -153,8 +153,8 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
     """Measure the light of the LED in lit samples between two dark frames.
 
-    A press also couples ambient light into the strip, and ambient light changes. So each channel's
-    larger dark count is subtracted from its smallest lit count.
+    A press also couples ambient light into the strip, and ambient light changes. So for each
+    channel, the larger one of two dark counts is subtracted from the smallest lit count.
 
     Parameters
     ----------

@@ -144,7 +144,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
 
 
 def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
-    """Compare the files on a board with the firmware.
+    """Compare the files on a board with the firmware, and return the changes to make.
 
     Parameters
     ----------

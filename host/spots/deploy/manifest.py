@@ -7,12 +7,12 @@ import hashlib
 import re
 
 MANIFEST = "spots.sha256"
-LARGEST_BYTES = 1 << 16  # more is not read of a manifest on a board
+LARGEST_BYTES = 1 << 16  # of a manifest on a board; the rest is not read
 _LINE = re.compile(rb"([0-9a-f]{64})  (\w[\w.-]*(?:/\w[\w.-]*)*)")
 
 
 def entries_of(files: dict[str, bytes]) -> set[tuple[str, str]]:
-    """Return a pair (path, SHA-256 in hexadecimal) for each file."""
+    """Return the entries of a manifest for these files: pairs of path and SHA-256 (hexadecimal)."""
     return {(path, hashlib.sha256(data).hexdigest()) for path, data in files.items()}
 
 

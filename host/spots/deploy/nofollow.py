@@ -150,7 +150,10 @@ class Tree:
 
     @contextlib.contextmanager
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Yield the `dir_fd` of a path's folder and the file's name; `make` creates the folder."""
+        """Yield the descriptor of the folder that contains `path`, and the name of the file in it.
+
+        If `make` is true, a missing folder is created.
+        """
         *folders, name = path.split("/")
         handle, prefix = (os.dup(self._root), "") if _BY_HANDLE else (None, f"{self.port}/")
         try:
@@ -218,6 +221,6 @@ class Tree:
 
 
 def settle(folder: int | None) -> None:
-    """Flush a folder, so that its renames are on the medium in order and before a reset."""
+    """Wait until all renames in a folder (an open descriptor, or None) are on the medium."""
     if folder is not None:  # Windows writes to a removable drive at once
         os.fsync(folder)

@@ -208,7 +208,7 @@ class Prompt:
         self.close()
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the board's serial port."""
         if self._transport is not None:
             with contextlib.suppress(*self._failures):  # already disconnected
                 self._transport.close()

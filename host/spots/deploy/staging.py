@@ -71,7 +71,7 @@ class Device(toml.Strict, kw_only=True):
 
     def __post_init__(self):
         if self.viper and (self.runtime != "micropython" or self.march is None):
-            raise ValueError("viper needs MicroPython and a march; add them")
+            raise ValueError("viper needs runtime = micropython, and the key march: add them")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(
@@ -80,7 +80,7 @@ class Device(toml.Strict, kw_only=True):
 
     @property
     def name(self) -> str:
-        """Name of the board in commands."""
+        """Name of the board in commands such as ``spots flash pico``."""
         return self.device["NAME"]
 
 

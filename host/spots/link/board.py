@@ -34,7 +34,7 @@ _STREAM_TRIES = 3
 _LATEST_S = 2.0
 _RATE_READINGS = 64
 # Streams by kind of frame. Keys have none: they come after the command `keys on`. Contacts
-# come only while a finger is there, so readings show that the board runs.
+# come only while a finger touches, so readings show that the board runs.
 _STREAMS: dict[type, tuple[str, ...]] = {
     Touch: ("touch",),
     Spectrum: ("spectrum",),
@@ -156,7 +156,7 @@ class Board:
 
     @property
     def drift_ppm(self) -> float:
-        """Drift of the board's clock in ppm, positive if fast; needs a minute of readings."""
+        """How much faster the board's clock is than the host's, in ppm; valid after a minute."""
         return self._clocks.clock.drift_ppm
 
     @property
@@ -470,7 +470,7 @@ class Board:
             except PortLostError:
                 if not before:
                     raise
-                self._streams = sorted(streams)  # they start when the board is back
+                self._streams = sorted(streams)  # they start when the board is connected again
             except CommandError as error:
                 if Contact not in kinds:
                     raise

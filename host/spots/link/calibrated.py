@@ -26,15 +26,14 @@ def hello_calibrated(board: Board) -> Hello:
     info = board.command("hello")
     if not info.get("length_um"):
         raise SpotsError(
-            f"the board on {board.port} has no calibration for its settings: run 'spots calibrate "
-            "position', then 'spots calibrate force'"
+            f"the board on {board.port} has no calibration for its settings: run 'spots calibrate'"
         )
     return info
 
 
 def next_step(info: Hello) -> str | None:
     """Return advice if a board's ``hello`` shows no calibration, else None."""
-    return None if info.get("length_um") else "next: spots calibrate position"
+    return None if info.get("length_um") else "next: spots calibrate"
 
 
 def hello_often(
@@ -71,7 +70,7 @@ def hello_often(
 
 
 def tell_rest(board: Board) -> None:
-    """Make the present spectrum of an untouched strip its baseline; ignore a missing reply."""
+    """Let the board take the present light as the untouched strip's; ignore a missing reply."""
     if not board.read_only:
         with contextlib.suppress(SpotsError):
             board.command("rest")

@@ -51,7 +51,7 @@ class ClockMap:
 
     @property
     def uncertainty_s(self) -> float:
-        """Largest error of the mapped time, in seconds: half the distance of the bounds."""
+        """Largest possible error of the host times that this map returns, in seconds."""
         return abs(self.high_s - self.low_s) / 2
 
     @property
@@ -69,7 +69,7 @@ class ClockMap:
         return self.last_us
 
     def state(self) -> dict[str, float]:
-        """Return constructor arguments for a new map that maps later times to the same floats."""
+        """Return the constructor arguments of a copy, which maps later times to the same floats."""
         return asdict(self)
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:
@@ -204,7 +204,7 @@ class ClockMap:
     def _best_slope(self) -> float:
         if self._trips[-1][0] - self._trips[0][0] < _DRIFT_US:
             return 0.0
-        # The room between the bounds is a concave function of the slope.
+        # The distance of the bounds is a concave function of the slope.
         low, high = -_DRIFT_MOST, _DRIFT_MOST
         for _ in range(_HALVINGS):
             third = (high - low) / 3

@@ -36,7 +36,7 @@ class ClockSync:
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Schedule the next regular question after host time `now_s` (s); keep the present map."""
+        """Schedule regular questions for the board's time from host time `now_s` on, in seconds."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
@@ -59,7 +59,7 @@ class ClockSync:
         self.due_s = received_s
 
     def ask(self, now_s: float) -> bytes:
-        """Return the question to send to the board now; empty if no question is due."""
+        """Return the command that asks for the board's time; empty if it need not be sent now."""
         if now_s < self.due_s:
             return b""
         self.due_s = now_s + next(self._waits)
@@ -81,7 +81,7 @@ class ClockSync:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 
     def learn(self) -> None:
-        """Apply the recorded answer. Call it between two reads, so that a recording can note it."""
+        """Update the map with the last answer. Call this between two reads of the link."""
         if self._answer is not None:
             self.clock.round_trip(*self._answer)
             self._answer = None
@@ -95,5 +95,5 @@ def _waits(soon: int) -> Iterator[float]:
 
 
 def spread_s(i: int) -> float:
-    """Return the delay of round trip number `i`, in seconds."""
+    """Return a delay for round trip number `i` in seconds; the delays are spread evenly."""
     return i * _GOLDEN % 1 * _SPREAD_S

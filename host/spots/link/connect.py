@@ -145,7 +145,7 @@ def upload(board: Board, calibration: Sequence[str]) -> None:
     made = _checked(calibration)
     i = board.command("hello")
     now = Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
-    reason = made.mismatch(now, i.get("mains_hz", 0))
+    reason = made.mismatch(now)
     if reason is not None:
         raise SpotsError(reason)
     board.command("cal begin")

@@ -31,7 +31,10 @@ NOTE = 15
 
 
 def whole(data: bytes) -> int:
-    """Return the number of bytes up to the last delimiter; all if they cannot be one frame."""
+    """Return the number of bytes up to the last delimiter (a zero byte).
+
+    Without a delimiter it is 0, or all bytes if they are too many for one frame.
+    """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
 

@@ -22,10 +22,10 @@ _ROUNDING = 1 / 12  # variance of a count
 
 
 def mains_hz(board: Board) -> int:
-    """Measure for a second which mains frequency the lamps around a strip have.
+    """Measure the mains frequency of the lamps around a strip, for a second.
 
-    The board has the same settings before and after it. The LED is off meanwhile, if its current
-    is a setting.
+    The settings of the board are restored at the end. Meanwhile the LED is off, if the board can
+    set its current.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def mains_hz(board: Board) -> int:
     Returns
     -------
     int
-        Value of the setting ``mains_hz``: 50 or 60, or 0 without flicker at twice this frequency.
+        Value of the setting ``mains_hz``: 50 or 60; 0 if no light flickers at 100 or 120 Hz.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def _light(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return board times in s and sums of all channels, shape (n,), of samples at these settings.
 
-    Only samples count in which the LED is in its usual state: not those of a dark frame.
+    Samples of a dark frame, for which the board has switched the LED off, are left out.
     """
     board.set(exposure_us=exposure_us, **settings)
     begun_s = board.now_s() + 1e-6 * exposure_us
@@ -81,7 +81,7 @@ def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
 
 
 def _power(time_s: np.ndarray, light: np.ndarray, hz: float) -> float:
-    """Return the power of a sine of a frequency in the light, relative to the noise."""
+    """Return the power of a sine of the frequency `hz` in the light, relative to the noise."""
     phase = 2 * np.pi * hz * time_s
     waves = np.stack([np.ones_like(time_s), time_s, np.cos(phase), np.sin(phase)], axis=1)
     with_sine, without = (

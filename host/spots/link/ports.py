@@ -10,10 +10,10 @@ entry point is the word before the colon: ``zenoh`` in ``zenoh:ID``. The module 
 and may have
 
 ``check(rest, *, sensor, scenario, seed)``
-    Raises SpotsError for a mistake in the arguments that no later plugging-in can correct.
+    Raises SpotsError for wrong arguments, with which no board can ever be opened.
 ``calibration_setup(options, made, path, guide)``
-    Returns a `calibrate.bench.Bench` that presses its strip without a person. ``made`` is a
-    session, or the calibration of a strip that may have drifted.
+    Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. ``made`` is the
+    session of ``spots calibrate``, or the calibration file for ``spots rezero``.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Returns a `linkage.twin_source.DrivenLinkage`: a linkage that opens its boards itself. `path`,
     `seed` and `exposure_us` must have defaults.
@@ -36,7 +36,7 @@ _FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes a
 
 
 def known() -> str:
-    """Return how to write the ports of all installed schemes, for help and error messages."""
+    """Return the forms of all ports that are not serial, such as ``zenoh:ID``, for messages."""
     names = sorted(entry.name for entry in entry_points(group=GROUP))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))

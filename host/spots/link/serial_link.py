@@ -38,7 +38,7 @@ class Link(Protocol):
     name: str
 
     def now_s(self) -> float:
-        """Return the host's time by this link's clock, in seconds."""
+        """Return the host's time in seconds, by the clock of this link."""
         return time.monotonic()
 
     def read(self, timeout_s: float) -> bytes:
@@ -46,10 +46,10 @@ class Link(Protocol):
         ...
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
+        """Send bytes to the board."""
 
     def sleep(self, duration_s: float) -> None:
-        """Wait by the link's clock."""
+        """Wait for `duration_s` seconds of the link's clock."""
         time.sleep(duration_s)
 
     def reopen(self) -> None:
@@ -194,7 +194,7 @@ def _usb_numbers() -> dict[str, str | None]:
 
 
 def usb_boards() -> list[list[str]]:
-    """Return each USB device's serial ports, sorted: the prompt's port first, the frames' last."""
+    """Return the port names of each USB device: the prompt's port first, the frames' port last."""
     boards: dict[str, list[str]] = {}
     for port in usb_ports():
         boards.setdefault(port.serial_number or port.device, []).append(port.device)

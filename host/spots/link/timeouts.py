@@ -1,7 +1,7 @@
 """Timeouts and back-off while a board is silent or unplugged, by the clock of its link.
 
-When readings stop, the link asks the board after `ASK_S`, applications release their keys after
-`RELEASE_S`, the state becomes stalled after `STALLED_S`, and the web UI closes the board and
+When readings stop, the link sends a question to the board after `ASK_S`. Applications release their
+keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and
 searches again after `SEARCH_S`. The search for an unplugged port has a growing back-off, and
 `Board.frames` raises an error after `PATIENCE_S`.
 """
@@ -91,7 +91,7 @@ class LinkLoss:
         return self._unplugged_s < _NEVER
 
     def state(self, now_s: float) -> str:
-        """Return `CONNECTED`, `STALLED`, `LOST` or `REFUSED`."""
+        """Return the state of the link: `CONNECTED`, `STALLED`, `LOST` or `REFUSED`."""
         if self.unplugged:
             return REFUSED if self._refused else LOST
         return STALLED if self.silent(now_s, STALLED_S) else CONNECTED
@@ -113,16 +113,16 @@ class LinkLoss:
         return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
-        """Record a frame of any kind."""
+        """Record the arrival of a frame of any kind."""
         self._asked = 0
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
     def expect(self, now_s: float | None) -> None:
-        """Record a reading, or the start of a stream; with None, expect no more readings."""
+        """Record a reading, or the start of a stream; None: no more readings are expected."""
         self._expected_s = _NEVER if now_s is None else now_s
 
     def asking(self, now_s: float) -> None:
-        """Record that the board is sent a question now."""
+        """Record that a question is sent to the silent board now."""
         if self._asked == 0:
             self.first_asked_s = now_s
         self._asked += 1
@@ -167,6 +167,6 @@ class LinkLoss:
         return newly
 
     def plug(self, now_s: float) -> None:
-        """Record that the board is reconnected, and make the question about a restart due now."""
+        """Record that the board is connected again; the next question must be sent at once."""
         self._unplugged_s = _NEVER
         self.ask_s = self._expected_s = now_s

@@ -66,7 +66,7 @@ class Turn:
                 self._changed.notify_all()
 
     def wake(self) -> None:
-        """Let the waiting threads evaluate their `unless` conditions."""
+        """Let all threads that wait for the lock check whether they still need it (`unless`)."""
         with self._changed:
             self._changed.notify_all()
 

@@ -10,9 +10,7 @@ from .frames import Touch
 _UNTRUSTED_S = 0.7
 # By flag; the first flag that is set gives the cause.
 _CAUSES = {
-    decode.NOT_CALIBRATED: (
-        "the board has no calibration for its settings; next: spots calibrate position"
-    ),
+    decode.NOT_CALIBRATED: ("the board has no calibration for its settings; next: spots calibrate"),
     decode.SATURATED: (
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
     ),
@@ -27,10 +25,11 @@ _CAUSES = {
 
 
 class Untrusted:
-    """Detects when all readings of a strip have been untrusted for most of a second.
+    """Detects that all readings of a strip have been untrusted for most of a second.
 
-    Presses that do not fit are added up, because a key is pressed for a shorter time. The sentence
-    then stays until a press is trusted. Any other cause ends with a reading without it.
+    Key presses are shorter than that. So the durations of presses whose spectrum does not fit the
+    calibration are added up, and their warning ends with the next trusted press. Any other warning
+    ends with the next trusted reading.
 
     Attributes
     ----------
@@ -59,6 +58,9 @@ class Untrusted:
             self._last_s = None
             if touch.touching or not self._misfit_press:
                 self.sentence, self._lasted_s, self._misfit_press = "", 0.0, False
+            return
+        if flag == decode.LED_OFF and self._misfit_press:
+            self._last_s = None  # the board repeats its dark frame because presses do not fit
             return
         if self._last_s is not None:
             self._lasted_s += now_s - self._last_s

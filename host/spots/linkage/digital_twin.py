@@ -77,7 +77,7 @@ class Terminal(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Warning in words: limit, singularity or extrapolation; empty if there is no problem."""
+        """Warning for a user: limit, singularity, or joint outside its range; may be empty."""
         doubts = {"near singular": self.singular, "beyond the calibrated range": not self.within}
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
@@ -116,7 +116,7 @@ class Twin:
     Notes
     -----
     The two boards sample at different times. For each reading of one joint, the angle of the other
-    joint is interpolated between two of its readings. So a position is complete when the next
+    joint is interpolated between that joint's readings. So a position is complete when the next
     reading of the other joint arrives, and nothing is extrapolated. The order in which the readings
     of the two joints arrive does not matter: a recording gives the same positions as the boards.
 
@@ -182,7 +182,7 @@ class Twin:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a warning that names each joint without an angle for 3 s; else an empty text."""
+        """Return a warning that names each joint without an angle for 3 s, or an empty text."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -233,7 +233,7 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return a joint's angle at `time_s`, interpolated between readings; None if impossible."""
+    """Return a joint's angle at `time_s`, interpolated between `angles`, or None."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1

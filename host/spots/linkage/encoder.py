@@ -39,7 +39,7 @@ class Angle(NamedTuple):
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
         Angular velocity and its standard error in rad/s, by the board's clock: the mean over the
-        last 3 to 8 readings (fewer for a fast movement). None with fewer than three readings.
+        last readings: 3 for a fast movement, up to 8 for a slow one. None before three readings.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
@@ -121,7 +121,7 @@ class Encoder:
             self._recent.clear()  # the board restarted, or no touch for a long time
         self._recent.append((device_s, indenter_deg))
         self._follow(indenter_deg, noise_deg)
-        # A joint at rest may stand anywhere in its backlash.
+        # A joint at rest may be anywhere in its backlash.
         moving = self._direction and self._still_for < _WINDOW
         backlash_var = 0.0 if moving else joint.backlash_deg**2 / 12
         # Standard error from mean absolute error; half the backlash is corrected below.
@@ -192,8 +192,8 @@ class Encoder:
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         """Return velocity and its standard error in degrees per second; None if unknown.
 
-        The velocity is the slope of a line through the last readings: as few as give a slope above
-        the noise. `noise_deg` is the standard deviation of a reading in degrees.
+        The velocity is the slope of a line through the last readings. Their number is the smallest
+        for which the slope exceeds its noise. `noise_deg` is the noise of a reading in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

@@ -51,7 +51,7 @@ class Limit(IntEnum):
 
 
 class LimitError(SpotsError):
-    """The linkage has no solution for these scalars.
+    """Raised if the linkage has no solution for scalar arguments.
 
     Attributes
     ----------
@@ -73,8 +73,8 @@ class Linkage:
     Parameters
     ----------
     bar_mm : float or sequence of 4 floats
-        Bar lengths in mm: one length for all bars, or the lengths of inner bar 1, outer bar 1,
-        outer bar 2 and inner bar 2 (the order from joint 1 over the end point to joint 2).
+        Bar lengths in mm: one length for all bars, or four lengths. Their order is from joint 1
+        over the end point to joint 2: inner bar 1, outer bar 1, outer bar 2, inner bar 2.
     base_mm : float
         Distance of the two base joints, in mm.
     assembly : {"far", "near"}
@@ -373,7 +373,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and its `Limit` codes: those of arm 1 for either arm.
+    """Return the angle of an arm in rad, and its `Limit` codes, which name arm 1 for either arm.
 
     (`x`, `y`) is the end point relative to the arm's joint; `inner` and `outer` are the lengths of
     the arm's bars, all in mm.
@@ -416,7 +416,7 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Solve for the arguments; reject or mask the results that a limit excludes.
+    """Compute results; raise LimitError or mask them where the linkage has no solution.
 
     Parameters
     ----------

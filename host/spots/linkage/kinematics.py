@@ -94,7 +94,7 @@ class Kinematics:
 
     @property
     def gain(self) -> tuple[float, float]:
-        """Gains of encoder 1 and encoder 2, see `Encoder`."""
+        """Gains of encoder 1 and encoder 2: joint angle per calibrated angle, see `Encoder`."""
         return self.values["gain1"], self.values["gain2"]
 
     def terminal(self, angles_rad) -> tuple:
@@ -254,12 +254,12 @@ class _Fit:
         return self._places - self._terminal(self.values(found), self._angles)
 
     def jacobian(self, found, scale) -> np.ndarray:
-        """Return the whitened Jacobian, shape (2n, p)."""
+        """Return the derivatives of the whitened residuals by `found`, shape (2n, p)."""
         slopes = _slopes(self.residual_mm, found, 1e-5)
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
     def solve(self, scale, begin) -> np.ndarray:
-        """Return `found` of the best fit, which starts from the array `begin`."""
+        """Return `found` of the best fit with the weights `scale`, which starts from `begin`."""
         from scipy.optimize import least_squares
 
         def residuals(found):

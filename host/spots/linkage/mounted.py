@@ -75,17 +75,17 @@ class Mounted(toml.Strict, kw_only=True):
 
     @property
     def linkage(self) -> Linkage:
-        """Linkage with these lengths. The origin is joint 1; the x axis points to joint 2."""
+        """Linkage with this file's lengths; origin at joint 1, x axis towards joint 2."""
         return Linkage(self.bar_mm, self.base_mm, self.assembly)
 
     @property
     def offset_rad(self) -> tuple[float, ...]:
-        """Offsets of encoder 1 and encoder 2, in rad."""
+        """Joint angles at the calibrated angle 0, for encoder 1 and encoder 2, in rad."""
         return tuple(math.radians(joint.offset_deg) for joint in self.joint)
 
     @property
     def gain(self) -> tuple[float, ...]:
-        """Gains of encoder 1 and encoder 2."""
+        """Gains of encoder 1 and encoder 2: joint angle per calibrated angle."""
         return tuple(joint.gain for joint in self.joint)
 
     def strips(self, path: Path) -> list[CalibrationFile]:

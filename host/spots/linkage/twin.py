@@ -1,4 +1,4 @@
-"""``spots twin``: shows a linkage's twin as picture, lines or JSON, or tests it in simulation."""
+"""``spots twin``: shows a linkage's digital twin as picture, lines or JSON, or tests it."""
 
 import argparse
 import json
@@ -68,7 +68,7 @@ def twin_command(options: argparse.Namespace) -> None:
 
 
 def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
-    """Show a twin as a live picture or as lines, until the time is over or until Ctrl-C.
+    """Show a linkage's digital twin as a live picture or as lines, until the end or Ctrl-C.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Points for a kinematic calibration: measures them with a linkage, stores them, and fits them."""
+"""Measures, stores and fits the points of a linkage's kinematic calibration."""
 
 import csv
 import io
@@ -88,7 +88,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
     Parameters
     ----------
     source : Source
-        The twin and its boards.
+        The digital twin and its boards.
     points : Path
         Table of points. An existing table is continued.
     ask : callable
@@ -164,11 +164,13 @@ def _append(path: Path, row: Iterable[float]) -> None:
                 file.write("\r\n")  # some editors omit the end of the last line
             table.writerow(f"{value:.5f}" for value in row)
     except OSError as error:
-        raise SpotsError(f"cannot write the file of points {path}: {error.strerror}") from None
+        raise SpotsError(
+            f"cannot write the file of points {path} ({error.strerror}): name another file"
+        ) from None
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
-    """Return the points, one per row, and the line number of each in the file."""
+    """Return the points of a table, an array with one row per point, and their line numbers."""
     try:
         text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
         table = csv.DictReader(io.StringIO(text))

@@ -1,4 +1,4 @@
-"""Sources of a twin's readings: boards, recordings of boards, or a simulated linkage."""
+"""Sources of readings for a digital twin: boards, recordings, or a simulated linkage."""
 
 import math
 import time
@@ -23,7 +23,7 @@ from .fivebar import Linkage
 
 
 class Source(NamedTuple):
-    """A twin and the two boards whose readings it follows.
+    """A linkage's digital twin, and the two boards whose readings it follows.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
 
 
 def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[CalibrationFile]]:
-    """Return the twin of a linkage file and the calibrations of its strips.
+    """Return the digital twin of a linkage file, and the calibrations of its strips.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return the function of a port's scheme that makes a `DrivenLinkage`, or None without one."""
+    """Return the function that makes a `DrivenLinkage` for the first port, or None without one."""
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
@@ -157,7 +157,7 @@ def is_recording(port: str) -> bool:
 
 
 def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
-    """Yield the readings of recordings at their original pace."""
+    """Yield pairs of joint and reading, which come from recordings, at their original pace."""
     ahead_s = None
     for joint, touch in pairs:
         if ahead_s is None:

@@ -20,7 +20,7 @@ _LAST_DOT = np.array([4 * _ROWS - 1, 2 * _COLUMNS - 1])
 
 
 class TwinView:
-    """Draws a twin in a plot whose range grows to contain all points shown so far.
+    """Draws a digital twin in a plot whose range grows to contain all points shown so far.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class TwinView:
         self._frame = np.empty((0, 2))  # its corners, in mm
 
     def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
-        """Return the picture of the twin at its newest position.
+        """Return the picture of the digital twin at its newest position.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class TwinView:
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Return the braille dots of each character of the plot for arrays of points in mm."""
+        """Return the braille dots of the plot's characters that show arrays of points in mm."""
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):
@@ -87,12 +87,12 @@ class TwinView:
         return np.einsum("rick,ik->rc", dots.reshape(_ROWS, 4, _COLUMNS, 2), _DOTS)
 
     def _scale(self) -> float:
-        """Return the scale in dots per mm."""
+        """Return the scale of the plot in braille dots per mm."""
         spans = zip(_LAST_DOT[::-1], np.ptp(self._frame, axis=0))
         return min((dots / mm for dots, mm in spans if mm > 0), default=1.0)
 
     def _dots(self, points: np.ndarray) -> np.ndarray:
-        """Return row and column of the dot of each point."""
+        """Return row and column of the braille dot for each point in mm."""
         low, high = self._frame
         x_mm, y_mm = (points - [(low[0] + high[0]) / 2, low[1]]).T * self._scale()
         dots = np.stack([_LAST_DOT[0] - y_mm, _LAST_DOT[1] / 2 + x_mm], axis=-1)
@@ -111,7 +111,7 @@ def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
 
 
 def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
-    """Return the points of the line between the two points `ends` in mm: one for each dot."""
+    """Return points in mm on the line between the two points `ends`: one for each dot to draw."""
     return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 

@@ -10,7 +10,7 @@ from .usages import Usage
 
 
 class DesktopKeyboard(Keyboard):
-    """Presses keys of the desktop.
+    """Presses keys of this computer on macOS and Windows.
 
     Raises
     ------

@@ -62,16 +62,16 @@ class Output:
         self.close()
 
     def release(self) -> None:
-        """Release everything."""
+        """Release all keys or buttons, and centre all axes."""
         raise NotImplementedError
 
     def mute(self) -> None:
-        """Release everything, and ignore presses until `signals.resumed` is called."""
+        """Release all keys and buttons, and ignore presses until `signals.resumed` is called."""
         self.muted = True
         self.release()
 
     def close(self) -> None:
-        """Release everything and close the device; idempotent."""
+        """Release all keys and buttons, and close the device; idempotent."""
         with SECTION:
             if self._closed:
                 return
@@ -87,7 +87,7 @@ class Output:
 
 
 class KeySink(Protocol):
-    """Receiver of key events."""
+    """Receiver of key events, for example a keyboard of this computer."""
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
         """Handle a key event.

@@ -25,14 +25,14 @@ _HEADER = [*_TIMES, ("t_us", "<u4"), ("sequence", "<u2"), ("sensor", "u1")]
 
 
 class _Table:
-    """Layout of a kind of frames: of their bytes, and of their rows in an array.
+    """Layout of one kind of frame: as bytes on the link, and as a row of an array.
 
     Parameters
     ----------
     kind : type
-        Type of the frames; the fields of the body have the order of the wire.
+        Type of the frames.
     body : str
-        Format of the body, for `struct`.
+        Format of the bytes after the header, for `struct`; fields in the order of `kind`.
     """
 
     def __init__(self, kind: type[Reading], body: str):
@@ -81,9 +81,9 @@ _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 class _Run(NamedTuple):
-    """Consecutive pieces of a stream: valid frames that have a table, or notes without a body.
+    """Consecutive pieces of a stream: readings, key events, or notes that contain only a time.
 
-    Indices count the pieces of the run.
+    Indices count these pieces from 0.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class _Run(NamedTuple):
     notes_at, since_us : ndarray of int64
         Index and time of each note.
     tables : dict
-        Indices and payloads of the frames of each kind. A payload is a column of bytes.
+        Indices and payloads of the frames of each kind; each column is a payload.
     """
 
     t_us: np.ndarray
@@ -105,7 +105,7 @@ class _BlockDecoder(Decoder):
     """Decodes a block of bytes at once, with the same frames and statistics as `Decoder`."""
 
     def feed_block(self, data: bytes) -> Iterator[_Run | Frame]:
-        """Yield the runs in a block of bytes and, between runs, each frame without a table."""
+        """Yield the frames of a block of bytes in order: many at once as `_Run`, or single ones."""
         stream = np.frombuffer(self._completed(data), np.uint8)
         ends = np.flatnonzero(stream == 0)
         starts = np.concatenate(([0], ends[:-1] + 1))[: len(ends)]
@@ -211,7 +211,7 @@ class Arrays:
 
     @property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """The four arrays: touches, spectra, keys and contacts."""
+        """The arrays of touches, spectra, keys and contacts, in this order."""
         return self.touches, self.spectra, self.keys, self.contacts
 
 

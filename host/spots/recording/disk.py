@@ -13,10 +13,10 @@ _SYNC_EVERY_S = 1.0
 
 
 class Disk:
-    """A new file. Its bytes go to the operating system at once, and to the medium once a second.
+    """A new file, which the operating system gets at once, and the storage medium every second.
 
     If the process is killed, no appended byte is lost; a power cut loses about the last second.
-    A thread waits for the medium, so `append` does not wait.
+    `append` does not wait for the medium, because a thread does.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 
 class _Spool:
-    """Stores the rows of a table on disk until their number and the longest text are known."""
+    """Stores the rows of a table on disk, because an array's header needs the number of rows."""
 
     def __init__(self, table: Table, file: IO):
         self._table, self._file = table, file

@@ -25,7 +25,7 @@ _LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 
 
 def schema(table: Table) -> dict:
-    """Return the JSON schema of a row of a table."""
+    """Return the JSON schema of the messages for one kind of frame."""
     properties = {}
     for name, dtype in table.columns.items():
         is_array = isinstance(dtype, tuple)

@@ -25,7 +25,7 @@ _Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
 
 
 class Clock(msgspec.Struct, frozen=True):
-    """State of a `link.clockmap.ClockMap`, as arguments of its constructor."""
+    """How to convert board time to host time: constructor arguments of `link.clockmap.ClockMap`."""
 
     last_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)]
     low_s: _Clock_s

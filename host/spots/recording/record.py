@@ -37,7 +37,7 @@ def record(
     Raises
     ------
     SpotsError
-        If the board uses another calibration, or the file cannot be written.
+        If `calibration` is not the one that the board uses, or the file cannot be written.
     """
     if calibration is not None:
         used, name = board.command("hello")["calibration"], checksum(calibration)

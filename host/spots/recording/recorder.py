@@ -2,6 +2,7 @@
 
 import re
 import secrets
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +35,7 @@ class Recorder:
         ``describe()`` returns the present values of ``info``, ``clock``, ``calibration`` and
         ``restarts`` of a `header.Header`.
     begun : bytes
-        First bytes of a frame whose other bytes have not arrived yet.
+        Bytes of an incomplete frame that have arrived before the recording.
     rotate_bytes : int, optional
         Largest size of a file, in bytes. After FILE.spots the recording continues in
         FILE-001.spots, which must not exist yet. No limit if not given.
@@ -75,6 +76,7 @@ class Recorder:
         self._tail = begun
         self._between_frames = True
         self._disk: Disk | None = None
+        self._lock = threading.RLock()  # a Ctrl-C may leave it locked by this thread
         self.paths: list[Path] = []
         self.bytes = 0
         self.handles: list[Handle] = []
@@ -104,22 +106,24 @@ class Recorder:
         SpotsError
             If nothing more can be written. The recording then ends.
         """
-        if data and self._disk is not None:
-            try:
-                self._keep(data, now_s)
-            except Exception:  # but not at a Ctrl-C: the file can still get its end
-                self._release()
-                raise
+        with self._lock:
+            if data and self._disk is not None:
+                try:
+                    self._keep(data, now_s)
+                except Exception:  # but not at a Ctrl-C: the file can still get its end
+                    self._release()
+                    raise
 
     def stop(self) -> None:
-        """End the recording. Idempotent."""
-        if self._disk is None:
-            return
-        try:
-            # Within a partial frame, the note would be lost.
-            self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
-        finally:
-            self._release()
+        """End the recording. Idempotent, and safe while another thread reads from the link."""
+        with self._lock:
+            if self._disk is None:
+                return
+            try:
+                # Within a partial frame, the note would be lost.
+                self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
+            finally:
+                self._release()
 
     def _keep(self, data: bytes, now_s: float) -> None:
         self._tail += data
@@ -209,7 +213,7 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def parts_beside(path: Path) -> list[int]:
-    """Return the numbers of the existing later files of a set, from their names."""
+    """Return the numbers of the existing files that continue a recording, from their names."""
     name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
     beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
     return sorted(int(match[1]) for match in beside if match)

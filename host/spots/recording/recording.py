@@ -84,7 +84,7 @@ class Recording:
                     yield self.end_s, self._clock.timed(frame, self.end_s)
 
     def _blocks(self, size: int) -> Iterator[tuple[Path, Header, bytes]]:
-        """Yield path, header and a block of bytes, for all blocks of all files in order."""
+        """Yield blocks of at most `size` bytes in order, with path and header of their file."""
         self._restart()
         start = b""
         for path, header in self._headers.items():

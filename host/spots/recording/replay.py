@@ -90,7 +90,7 @@ class Replay(Board):
         raise SpotsError(f"{self.port} is already a recording: copy its file")
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the recording's file."""
         super().close()
         self._entries.close()
 

@@ -23,9 +23,9 @@ _PARAMETERS_MAX = 256  # characters; SPOTS itself sends none
 
 
 class Answers:
-    """Collects queries, and answers them with the board's replies.
+    """Collects queries of remote readers, and answers them with the board's replies.
 
-    All waiting queries of a kind get the same reply, which is at most a second older than a query.
+    All waiting queries for the same command get the same reply, at most a second old.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Answers:
             self._queryables[command] = session.declare_queryable(key(board_id, name), note)
 
     def give(self) -> None:
-        """Answer the waiting queries if the rate limit allows; ask the board once for each kind."""
+        """Answer the waiting queries if the rate limit allows; send each command only once."""
         began_s = self._board.now_s()
         if began_s < self._due_s or not any(self._waiting.values()):
             return
@@ -62,7 +62,7 @@ class Answers:
         self._due_s = now_s + min(pause_max_s, max(_EVERY_S, _PAUSE_SHARE * (now_s - began_s)))
 
     def close(self) -> None:
-        """Accept no more queries."""
+        """Stop accepting queries from remote readers."""
         for queryable in self._queryables.values():
             queryable.undeclare()
 

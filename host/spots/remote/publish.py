@@ -87,7 +87,7 @@ class Publisher:
             self._publish_health()
 
     def close(self) -> None:
-        """Withdraw the board from the network."""
+        """Stop publishing the board."""
         self._token.undeclare()
         self._answers.close()
         for outlet in self._outlets.values():

@@ -95,7 +95,7 @@ def _as_json(name: str, content: dict) -> str:
 
 
 class _Lines:
-    """Formats messages as readable lines; omits some of the frequent messages."""
+    """Formats the messages of published boards as lines of text; omits some frequent messages."""
 
     def __init__(self):
         self._began_s = time.time()

@@ -39,7 +39,7 @@ class ZenohLink(Link):
         )
 
     def listen(self, on: bool) -> None:
-        """Start or stop receiving frames."""
+        """Start to receive frames if `on` is true, else stop."""
         if self._frames is not None and not on:
             self._frames.undeclare()
             self._frames = None
@@ -110,7 +110,7 @@ class ZenohLink(Link):
         return None
 
     def close(self) -> None:
-        """Close the session."""
+        """Close the Zenoh session."""
         self._alive = False
         self._session.close()
 

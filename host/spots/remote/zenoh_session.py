@@ -61,7 +61,7 @@ def open_session() -> zenoh.Session:
     except zenoh.ZError as error:
         what = path or "its default configuration"
         raise SpotsError(
-            f"Zenoh does not start with {what}: {_first_line(error)}: name another configuration "
+            f"Zenoh does not start with {what}: {_first_line(error)}; name another configuration "
             "with --zenoh-config"
         ) from None
 

@@ -54,7 +54,7 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return texts to show: ``link``, for the row of the link, and ``rows``, more rows."""
+        """Return texts to show: ``link`` in the row of the link, and ``rows``: further rows."""
 
 
 class StripView:
@@ -85,7 +85,7 @@ class StripView:
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
 
     def take(self, frame: Frame) -> None:
-        """Add a frame to the picture."""
+        """Update the picture with a frame."""
         if isinstance(frame, Touch):
             self._touch = frame
             self._trace.append(frame)
@@ -223,7 +223,7 @@ def bar(share: float) -> str:
 
 
 def figures() -> Table:
-    """Return an empty table with the columns name, figure and picture."""
+    """Return an empty table with the columns name, number and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
     grid.add_column(justify="right", width=10)

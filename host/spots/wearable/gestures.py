@@ -119,7 +119,7 @@ class Gestures:
             self.release()
 
     def release(self) -> None:
-        """Drop the touch, and a tap that may become a double tap."""
+        """Ignore the present touch, and forget a tap that may become a double tap."""
         self._contact.spend()
         self._path = self._tap = None
 
@@ -180,7 +180,7 @@ class Gestures:
     # Classification.
 
     def _decide_early(self) -> None:
-        """Detect a squeeze or a long hold while the finger still touches."""
+        """Detect the gestures that are decided during the touch: a squeeze or a long hold."""
         path = self._path
         still = path.spread_um <= _STILL_UM
         hard = still and path.force_mN >= _SQUEEZE_MN
@@ -244,14 +244,14 @@ class _Path:
     Attributes
     ----------
     began_s, left_s, end_s : float
-        Times of three readings, in seconds: the first one, the one at which the finger left its
-        first position, and the last one.
+        Time of the first reading, time at which the finger left its first position, and time of the
+        last reading, in seconds.
     begin_um, end_um : int
         First and last position, in um.
     force_mN, hardest_mN : int
         Latest and largest force, in mN.
     hard_since_s : float
-        Time since when the finger has been still and pressed hard; infinity if it does not.
+        Time at which the finger, without moving, began to press hard; infinity if it does not.
     decided : bool
         Whether a gesture was found for this path.
     """
@@ -291,7 +291,7 @@ class _Path:
         return _below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
-        """Return the time at which the finger arrived near its last position, if known."""
+        """Return the latest time in s at which the finger was not yet near its last position."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)
@@ -301,7 +301,7 @@ class _Path:
 
 
 def _above(value: float, limit: float) -> float:
-    """Return the confidence that a value is above its limit."""
+    """Return the confidence, 0 to 1, that a measured value is above its limit; 0.5 at the limit."""
     return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
 
 

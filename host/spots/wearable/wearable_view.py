@@ -64,7 +64,7 @@ def picture(
 
 
 def spoken(name: str) -> str:
-    """Return the name of a gesture in words."""
+    """Return the name of a gesture in words, such as ``double tap``."""
     return name.replace("_minus", " to sensor").replace("_plus", " away").replace("_", " ")
 
 

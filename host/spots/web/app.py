@@ -1,7 +1,8 @@
-"""The web application: static files, a WebSocket for the state, and recordings if allowed.
+"""The web application: static files, a WebSocket for the state, and requests if allowed.
 
-No message from a browser changes a board. A browser acknowledges each message after drawing it, and
-then gets the newest state. Messages to a browser are never queued, neither here nor in sockets.
+A message on the WebSocket changes nothing. A request is a POST, and needs the token. A browser
+acknowledges each message after drawing it, and then gets the newest state. Messages to a browser
+are never queued, neither here nor in sockets.
 """
 
 import asyncio
@@ -9,7 +10,8 @@ import logging
 import mimetypes
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -20,14 +22,13 @@ from aiohttp.http_exceptions import PayloadEncodingError
 from ..errors import SpotsError
 from ..guarded import Guarded
 from .guard import Guard, host_of
+from .orders import Orders
 from .pace import PagePace
-from .recordings import START, STOP, Recordings
 from .state import PageState
 
 STATIC = Path(__file__).parent / "static"
 # By name, so that no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
-_COMMANDS = {word.encode(): word for word in (START, STOP)}
 _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
 _NUMBER = re.compile("[0-9]+")
@@ -35,6 +36,7 @@ _HEARTBEAT_S = 20.0
 _ANSWER_S = 10.0
 _PING_EVERY = 32  # messages
 _REQUEST_MAX = 1024  # bytes
+NOTHING: Mapping[str, Orders] = {}
 
 
 # Exceptions of aiohttp for requests that are not HTTP, or whose body does not match the header.
@@ -52,7 +54,7 @@ LOG.addFilter(_is_fault)
 
 
 class PageApp:
-    """Web application that serves a state; use it in one event loop.
+    """Web application that sends the state of the web UI to browsers; use it in one event loop.
 
     Parameters
     ----------
@@ -60,8 +62,8 @@ class PageApp:
         State to serve.
     guard : Guard
         Access control.
-    recordings : Recordings, optional
-        Recordings that a browser with the token may start and stop.
+    orders : dict of Orders, optional
+        What a browser with the token may request, by path.
 
     Attributes
     ----------
@@ -69,9 +71,9 @@ class PageApp:
         Called with the transport of each connection that becomes a WebSocket.
     """
 
-    def __init__(self, state: PageState, guard: Guard, recordings: Recordings | None = None):
+    def __init__(self, state: PageState, guard: Guard, orders: Mapping[str, Orders] = NOTHING):
         self.on_page: Callable[[asyncio.BaseTransport | None], None] = lambda transport: None
-        self._state, self._guard, self._recordings = state, guard, recordings
+        self._state, self._guard, self._orders = state, guard, orders
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
         self._waking = False
@@ -81,8 +83,8 @@ class PageApp:
         self.web = web.Application(middlewares=[guard.middleware()], client_max_size=_REQUEST_MAX)
         self.web.router.add_get("/", self._static)
         self.web.router.add_get("/live", self._live)
-        if recordings:
-            self.web.router.add_post("/recording", self._record)
+        for path, receiver in orders.items():
+            self.web.router.add_post("/" + path, partial(self._order, receiver))
         self.web.router.add_get("/static/{name:.*}", self._static)
         self.web.on_response_prepare.append(_add_headers)
         self.web.on_shutdown.append(self._close)
@@ -109,12 +111,13 @@ class PageApp:
     async def _static(self, request: web.Request) -> web.Response:
         return _file(request.match_info.get("name", "index.html"))
 
-    async def _record(self, request: web.Request) -> web.Response:
-        word = _COMMANDS.get(await _body(request))
-        if word is None:
-            raise web.HTTPBadRequest(text=f"the body must be '{START}' or '{STOP}'")
+    async def _order(self, receiver: Orders, request: web.Request) -> web.Response:
         try:
-            await asyncio.wait_for(asyncio.wrap_future(self._recordings.ask(word)), _ANSWER_S)
+            wanted = receiver.decode(await _body(request))
+        except ValueError as error:
+            raise web.HTTPBadRequest(text=str(error)) from None
+        try:
+            await asyncio.wait_for(asyncio.wrap_future(receiver.submit(wanted)), _ANSWER_S)
         except SpotsError as error:
             raise web.HTTPConflict(text=str(error)) from None
         except asyncio.TimeoutError:
@@ -134,8 +137,8 @@ class PageApp:
         news, pace = asyncio.Event(), PagePace(time.monotonic)
         news.set()
         self._clients[socket] = news
-        may_record = self._recordings and self._guard.may_command(request)
-        first = {"may_record": True} if may_record else {}
+        may_command = self._orders and self._guard.may_command(request)
+        first = {"may_command": True} if may_command else {}
         sending = asyncio.create_task(self._send_news(socket, news, pace, first))
         try:
             async for message in socket:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from statistics import median
 
 from spots_device.smux import CHANNELS
@@ -22,7 +22,7 @@ from ..recording.replay import Replay
 from ..terminal.view import Pace
 from .expected import expected_shown
 from .feel import Feel, layout_shown
-from .recordings import Recordings
+from .orders import Orders
 from .state import PageState
 
 _TICK_S = 0.02
@@ -39,7 +39,7 @@ _NEXT = {
 
 
 class BoardReader:
-    """Reads a board in a thread, and puts the readings into a state, until `stop` is called.
+    """Reads a board in a thread, and shows the readings in the web UI, until `stop` is called.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ class BoardReader:
         Time between two searches for a board, in seconds.
     on_touch : callable
         Called with each reading, in the reader's thread.
-    recordings : Recordings, optional
-        Recordings that browsers start and stop.
+    orders : collection of Orders
+        Receivers of the requests of browsers.
     """
 
     def __init__(
@@ -66,11 +66,11 @@ class BoardReader:
         state: PageState,
         search_every_s: float = _SEARCH_EVERY_S,
         on_touch: Callable[[Touch], None] = lambda touch: None,
-        recordings: Recordings | None = None,
+        orders: Collection[Orders] = (),
     ):
         self._open_board, self._layout, self._state = open_board, layout, state
         self._search_every_s = search_every_s
-        self._on_touch, self._recordings = on_touch, recordings
+        self._on_touch, self._orders = on_touch, orders
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
@@ -85,6 +85,8 @@ class BoardReader:
     def stop(self, timeout_s: float = 5.0) -> None:
         """Stop the thread and close the board; wait at most `timeout_s` seconds for the thread."""
         self._stopping.set()
+        for one in self._orders:
+            one.stopping = True
         if self._thread.is_alive():
             self._thread.join(timeout_s)
 
@@ -138,8 +140,8 @@ class BoardReader:
                     self._stopping.wait(_TICK_S)
                 feel.tick(board.now_s())
                 health.show()
-                if self._recordings:
-                    self._recordings.attend(board)
+                if any(one.attend(board) for one in self._orders):
+                    return
                 # A pause in a recording is part of the recording.
                 paused = isinstance(board, Replay) and not board.ended
                 if board.silent(SEARCH_S) and not paused:
@@ -148,8 +150,8 @@ class BoardReader:
                     return
         finally:
             feel.release()
-            if self._recordings:
-                self._recordings.leave()
+            for one in self._orders:
+                one.leave()
 
     def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
         if isinstance(frame, Touch):
@@ -196,7 +198,7 @@ _FACTS = (
 
 
 class _Health:
-    """Puts the rate, the losses and the latency of a link into a state, twice a second."""
+    """Shows rate, losses and latency of a link in the web UI, twice a second."""
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
@@ -209,7 +211,7 @@ class _Health:
         self.show()
 
     def show(self) -> None:
-        """Put the values into the state if half a second has passed."""
+        """Show the values in the web UI, if half a second has passed since the last time."""
         if not self._pace.due(time.monotonic()):
             return
         latest, stats = self._latest, self._board.stats

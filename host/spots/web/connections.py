@@ -47,7 +47,7 @@ class Connections:
 
 
 class _Counted(asyncio.Protocol):
-    """Delegates to a protocol, and reports the start and the end of the connection."""
+    """Delegates to a protocol of asyncio, and reports start and end of the connection."""
 
     def __init__(self, protocol: asyncio.Protocol, connections: Connections):
         self._connections = connections

@@ -22,7 +22,7 @@ _BUTTONS = 3
 
 
 class Feel:
-    """Runs the applications on a board's readings, and puts their output into a state.
+    """Runs keys, gestures and gamepad on a board's readings, and shows them in the web UI.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Feel:
         self._state, self._layout = state, layout
         self._engine = self._gestures = self._controller = None
         self._untrusted = Untrusted()
-        self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> place
+        self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
         length_um = info.get("length_um")
         if length_um:
@@ -55,7 +55,7 @@ class Feel:
         self._show()
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Update the state with a reading.
+        """Process a reading, and show the result in the web UI.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class Feel:
             self.key(key.page, key.usage, key.modifiers, key.pressed)
 
     def tick(self, now_s: float) -> None:
-        """Update the timeouts of the applications; call this regularly, even without readings."""
+        """Update the timeouts of keys and gamepad; call this regularly, even without readings."""
         for engine in self._engines:
             engine.tick(now_s)
         self._show()
@@ -92,7 +92,7 @@ class Feel:
             self._state.put(name, None)
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Add a key event to the state, with the key's zone in the layout.
+        """Show a key event in the web UI, with the key's zone in the layout.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Feel:
         return None, None
 
     def _show(self) -> None:
-        """Put changed parts into the state."""
+        """Put the changed parts into the state of the web UI."""
         parts = {
             "keys": self._engine and self._keys(),
             "stick": self._controller and self._stick(),

@@ -61,7 +61,7 @@ class Guard:
         return check
 
     def may_command(self, request: web.Request) -> bool:
-        """Return whether a request has the token in its cookie."""
+        """Return whether a request may send commands: its cookie contains the token."""
         return self._is_token(request.cookies.get(_cookie(request), ""))
 
     def _knows(self, request: web.Request) -> bool:

@@ -47,13 +47,13 @@ class PagePace:
         return self.sent - self.drawn >= WINDOW
 
     async def room(self) -> None:
-        """Wait until another message may be sent."""
+        """Wait until another message may be sent to the browser."""
         while self.full:
             self._drew.clear()
             await self._drew.wait()
 
     def send(self) -> int:
-        """Record a message that is sent now, and return its number."""
+        """Record that a message is sent to the browser now, and return the message's number."""
         self.sent += 1
         self._sent_s[self.sent] = self._now_s()
         return self.sent

@@ -3,23 +3,22 @@
 import re
 import sys
 import time
-from concurrent.futures import Future
 from datetime import datetime, timezone
 from pathlib import Path
-from queue import Empty, SimpleQueue
 
 from ..errors import SpotsError
 from ..guarded import sentence_of
 from ..link.board import Board
 from ..recording.recorder import Recorder
 from ..terminal.view import Pace
+from .orders import Orders
 from .state import PageState
 
 START, STOP = "start", "stop"
 _SHOWN_PER_S = 2
 
 
-class Recordings:
+class Recordings(Orders):
     """Starts and stops recordings of a board on request, one at a time.
 
     Parameters
@@ -38,29 +37,20 @@ class Recordings:
     def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
             raise SpotsError(f"there is no folder {folder} for recordings: make it first")
+        super().__init__("there is no board to record: plug one in")
         self._folder, self._state = folder, state
-        self._asked: SimpleQueue[tuple[str, Future]] = SimpleQueue()
-        self._attended = False
         self._recorder: Recorder | None = None
         self._pace = Pace(_SHOWN_PER_S)
         self._put({"on": False, "file": None})
 
-    def ask(self, word: str) -> Future:
-        """Request `START` or `STOP`, from any thread.
+    def decode(self, body: bytes) -> str:
+        """Return `START` or `STOP`."""
+        if body not in (START.encode(), STOP.encode()):
+            raise ValueError(f"the body must be '{START}' or '{STOP}'")
+        return body.decode()
 
-        Returns
-        -------
-        concurrent.futures.Future
-            Future of the request: its result is None, or its exception is a SpotsError.
-        """
-        answer: Future = Future()
-        self._asked.put((word, answer))
-        if not self._attended:
-            self._refuse()
-        return answer
-
-    def attend(self, board: Board) -> None:
-        """Handle requests and show progress. The thread that reads the board calls this often."""
+    def attend(self, board: Board) -> bool:
+        """Handle the requests, and show the progress."""
         self._attended = True
         while asked := self._next():
             word, answer = asked
@@ -76,13 +66,13 @@ class Recordings:
                 answer.set_exception(SpotsError(sentence))
         if self._recorder and self._pace.due(time.monotonic()):
             self._show(board, on=True)
+        return False
 
     def leave(self) -> None:
         """Handle the end of the board's connection, which ends its recording."""
-        self._attended = False
         self._recorder = None
         self._put({**self._shown, "on": False})
-        self._refuse()
+        super().leave()
 
     def _start(self, board: Board) -> None:
         if self._recorder:
@@ -103,19 +93,6 @@ class Recordings:
             self._show(board, on=False)
         finally:
             self._recorder = None
-
-    def _next(self) -> tuple[str, Future] | None:
-        while True:
-            try:
-                asked = self._asked.get_nowait()
-            except Empty:
-                return None
-            if asked[1].set_running_or_notify_cancel():  # False after a timeout of the client
-                return asked
-
-    def _refuse(self) -> None:
-        while asked := self._next():
-            asked[1].set_exception(SpotsError("there is no board to record: plug one in"))
 
     def _show(self, board: Board, on: bool) -> None:
         self._put(

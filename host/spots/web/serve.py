@@ -8,7 +8,7 @@ import ipaddress
 import secrets
 import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,7 +16,9 @@ from ..errors import SpotsError, missing
 from ..keyboard.layout import load
 from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import BoardReader, finder
+from .calibration import PageCalibration
 from .connections import Connections
+from .orders import Orders
 from .recordings import Recordings
 from .state import PageState
 from .twin_feed import driven_readers, linkage_readers
@@ -24,7 +26,7 @@ from .twin_feed import driven_readers, linkage_readers
 try:
     from aiohttp import web
 
-    from .app import LOG, PageApp
+    from .app import LOG, NOTHING, PageApp
     from .guard import Guard
 except ImportError:
     raise missing("the web UI needs", "aiohttp", "web") from None
@@ -44,9 +46,9 @@ class Server:
         needs the token.
     port : int
         TCP port to listen on; 0 for any free port.
-    recordings : Recordings, optional
-        Recordings that a browser with the token may start and stop. Pass the same object to the
-        reader of the board.
+    orders : dict of Orders, optional
+        What a browser with the token may request, by path. Pass the same objects to the reader of
+        the board.
 
     Attributes
     ----------
@@ -64,21 +66,21 @@ class Server:
         state: PageState,
         address: str = LOOPBACK,
         port: int = 0,
-        recordings: Recordings | None = None,
+        orders: Mapping[str, Orders] = NOTHING,
     ):
         self._state, self._address, self._port = state, address, port
-        self._recordings = recordings
+        self._orders = orders
         try:
             at_home = ipaddress.ip_address(address).is_loopback
         except ValueError:
             raise SpotsError(
                 f"'{address}' is not an IP address: give one such as 192.168.1.20"
             ) from None
-        self._token = None if at_home and recordings is None else secrets.token_urlsafe(16)
+        self._token = None if at_home and not orders else secrets.token_urlsafe(16)
         self.url = ""
 
     async def __aenter__(self) -> Server:
-        app = PageApp(self._state, Guard(self._address, self._token), self._recordings)
+        app = PageApp(self._state, Guard(self._address, self._token), self._orders)
         self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
         await self._runner.setup()
         connections = Connections(self._runner.server)
@@ -90,7 +92,7 @@ class Server:
         except OSError as error:
             await self._runner.cleanup()
             raise SpotsError(
-                f"cannot serve on {self._address} port {self._port}: {error.strerror}: choose "
+                f"cannot serve on {self._address} port {self._port}: {error.strerror}; choose "
                 "another port with --http-port, or an address of this machine with --address"
             ) from None
         address, port = self._listener.sockets[0].getsockname()[:2]
@@ -109,13 +111,18 @@ class Server:
 def serve_command(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     state, layout, ports = PageState(), load(options.layout), options.port
-    recordings = None
+    orders: dict[str, Orders] = {}
     if options.record_to is not None:
-        if options.linkage is not None or any(map(is_recording, ports)):
-            raise SpotsError(
-                "--record-to works with one board: do not use it with --linkage or a recording"
-            )
-        recordings = Recordings(Path(options.record_to), state)
+        orders["recording"] = Recordings(Path(options.record_to), state)
+    elif options.session is not None:
+        orders["calibration"] = PageCalibration(Path(options.session), state)
+    if orders and (options.linkage is not None or any(map(is_recording, ports))):
+        option = "--record-to" if options.record_to else "--session"
+        raise SpotsError(
+            f"{option} works with one board: do not use it with --linkage or a recording"
+        )
+    if options.record_to and options.session:
+        raise SpotsError("--record-to, --session: name one of them; a session owns the board")
     if options.linkage is None:
         if len(ports) > 1:
             raise SpotsError(
@@ -124,13 +131,13 @@ def serve_command(options: argparse.Namespace) -> None:
             )
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
-        readers = [BoardReader(open_board, layout, state, recordings=recordings)]
+        readers = [BoardReader(open_board, layout, state, orders=orders.values())]
     elif simulated := linkage_of(ports):
         machine = simulated(options.sensor, options.linkage, seed=options.seed)
         readers = driven_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
-    serve(state, options.address, options.http_port, readers, recordings=recordings)
+    serve(state, options.address, options.http_port, readers, orders=orders)
 
 
 def serve(
@@ -139,7 +146,7 @@ def serve(
     port: int,
     readers: list[BoardReader],
     on_start: Callable[[str], None] = lambda url: None,
-    recordings: Recordings | None = None,
+    orders: Mapping[str, Orders] = NOTHING,
 ) -> None:
     """Serve the web UI until Ctrl-C or SIGTERM; print its address first.
 
@@ -155,12 +162,12 @@ def serve(
         Readers that fill the state. This function starts and stops them.
     on_start : callable, optional
         Called with the address of the web UI.
-    recordings : Recordings, optional
-        Recordings that a browser may start and stop, see `Server`.
+    orders : dict of Orders, optional
+        What a browser may request, see `Server`.
     """
 
     async def main():
-        async with Server(state, address, port, recordings=recordings) as server:
+        async with Server(state, address, port, orders) as server:
             ended = _ended_by_sigterm()
             for reader in readers:
                 reader.start()

@@ -13,7 +13,7 @@ EVENTS_KEPT = 512
 
 
 class Cursor(NamedTuple):
-    """Position of a client in the state.
+    """What a client of the web UI has already read.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class PageState:
         self.on_change()
 
     def add_event(self, event: dict) -> None:
-        """Append an event."""
+        """Append an event, such as a pressed key or a gesture, for the browsers."""
         with self._lock:
             self._events.append(event)
             self._added += 1

@@ -1,4 +1,4 @@
-"""A linkage in the web UI: computes a state's part ``twin`` from the readings of both joints."""
+"""Shows a linkage in the web UI: computes its digital twin from the readings of both joints."""
 
 import math
 import threading
@@ -23,7 +23,7 @@ _TRAIL = 1000
 
 
 class TwinFeed:
-    """Follows a linkage and puts its twin into a state. Each joint may have a thread of its own.
+    """Shows the digital twin of a linkage in the web UI. Each joint may have its own thread.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """State of a board that the web UI does not show; it only reports the loss of the board."""
+    """Receives the state of a board that the web UI does not show, and reports only its loss."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()

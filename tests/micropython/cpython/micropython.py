@@ -1,4 +1,4 @@
-"""What the scripts ask of MicroPython's own module, for CPython, where no heap can be locked."""
+"""A substitute for MicroPython's own module in CPython, where no heap can be locked."""
 
 
 def const(value):

@@ -1,4 +1,4 @@
-"""Runs one of the trials while the heap is locked and prints its results, a case a line.
+"""Runs a trial while the heap is locked, and prints its results, one case per line.
 
 Reads from given.json: ``trial``, the ``cases`` and how many results (``width``) each of them has.
 """

@@ -1,4 +1,4 @@
-"""The proof that something allocates nothing: it runs while the heap is locked."""
+"""Proves that code allocates nothing: runs it while the heap is locked."""
 
 import micropython
 

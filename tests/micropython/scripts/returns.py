@@ -1,4 +1,4 @@
-"""Loses the sensor and finds it again; prints the bytes of garbage that the loop starts with.
+"""Loses the sensor and finds it again; prints the garbage in bytes with which the loop starts.
 
 Reads ``calibration`` from given.json.
 """

@@ -1,4 +1,4 @@
-"""Runs the firmware's loop through scenes and prints the bytes that it sent, a scene a line.
+"""Runs the firmware's loop with prepared registers, and prints the bytes that it sends.
 
 Reads from given.json: ``settings``, ``calibrations``, ``scenes`` (see `play`), ``port_bytes`` for
 what the port is to keep, ``contacts``: whether to stream them, ``uses`` and ``layout``: settings

@@ -1,4 +1,4 @@
-"""The firmware's arithmetic on many cases; each trial fills results that were made before it."""
+"""The firmware's arithmetic on many cases; results go into arrays that exist before."""
 
 from array import array
 

@@ -1,4 +1,4 @@
-"""Prints how many bits a small integer of this machine holds, its sign not counted."""
+"""Prints the number of bits of a small integer in this MicroPython, without the sign."""
 
 from locked import locked
 

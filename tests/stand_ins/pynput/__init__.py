@@ -1,1 +1,1 @@
-"""Stands in for pynput."""
+"""A substitute for pynput."""

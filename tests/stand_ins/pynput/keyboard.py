@@ -1,4 +1,4 @@
-"""Stands in for pynput's keyboard on a desktop that has few keys."""
+"""A substitute for pynput's keyboard, on a desktop with few keys."""
 
 from enum import Enum
 

@@ -4,6 +4,7 @@ import { placed } from "./dom.js";
 import { connect } from "./link.js";
 import { board } from "./panels/board.js";
 import { figures } from "./panels/figures.js";
+import { calibration } from "./panels/calibration.js";
 import { strip } from "./panels/strip.js";
 import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
@@ -20,13 +21,14 @@ const ANSWER = Infinity, LOOK = 15, READ = 5;
 const PANELS = [
   [strip, ANSWER, "board", "touch"],
   [keyboard, ANSWER, "board", "touch", "keys"],
+  [calibration, LOOK, "calibration", "hold", "may_command", "board"],
   [figures, READ, "touch"],
   [board, READ, "board", "connection"],
   [stick, LOOK, "stick"],
   [twin, LOOK, "twin"],
   [spectrum, LOOK, "board", "touch", "spectrum"],
   [history, LOOK, "touch"],
-  [recording, READ, "recording", "may_record"],
+  [recording, READ, "recording", "may_command"],
   [link, READ, "link"],
   [next, READ, "board", "untrusted", "connection"],
 ];
@@ -52,7 +54,7 @@ const receipt = connect(
   },
   (how) => {
     document.body.dataset.link = how;
-    take({ connection: how, may_record: false });
+    take({ connection: how, may_command: false, hold: null });
     if (how !== "live") clear();
   },
 );

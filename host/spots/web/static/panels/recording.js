@@ -32,9 +32,9 @@ export function recording(root) {
   }
 
   return (state, news) => {
-    if (!("recording" in news || "may_record" in news)) return;
+    if (!("recording" in news || "may_command" in news)) return;
     it = state.recording;
-    may = state.may_record;
+    may = state.may_command;
     show();
   };
 }

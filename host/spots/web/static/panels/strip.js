@@ -10,23 +10,12 @@ export function strip(root) {
   const ticks = make("div", "ticks");
   root.append(make("div", "guide", track), ticks);
   let length_um = USUAL_LENGTH_UM;
-  scale();
-
-  function scale() {
-    const length_mm = length_um / 1000;
-    const step = STEPS_MM.find((one) => length_mm / one <= MOST_TICKS) ?? length_mm;
-    const places = Array.from({ length: Math.floor(length_mm / step) + 1 }, (_, i) => i * step);
-    ticks.replaceChildren(...places.map((mm, i) => {
-      const tick = make("span", "", i ? `${mm}` : "0 mm");
-      tick.style.left = `${(100 * mm) / length_mm}%`;
-      return tick;
-    }));
-  }
+  ruler(ticks, length_um);
 
   return (state, news) => {
     if (news.board) {
       length_um = news.board.length_um ?? USUAL_LENGTH_UM;
-      scale();
+      ruler(ticks, length_um);
     }
     if (!("touch" in news)) return;
     const touch = state.touch, there = placed(touch);
@@ -37,4 +26,16 @@ export function strip(root) {
     const size = 0.55 + 0.75 * Math.min(touch.force_mN / FULL_FORCE_MN, 1);
     press.style.transform = `translateX(${100 * share}cqw) scale(${size})`;
   };
+}
+
+// Fills a row with marks of a length.
+export function ruler(ticks, length_um) {
+  const length_mm = length_um / 1000;
+  const step = STEPS_MM.find((one) => length_mm / one <= MOST_TICKS) ?? length_mm;
+  const places = Array.from({ length: Math.floor(length_mm / step) + 1 }, (_, i) => i * step);
+  ticks.replaceChildren(...places.map((mm, i) => {
+    const tick = make("span", "", i ? `${mm}` : "0 mm");
+    tick.style.left = `${(100 * mm) / length_mm}%`;
+    return tick;
+  }));
 }

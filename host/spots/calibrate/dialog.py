@@ -1,0 +1,82 @@
+"""Interface that a calibration session uses to talk to a person, in a terminal or a browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from .session import Wanted
+from .spectra import Reading
+
+
+class UndoError(Exception):
+    """Raised by `watch` and `ask` to drop the last press, and to ask for that press again."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State of a session in which a person presses, after a fit to its n presses.
+
+    Attributes
+    ----------
+    place_um : numpy.ndarray, shape (n,)
+        Positions of the presses in um, as the person read them.
+    force_mN : numpy.ndarray, shape (n,)
+        Forces of the presses in mN, as the person read them; 0 if unknown.
+    off_um : numpy.ndarray, shape (n,)
+        Position by the fit minus `place_um`.
+    off_share : numpy.ndarray, shape (n,)
+        Force by the fit divided by `force_mN`, minus 1; 0 if the force is unknown.
+    sigma_um : float
+        Expected standard deviation of a position, in um; the mean over the strip.
+    sigma_share : float
+        Expected relative standard deviation of a force; the mean over the forces.
+    thin : tuple of str
+        Ranges of position and force that have too few presses, as text.
+    done, total : int
+        Presses taken, and presses of the whole session.
+    """
+
+    place_um: np.ndarray
+    force_mN: np.ndarray
+    off_um: np.ndarray
+    off_share: np.ndarray
+    sigma_um: float
+    sigma_share: float
+    thin: tuple[str, ...]
+    done: int
+    total: int
+
+
+class Dialog(Protocol):
+    """Shows a session and asks its questions; called from the thread of the session.
+
+    `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session. Presses
+    that were taken are stored, so a later session with the same file continues.
+    """
+
+    def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
+        """Begin a series of `total` presses of a strip, with the names of the channels."""
+
+    def skip(self, count: int = 1) -> None:
+        """Count `count` more presses as taken in the progress display; it may be negative."""
+
+    def want(self, wanted: Wanted) -> None:
+        """Show where to press next."""
+
+    def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
+        """Show a reading, why it is not steady, and the share (0 to 1) of steady readings."""
+
+    def taken(self, wanted: Wanted, reading: Reading) -> None:
+        """Show that a press was taken."""
+
+    def fitted(self, progress: Progress) -> None:
+        """Show the progress after each press of a session in which a person presses."""
+
+    def say(self, text: str) -> None:
+        """Show a message."""
+
+    def ask(self, question: str) -> str:
+        """Block until a person answers a question, and return the answer."""

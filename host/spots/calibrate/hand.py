@@ -1,0 +1,160 @@
+"""Calibration by hand: asks a person for the press that improves the present fit most."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .bench import Bench, TooDarkError, samples_of
+from .dialog import Dialog, Progress
+from .presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
+from .session import Session, Wanted, point, presses
+from .surface import Surface, fitted
+from .typed import grams
+
+_KINDS = ("hand", "position", "force", "mark")
+_FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
+_FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
+_FITTED_MIN = 6  # presses; fewer do not show the sizes of errors
+_MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
+_HARDER = 1.4
+_THIN = 1.5  # error at a place or force over the mean error
+_GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # an error below needs no more presses
+_ALONG, _FORCES = 33, 30
+
+
+def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
+    """Ask a person for presses until the session has `count` presses.
+
+    Parameters
+    ----------
+    bench : Bench
+        Board, strip and presser.
+    session : Session
+        Presses taken so far; new ones are added.
+    count : int
+        Number of presses.
+    rough : bool
+        Whether the person has no scale. The forces are then unknown.
+    """
+    guide, plan = bench.guide, bench.reader.conditions.plan
+    guide.begin("presses by hand", count, plan, bench.length_um)
+    guide.skip(len(session.of("hand")))
+    surface, dark_mN, wanted = _surface(session, bench.length_um), 0.0, None
+    while (done := len(session.of("hand"))) < count:
+        if session.removed:
+            removed = session.removed.pop()
+            wanted = _wanted(removed.place_um, removed.force_mN)
+        elif wanted is None:
+            wanted = _next(session, surface, bench.length_um, rough, dark_mN)
+        try:
+            reading = bench.take(wanted)
+        except TooDarkError:
+            guide.say(f"{wanted} is too dark: press harder")
+            dark_mN = wanted.force_mN
+            wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
+            continue
+        bench.release()
+        read = bench.presser.read_off(wanted, bench.length_um)
+        if read is None:
+            continue
+        session.add(point(read, reading, bench.reader.conditions, length_um=bench.length_um))
+        guide.taken(read, reading)
+        wanted, surface = None, _surface(session, bench.length_um, surface)
+        if done < _FITTED_MIN:
+            continue
+        if _removed(session, surface, guide):
+            surface = _surface(session, bench.length_um, surface)
+        else:
+            guide.fitted(_progress(surface, done + 1, count))
+
+
+def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
+    """Return the data for the fit of a calibration, from a session by hand.
+
+    Parameters
+    ----------
+    session : Session
+        A session with presses by hand.
+    length_um : float
+        Length of the strip in um.
+
+    Returns
+    -------
+    surface : Surface
+        Fit of all presses.
+    along : Presses
+        Presses along the strip with one firm force, computed from `surface`.
+    pressed : Presses
+        Presses at a few positions with ascending forces, computed from `surface`.
+    """
+    surface = _surface(session, length_um)
+    along = surface.presses(np.linspace(0, length_um, _ALONG), np.full(_ALONG, FIRM_MN))
+    forces_mN = np.geomspace(surface.least_mN, surface.most_mN, _FORCES)
+    places_um = np.array(MARKS) * length_um
+    pressed = surface.presses(np.tile(places_um, _FORCES), np.repeat(forces_mN, len(places_um)))
+    return surface, along, pressed
+
+
+def _wanted(place_um: float, force_mN: float) -> Wanted:
+    return Wanted(kind="hand", place_um=float(place_um), force_mN=float(f"{force_mN:.2g}"))
+
+
+def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float):
+    known = [p for kind in _KINDS for p in session.of(kind) if p.force_mN or rough]
+    first = _FIRST_ROUGH if rough else _FIRST
+    if len(known) < len(first) or surface is None:
+        share, force_mN = first[min(len(known), len(first) - 1)]
+        place_um = share * length_um
+    elif rough:  # of unknown forces, only the place can be chosen
+        places_um, sigma_um = surface.errors()[0]
+        place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
+    else:
+        place_um, force_mN = surface.next_press(dark_mN)
+    return _wanted(min(round(place_um, -3), length_um), force_mN)
+
+
+def _surface(session: Session, length_um: float, start: Surface | None = None) -> Surface | None:
+    """Return the fit of all presses of a session, or None while they are too few."""
+    taken = presses([p for kind in _KINDS for p in session.of(kind) if min(p.counts) > 1])
+    if len(taken.force_mN) < len(_FIRST):
+        return None
+    samples = samples_of("hand", session.conditions.exposure_us)
+    if len(taken.force_mN) < _FITTED_MIN:
+        return Surface(taken, Noise.of(taken), samples, length_um)
+    return fitted(taken, Noise.of(taken), samples, length_um, start and start.sizes)
+
+
+def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
+    """Remove the press that fits the others worst, if it is an outlier."""
+    misfit, taken = surface.misfits()[0], surface.taken
+    worst = int(np.argmax(misfit))
+    at = taken.position_um[worst], taken.force_mN[worst]
+    found = [p for p in session.of("hand") if (p.place_um, p.force_mN) == at]
+    if misfit[worst] < _MISFIT_MAX or not found:
+        return False
+    place_um, force_mN = surface.without(worst).find(taken.counts[worst])
+    like = f"{place_um / 1000:.1f} mm" + (f" with {grams(force_mN)}" if at[1] else "")
+    guide.say(f"{found[-1]} is removed: its light is that of {like}; press there again")
+    session.remove(found[-1])
+    return True
+
+
+def _progress(surface: Surface, done: int, total: int) -> Progress:
+    _, off_um, off_share = surface.misfits()
+    (places_um, sigma_um), (forces_mN, sigma_share) = surface.errors()
+    thin = []
+    if sigma_um.max() > max(_THIN * sigma_um.mean(), _GOOD_UM):
+        thin.append(f"near {places_um[np.argmax(sigma_um)] / 1000:.0f} mm")
+    if len(sigma_share) and sigma_share.max() > max(_THIN * sigma_share.mean(), _GOOD_SHARE):
+        thin.append(f"near {grams(forces_mN[np.argmax(sigma_share)])}")
+    return Progress(
+        place_um=surface.taken.position_um,
+        force_mN=surface.taken.force_mN,
+        off_um=off_um,
+        off_share=off_share,
+        sigma_um=float(sigma_um.mean()),
+        sigma_share=float(sigma_share.mean()) if len(sigma_share) else float("nan"),
+        thin=tuple(thin),
+        done=done,
+        total=total,
+    )

@@ -1,0 +1,372 @@
+"""Fits a strip's light to presses whose positions and forces were measured with errors.
+
+The model of log2 of the counts of channel c is ``s_c(x) + g(F)``: by Eq. 1 of the paper, place and
+force act on the logarithm separately. `s_c` and `g` are Chebyshev series whose coefficients have a
+Gaussian prior, which is smaller for higher degrees. An error of the position shifts the channels
+along the slopes of `s_c`; an error of the force shifts all channels alike. The sizes of these
+errors and of the coefficients are those with the largest evidence (Rasmussen and Williams, Gaussian
+Processes for Machine Learning, section 5.4.1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from spots_device.smux import CHANNELS
+
+from .fit import estimators
+from .presses import FIRM_MN, FULL_MN, Noise, Presses
+
+_PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
+_RATIO = 0.3  # of the expected coefficients of two successive degrees
+_WIDE = 30.0  # log2; expected size of a coefficient about which nothing is known
+_STILL = 1 / 12  # counts**2; errors of dark frame and rounding, which more samples do not reduce
+_ROUNDS = 3
+_SWEEPS = 4
+_LIT = 1.0  # log2 of the counts of the dimmest channel of a press that a person is asked for
+_FAR = 0.9  # share of the length
+_LEAST_MN = 20.0  # that a kitchen scale shows
+_LEAST_RELATIVE_MN = 100.0  # of a calibration without forces
+_LOWER = 0.6  # least force to ask for, as a share of the least so far
+_ABOVE_DARK = 1.15
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Expected sizes of the errors and of the coefficients.
+
+    Attributes
+    ----------
+    place_um : float
+        Standard deviation of the places that a person reads, in um.
+    force_share : float
+        Relative standard deviation of the forces that a person reads.
+    bend, rise : float
+        Expected coefficients of degree 2 of `s_c` and `g`, in log2 units.
+    dark_share : float
+        Force at which the light begins, as a share of the least force of the presses.
+    misfit : float
+        Standard deviation of a channel from the model, in log2 units.
+    """
+
+    place_um: float = 300.0
+    force_share: float = 0.03
+    bend: float = 0.03
+    rise: float = 0.3
+    dark_share: float = 0.8
+    misfit: float = 3e-4
+
+
+_GRIDS = {
+    "place_um": (1.0, 10.0, 30.0, 60.0, 100.0, 200.0, 300.0, 500.0),
+    "force_share": (0.0003, 0.003, 0.01, 0.02, 0.03, 0.05, 0.08),
+    "bend": (0.003, 0.01, 0.03, 0.1, 0.3),
+    "rise": (0.03, 0.1, 0.3, 1.0),
+    "dark_share": (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98),
+    "misfit": (3e-4, 1e-3, 3e-3, 1e-2),
+}
+
+
+class Surface:
+    """The counts of a strip as a function of position and force, fitted to presses.
+
+    Parameters
+    ----------
+    presses : Presses
+        Readings of n presses; a force of 0 is unknown.
+    noise : Noise
+        Noise of a sample.
+    samples : int
+        Number of samples of a reading.
+    length_um : float
+        Length of the strip in um.
+    sizes : Sizes
+        Expected sizes of errors and coefficients.
+    start : Surface, optional
+        A similar surface, from which the iteration starts.
+
+    Attributes
+    ----------
+    evidence : float
+        Natural logarithm of the probability of the readings, up to a constant.
+    """
+
+    def __init__(
+        self,
+        presses: Presses,
+        noise: Noise,
+        samples: int,
+        length_um: float,
+        sizes: Sizes | None = None,
+        start: Surface | None = None,
+    ):
+        self.taken, self.sizes, self.length_um = presses, sizes or Sizes(), length_um
+        sizes = self.sizes
+        self._noise, self._samples = noise, samples
+        known = presses.force_mN[presses.force_mN > 0]
+        self._forces_known = len(known) > 0
+        self.least_mN = float(known.min()) if len(known) else _LEAST_RELATIVE_MN
+        self.most_mN = max(FULL_MN, float(known.max(initial=0.0)))
+        self._dark_mN = sizes.dark_share * self.least_mN if len(known) else 0.0
+        self._low, self._high = np.log(
+            [self.least_mN - self._dark_mN, self.most_mN - self._dark_mN]
+        )
+        bends = sizes.bend * _RATIO ** (np.arange(_PLACE) - 2.0)
+        rises = sizes.rise * _RATIO ** (np.arange(_FORCE) - 1.0)
+        bends[:2] = rises[0] = _WIDE
+        self._prior = np.concatenate([np.tile(bends, CHANNELS), rises])
+        self._mean = start._mean if start else self._lines()
+        for _ in range(1 if start else _ROUNDS):
+            self._solve()
+
+    def _lines(self) -> np.ndarray:
+        mean = np.zeros_like(self._prior)
+        share = 2 * self.taken.position_um / self.length_um - 1
+        series = mean[: CHANNELS * _PLACE].reshape(CHANNELS, _PLACE)
+        series[:, :2] = np.polynomial.polynomial.polyfit(share, self.taken.logs, 1).T
+        mean[CHANNELS * _PLACE] = 1.0
+        return mean
+
+    def _solve(self) -> None:
+        p = self.taken
+        rows = self._rows(p.position_um, p.force_mN) * self._prior
+        own = self._own(p.position_um, p.force_mN, p.counts)
+        inverse = np.linalg.inv(own)
+        weighted = np.einsum("nij,njk->nik", inverse, rows)
+        information = np.einsum("nij,nik->jk", rows, weighted) + np.eye(len(self._prior))
+        values = np.einsum("nij,ni->j", weighted, p.logs)
+        found = np.linalg.solve(information, values)
+        self._cov = np.linalg.inv(information) * np.outer(self._prior, self._prior)
+        self._mean = self._prior * found
+        if not self._forces_known:  # the relative force is proportional to the light
+            self._mean[CHANNELS * _PLACE] = (self._high - self._low) / 2 / np.log(2)
+            middle = self._share(np.array([FIRM_MN / 2]))[0]
+            self._mean[: CHANNELS * _PLACE : _PLACE] -= self._mean[CHANNELS * _PLACE] * middle
+        off = p.logs - rows @ found
+        self.evidence = -0.5 * (
+            np.einsum("ni,nij,nj->", off, inverse, off)
+            + found @ found
+            + np.linalg.slogdet(information)[1]
+            + np.linalg.slogdet(own)[1].sum()
+        )
+
+    def _rows(self, place_um, force_mN) -> np.ndarray:
+        """Return the derivatives of the logs by the coefficients, shape (n, 6, coefficients)."""
+        place = chebyshev.chebvander(2 * np.asarray(place_um) / self.length_um - 1, _PLACE - 1)
+        force = chebyshev.chebvander(self._share(force_mN), _FORCE)[:, 1:]
+        force *= (np.asarray(force_mN) > 0)[:, None]
+        channels = np.einsum("ij,nk->nijk", np.eye(CHANNELS), place)
+        channels = channels.reshape(len(place), CHANNELS, -1)
+        return np.concatenate([channels, np.repeat(force[:, None], CHANNELS, axis=1)], axis=2)
+
+    def _share(self, force_mN) -> np.ndarray:
+        lit = np.log(np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0))
+        return (2 * lit - self._low - self._high) / (self._high - self._low)
+
+    def _slopes(self, place_um) -> np.ndarray:
+        series = self._mean[: CHANNELS * _PLACE].reshape(CHANNELS, _PLACE).T
+        share = 2 * np.asarray(place_um) / self.length_um - 1
+        return chebyshev.chebval(share, chebyshev.chebder(series)).T * 2 / self.length_um
+
+    def _rises(self, force_mN) -> np.ndarray:
+        """Return the derivatives of log2(counts) by the logarithm of the force, shape (n,)."""
+        series = np.concatenate([[0.0], self._mean[CHANNELS * _PLACE :]])
+        rises = chebyshev.chebval(self._share(force_mN), chebyshev.chebder(series))
+        lit = np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0)
+        return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
+
+    def _own(self, place_um, force_mN, counts) -> np.ndarray:
+        """Return the covariance of the logs due to errors of each press, shape (n, 6, 6)."""
+        noise = self._noise.log_variance(counts) / self._samples
+        still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
+        slopes = self._slopes(place_um) * self.sizes.place_um
+        light = self._rises(force_mN) * self.sizes.force_share
+        light = np.where(np.asarray(force_mN) > 0, light, _WIDE)
+        return (
+            (noise + still + self.sizes.misfit**2)[:, :, None] * np.eye(CHANNELS)
+            + slopes[:, :, None] * slopes[:, None, :]
+            + (light**2)[:, None, None]
+        )
+
+    def logs(self, place_um, force_mN) -> np.ndarray:
+        """Return the logarithms of the counts for presses.
+
+        Parameters
+        ----------
+        place_um, force_mN : numpy.ndarray, shape (n,)
+            Places in um and forces in mN.
+
+        Returns
+        -------
+        numpy.ndarray, shape (n, 6)
+            log2 of the counts.
+        """
+        return self._rows(place_um, force_mN) @ self._mean
+
+    def without(self, press: int) -> Surface:
+        """Return the surface of all presses but one."""
+        kept = self.taken.keep(np.arange(len(self.taken.force_mN)) != press)
+        return Surface(kept, self._noise, self._samples, self.length_um, self.sizes, self)
+
+    def find(self, counts: np.ndarray) -> tuple[float, float]:
+        """Return position in um and force in mN whose expected counts are most like `counts`."""
+        place_um = np.linspace(0, self.length_um, 101)
+        force_mN = np.geomspace(self.least_mN, self.most_mN, 101)
+        off = np.log2(counts) - self.logs(place_um, np.full_like(place_um, FIRM_MN))
+        light = off.mean(axis=1)
+        best = int(np.argmin(((off - light[:, None]) ** 2).sum(axis=1)))
+        by_force = self.logs(np.full_like(force_mN, place_um[best]), force_mN).mean(axis=1)
+        nearest = np.argmin(np.abs(by_force - np.log2(counts).mean()))
+        return float(place_um[best]), float(force_mN[nearest])
+
+    def misfits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Compare each press with the fit to all others.
+
+        Returns
+        -------
+        misfit : numpy.ndarray, shape (n,)
+            Squared Mahalanobis distance of the six logs.
+        off_um : numpy.ndarray, shape (n,)
+            Position estimated from the counts, minus the measured position, in um.
+        off_share : numpy.ndarray, shape (n,)
+            Force estimated from the counts divided by the measured force, minus 1.
+        """
+        p = self.taken
+        rows = self._rows(p.position_um, p.force_mN)
+        own = self._own(p.position_um, p.force_mN, p.counts)
+        rest = own - rows @ self._cov @ rows.transpose(0, 2, 1)
+        solved = np.linalg.solve(rest, (p.logs - rows @ self._mean)[:, :, None])
+        misfit = ((p.logs - rows @ self._mean)[:, None] @ solved)[:, 0, 0]
+        off = (own @ solved)[:, :, 0]
+        force, place = self._estimators(p.position_um, p.counts)
+        light = (off * force).sum(axis=1) / self._rises(p.force_mN)
+        share = np.where(p.force_mN > 0, np.exp(light.clip(-5, 5)) - 1, 0.0)
+        return misfit, (off * place).sum(axis=1), share
+
+    def _estimators(self, place_um, counts):
+        slopes = self._slopes(place_um)
+        pairs = [
+            estimators(np.stack([np.ones(CHANNELS), slope], axis=1), 1 / variance)
+            for slope, variance in zip(slopes, self._noise.log_variance(counts))
+        ]
+        return np.array(pairs).transpose(1, 0, 2)
+
+    def presses(self, place_um, force_mN) -> Presses:
+        """Return presses with the counts of this fit, without noise.
+
+        Parameters
+        ----------
+        place_um, force_mN : numpy.ndarray, shape (n,)
+            Places in um and forces in mN.
+
+        Returns
+        -------
+        Presses
+        """
+        counts = 2.0 ** self.logs(place_um, force_mN)
+        saturated = np.zeros(len(counts), dtype=bool)
+        return Presses(place_um, force_mN, counts, self._noise.variance(counts), saturated)
+
+    def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and forces with light in all channels, even below measured forces."""
+        low_mN = max(_LOWER * self.least_mN, _LEAST_MN, _ABOVE_DARK * dark_mN)
+        forces_mN = np.geomspace(low_mN, FULL_MN, 12)
+        far_um = np.full_like(forces_mN, _FAR * self.length_um)
+        lit = self.logs(far_um, forces_mN).min(axis=1) > _LIT
+        lit[-1] = True
+        forces_mN = forces_mN[lit]
+        place_um = np.linspace(0, self.length_um, places)
+        return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
+
+    def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows whose products with the coefficients are errors of place and of force."""
+        rows = self._rows(place_um, force_mN)
+        light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
+        light = (rows * light[:, :, None]).sum(axis=1) / self._rises(force_mN)[:, None]
+        return (rows * place[:, :, None]).sum(axis=1), light
+
+    def errors(self):
+        """Return the expected errors of the fit.
+
+        Returns
+        -------
+        places : tuple of (numpy.ndarray, numpy.ndarray)
+            Places in um, and the standard deviation of the place there in um.
+        forces : tuple of (numpy.ndarray, numpy.ndarray)
+            Forces in mN, and the relative standard deviation of the force. Empty without forces.
+        """
+
+        def sigma(targets):
+            return np.sqrt(np.einsum("ki,ij,kj->k", targets, self._cov, targets))
+
+        place_um = np.linspace(0.05, 0.95, 10) * self.length_um
+        places, _ = self._targets(place_um, np.full_like(place_um, FIRM_MN))
+        if not self._forces_known:
+            return (place_um, sigma(places)), (np.empty(0), np.empty(0))
+        force_mN = np.geomspace(self.least_mN, FULL_MN, 8)
+        _, forces = self._targets(np.full_like(force_mN, self.length_um / 2), force_mN)
+        return (place_um, sigma(places)), (force_mN, sigma(forces))
+
+    def next_press(self, dark_mN: float) -> tuple[float, float]:
+        """Return place in um and force in mN of the press that reduces the errors most.
+
+        Parameters
+        ----------
+        dark_mN : float
+            Largest force at which a channel had no light, or 0.
+        """
+        place, force = self._grid(11, dark_mN)
+        places, forces = self._targets(place, force)
+        targets = places[force == force.max()], forces
+        place, force = self._grid(22, dark_mN)
+        counts = 2.0 ** self.logs(place, force)
+        rows = self._rows(place, force)
+        spread = rows @ self._cov
+        total = self._own(place, force, counts) + spread @ rows.transpose(0, 2, 1)
+        worth = np.zeros(len(place))
+        for rows in targets:
+            cross = spread @ rows.T
+            gain = np.einsum("nik,nik->n", cross, np.linalg.solve(total, cross))
+            worth += gain / np.einsum("ki,ij,kj->", rows, self._cov, rows)
+        best = int(np.argmax(worth))
+        return float(place[best]), float(force[best])
+
+
+def fitted(
+    presses: Presses,
+    noise: Noise,
+    samples: int,
+    length_um: float,
+    sizes: Sizes | None = None,
+) -> Surface:
+    """Return the fit whose assumed sizes of errors make the readings most probable.
+
+    Parameters
+    ----------
+    presses, noise, samples, length_um
+        See `Surface`.
+    sizes : Sizes, optional
+        Sizes from which the search starts.
+
+    Returns
+    -------
+    Surface
+    """
+    best = Surface(presses, noise, samples, length_um, sizes)
+    for _ in range(_SWEEPS):
+        before = best
+        for name, grid in _GRIDS.items():
+            at = grid.index(getattr(best.sizes, name))
+            for step in (-1, 1):
+                for value in grid[at + step :: step] if at + step >= 0 else ():
+                    tried = replace(best.sizes, **{name: value})
+                    surface = Surface(presses, noise, samples, length_um, tried, best)
+                    if surface.evidence <= best.evidence:
+                        break
+                    best = surface
+        if best is before:
+            break
+    return best

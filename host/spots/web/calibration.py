@@ -1,0 +1,257 @@
+"""Calibration sessions in the web UI: a person presses the strip, and answers in a browser."""
+
+import sys
+from argparse import Namespace
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from ..calibrate.bench import Bench
+from ..calibrate.dialog import Progress, UndoError
+from ..calibrate.presser import Presser
+from ..calibrate.session import Session, Wanted, settings
+from ..calibrate.spectra import Reading, SpectrumReader
+from ..calibrate.steps import COUNTS, calibrate
+from ..errors import SpotsError, printable
+from ..guarded import sentence_of
+from ..link.board import Board
+from .orders import Orders
+from .state import PageState
+
+_LENGTH_UM = 85_000.0
+_SAID = 4  # messages that are shown
+_PLACES_MIN = 3  # that show how the colour changes along the strip
+_ALONG = "hand", "position", "force", "mark"
+_MORE = 6  # presses of another session of the same kind
+# Phases of a session: what the page shows.
+PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
+_STOPPED = "stopped: the presses are stored, and the same session can be continued"
+_BEHIND = "the session has gone on in the meantime: look at the page again"
+
+
+class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
+    """Request of a browser: start or continue the session; `length_mm` is the strip's length."""
+
+    kind: Literal["rough", "fine"]
+    length_mm: Annotated[float, msgspec.Meta(ge=1, le=1000)]
+
+
+class Answer(msgspec.Struct, tag_field="do", tag="answer", forbid_unknown_fields=True):
+    """Request of a browser: the answer to the question that the session asked in a step."""
+
+    step: int
+    text: Annotated[str, msgspec.Meta(max_length=40)]
+
+
+class Undo(msgspec.Struct, tag_field="do", tag="undo", forbid_unknown_fields=True):
+    """Request of a browser: drop the last press, if the session is still at this step."""
+
+    step: int
+
+
+class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields=True):
+    """Request of a browser: end the session; its presses are stored."""
+
+
+_DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
+
+
+class PageCalibration(Orders):
+    """Runs calibration sessions for browsers, one at a time, in the thread that reads the board.
+
+    Parameters
+    ----------
+    path : Path
+        Session file; the calibration file has its name with ``.toml``.
+    state : PageState
+        State of the web UI; a session sets its parts ``calibration``, ``hold`` and ``spectrum``.
+
+    Raises
+    ------
+    SpotsError
+        If the session file is damaged.
+    """
+
+    def __init__(self, path: Path, state: PageState):
+        super().__init__("there is no board to calibrate: plug one in")
+        self._path, self._state = path, state
+        self._session = Session(path)
+        self._step = 0
+        length_um = self._session.length_um or _LENGTH_UM
+        self._shown = {"running": False, "file": path.with_suffix(".toml").name}
+        self._show(length_um=length_um)
+
+    def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
+        """Return the request in a browser's message; raise a ValueError if it is invalid."""
+        return _DECODER.decode(body)
+
+    def attend(self, board: Board) -> bool:
+        """If a browser has requested it, run a session to its end; return whether one ran."""
+        self._attended = True
+        while asked := self._next():
+            request, answer = asked
+            if isinstance(request, Start):
+                answer.set_result(None)
+                self._run(board, request)
+                return True
+            answer.set_exception(SpotsError("no session runs: start one"))
+        return False
+
+    def _run(self, board: Board, start: Start) -> None:
+        self._restarts, self._board, self._live = board.stats.restarts, board, board.spectra()
+        self._show(
+            running=True, kind=start.kind, length_um=1000 * start.length_mm, phase=WORK, title="",
+            done=0, total=0, at=None, todo=None, note=None, said=[], fitted=None, end=None,
+        )  # fmt: skip
+        end, why = "failed", None
+        try:
+            self._session = Session(self._path)
+            self._calibrate(start)
+            end = "done"
+        except SpotsError as error:
+            end, why = "stopped" if str(error) == _STOPPED else end, str(error)
+        except Exception as error:
+            why = sentence_of("a session", error)
+            print(f"spots: {why}", file=sys.stderr, flush=True)
+        finally:
+            self._live.close()
+            self._state.put("hold", None)
+            self._show(running=False, phase=END, end=end, note=why, at=None, todo=None)
+
+    def _calibrate(self, start: Start) -> None:
+        board, made = self._board, self._session.conditions
+        # A board that was unplugged has lost its settings.
+        if made is not None and made.board == board.info["id"]:
+            board.command("set " + settings(made))
+        reader = SpectrumReader(board)
+        try:
+            out = self._path.with_suffix(".toml")
+            bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, out)
+            options = Namespace(plan=None, keep_settings=False)
+            taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
+            count = usual if taken < usual else taken + _MORE
+            calibrate(bench, self._session, start.kind, count, None, options)
+        finally:
+            with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
+                reader.restore()
+
+    # The dialog of the session, see `calibrate.dialog.Dialog`.
+
+    def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
+        """Show the title and the number of presses of a series."""
+        self._plan = plan
+        self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK)
+
+    def skip(self, count: int = 1) -> None:
+        """Count `count` more presses as taken in the progress display; it may be negative."""
+        self._show(done=self._shown["done"] + count)
+
+    def want(self, wanted: Wanted) -> None:
+        """Show where to press next."""
+        self._show(at={"place_um": wanted.place_um, "force_mN": wanted.force_mN})
+
+    def request(self, phase: str) -> None:
+        """Show that the session waits for a press (`phase` is `PRESS`) or for its release."""
+        self._step += 1
+        self._state.put("hold", None)
+        self._show(phase=phase, step=self._step, todo=None)
+
+    def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
+        """Show how steady the press is, and roughly where; handle the requests of browsers."""
+        place_um = self._place_um(reading.counts)
+        self._state.put("hold", {"trouble": trouble, "steady": steady, "place_um": place_um})
+        if self._board.stats.restarts != self._restarts:
+            raise SpotsError("the board has restarted: start again, and the session continues")
+        self._listen()
+
+    def taken(self, wanted: Wanted, reading: Reading) -> None:
+        """Show that one more press was taken."""
+        self._show(done=self._shown["done"] + 1, phase=WORK, note=None)
+
+    def fitted(self, progress: Progress) -> None:
+        """Show the residuals of the presses so far."""
+        rows = np.column_stack(
+            (progress.place_um, progress.force_mN, progress.off_um, progress.off_share)
+        )
+        sigmas = {"sigma_um": progress.sigma_um, "sigma_share": progress.sigma_share}
+        fitted = {"presses": rows.tolist(), "thin": progress.thin, **sigmas}
+        self._show(fitted=fitted, done=progress.done, total=progress.total)
+
+    def say(self, text: str) -> None:
+        """Show a message: a request to press, or a report."""
+        text = printable(text)
+        if self._shown["phase"] in (PRESS, RELEASE) and self._shown["todo"] is None:
+            self._show(todo=text)
+        else:
+            self._show(note=text, said=[*self._shown["said"][1 - _SAID :], text])
+
+    def ask(self, question: str) -> str:
+        """Show a question, and wait for the answer of a browser."""
+        self._step += 1
+        self._show(phase=ASK, step=self._step, todo=printable(question))
+        while (text := self._listen()) is None:
+            self._live.wait()
+        self._show(phase=WORK)
+        return text
+
+    def _listen(self) -> str | None:
+        """Show the newest counts, and handle a request; return an answer, or None."""
+        while self._live.unread:
+            counts = next(self._live).counts
+            if not self._live.unread:
+                self._state.put("spectrum", {"counts": counts})
+        if self.stopping:
+            raise SpotsError(_STOPPED)
+        asked = self._next()
+        if asked is None:
+            return None
+        request, answer = asked
+        behind = not isinstance(request, Cancel) and getattr(request, "step", None) != self._step
+        if behind or (isinstance(request, Answer) and self._shown["phase"] != ASK):
+            answer.set_exception(SpotsError(_BEHIND))
+            return None
+        answer.set_result(None)
+        if isinstance(request, Undo):
+            raise UndoError
+        if isinstance(request, Cancel):
+            raise SpotsError(_STOPPED)
+        return request.text
+
+    def _place_um(self, counts: np.ndarray) -> float | None:
+        """Return the rough position of a press in um, from earlier presses; None if unknown."""
+        known = [p for p in self._session.points if p.plan == self._plan and p.kind in _ALONG]
+        known.sort(key=lambda p: p.place_um)
+        if len({p.place_um for p in known}) < _PLACES_MIN or (counts < 1).any():
+            return None
+        logs = np.log2(np.maximum([p.counts for p in known], 1))
+        way = logs[-1] - logs[0]
+        way -= way.mean()  # the brightness cancels
+        colours = logs @ way
+        order = np.argsort(colours)
+        places_um = np.array([p.place_um for p in known])
+        return float(np.interp(np.log2(counts) @ way, colours[order], places_um[order]))
+
+    def _show(self, **parts) -> None:
+        self._shown = {**self._shown, **parts}
+        self._state.put("calibration", self._shown)
+
+
+class _Person(Presser):
+    """A person who presses the strip, and is asked for it in the web UI."""
+
+    def __init__(self, page: PageCalibration):
+        super().__init__(page)
+        self._page = page
+
+    def press(self, wanted: Wanted) -> None:
+        """Ask the person for a press."""
+        self._page.request(PRESS)
+        super().press(wanted)
+
+    def release(self) -> None:
+        """Ask the person to release the strip."""
+        self._page.request(RELEASE)
+        super().release()

@@ -1,0 +1,80 @@
+"""Passes requests of browsers to the thread that reads the board."""
+
+from concurrent.futures import Future
+from queue import Empty, Full, Queue
+from typing import Any
+
+from ..errors import SpotsError
+from ..link.board import Board
+
+_WAITING_MAX = 8
+
+
+class Orders:
+    """Queue of requests from browsers with the token; a subclass handles them.
+
+    Parameters
+    ----------
+    nobody : str
+        Error message for requests while no board is read.
+
+    Attributes
+    ----------
+    stopping : bool
+        Whether the thread must end, so that `attend` must return soon.
+    """
+
+    def __init__(self, nobody: str):
+        self._nobody = nobody
+        self._asked: Queue[tuple[Any, Future]] = Queue(_WAITING_MAX)
+        self._attended = self.stopping = False
+
+    def decode(self, body: bytes) -> Any:
+        """Return the request in the body of a message, or raise ValueError with the reason."""
+        raise NotImplementedError
+
+    def attend(self, board: Board) -> bool:
+        """Handle the requests; the thread that reads the board calls this often.
+
+        Returns
+        -------
+        bool
+            Whether the settings of the board may have changed.
+        """
+        raise NotImplementedError
+
+    def leave(self) -> None:
+        """Handle the loss of the board: refuse all waiting requests."""
+        self._attended = False
+        self._refuse()
+
+    def submit(self, request: Any) -> Future:
+        """Queue a request, from any thread.
+
+        Returns
+        -------
+        concurrent.futures.Future
+            Future of the request: its result is None, or its exception is a SpotsError.
+        """
+        answer: Future = Future()
+        try:
+            self._asked.put_nowait((request, answer))
+        except Full:
+            answer.set_exception(SpotsError("the board is busy: wait a moment, and try again"))
+        if not self._attended:
+            self._refuse()
+        return answer
+
+    def _next(self) -> tuple[Any, Future] | None:
+        """Return the next request whose client still waits, or None."""
+        while True:
+            try:
+                asked = self._asked.get_nowait()
+            except Empty:
+                return None
+            if asked[1].set_running_or_notify_cancel():  # False after a timeout of the client
+                return asked
+
+    def _refuse(self) -> None:
+        while asked := self._next():
+            asked[1].set_exception(SpotsError(self._nobody))

@@ -1,0 +1,60 @@
+"""Stores calibrations of simulated strips in a folder, so that other processes can reuse them.
+
+The environment variable SPOTS_CALIBRATIONS names the folder. The calibrations in it are valid for
+one version of firmware and simulator: use an empty folder for another one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import lru_cache, wraps
+from hashlib import sha256
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from spots.atomic import replacing
+
+from .runtimes import is_cpython
+
+FOLDER = "SPOTS_CALIBRATIONS"
+_IN_MEMORY = 16
+
+T = TypeVar("T")
+
+
+def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """Return a decorator that caches a function's results, in memory and, if it is set, the folder.
+
+    Parameters
+    ----------
+    kind : type
+        Type of the results. Results and arguments must be types that msgspec can encode.
+
+    Returns
+    -------
+    callable
+        Decorator.
+    """
+
+    def decorator(make: Callable[..., T]) -> Callable[..., T]:
+        @lru_cache(_IN_MEMORY)
+        @wraps(make)
+        def cached(*arguments) -> T:
+            if not os.environ.get(FOLDER):
+                return make(*arguments)
+            # One entry for each runtime: both must give the same calibration, which tests compare.
+            key = msgspec.json.encode([make.__name__, is_cpython(), arguments])
+            path = Path(os.environ[FOLDER]) / f"{sha256(key).hexdigest()}.json"
+            if path.exists():
+                return msgspec.json.decode(path.read_bytes(), type=kind)
+            made = make(*arguments)
+            with replacing(path) as file:
+                file.write(msgspec.json.encode(made))
+            return made
+
+        return cached
+
+    return decorator

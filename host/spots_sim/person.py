@@ -1,0 +1,180 @@
+"""A simulated person, who calibrates a strip by following the texts that a session shows."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .scenario import Held, Press
+
+_PRESS = re.compile(r"press at ([\d.]+) mm with (?:(?:about )?(\d+) g|(a firm finger)|([\d.]+) N)")
+_QUESTION = re.compile(r"what (?:does|do) the ruler|what do ruler and scale show")
+_FINGER_MM = 8.0
+_FIRM_MN = (2500.0, 6000.0)  # of a press without a scale
+_GRAM_MN = 9.80665
+_STARTS_S = 0.4  # from the request to the press
+_EARLY_S = 0.5  # a press that is lifted early
+_FORGOTTEN_S = 20.0
+
+# Pieces of a finger's way: start and end in s from now, and the press. The end may be infinite.
+Way = list[tuple[float, float, Press]]
+
+
+@dataclass(frozen=True)
+class Habits:
+    """Errors of a person.
+
+    Attributes
+    ----------
+    place_mm : float
+        Largest error of a place, in mm.
+    force_share : float
+        Largest relative error of a force.
+    slips : float
+        Share of presses with a slip: forgotten for a while, pressed twice, or lifted early.
+    typos : float
+        Share of presses whose place the person types wrongly, by 10 mm or more.
+    width_mm : float
+        Width of the finger or indenter, in mm.
+    """
+
+    place_mm: float = 0.5
+    force_share: float = 0.05
+    slips: float = 0.2
+    typos: float = 0.0
+    width_mm: float = _FINGER_MM
+
+
+class Person:
+    """Reads a session's messages, moves a finger, and answers questions.
+
+    Parameters
+    ----------
+    move : callable
+        ``move(way)`` starts a movement of the finger; an empty list lifts the finger.
+    length_mm : float
+        Length of the strip in mm.
+    habits : Habits
+        Errors of the person.
+    seed : int
+        Random seed of the errors.
+
+    Attributes
+    ----------
+    presses : int
+        Number of presses that were requested and made.
+    """
+
+    def __init__(self, move: Callable[[Way], None], length_mm: float, habits: Habits, seed: int):
+        self._move, self._length_mm, self._habits = move, length_mm, habits
+        self._rng = np.random.default_rng((seed, 5))
+        self._shown: tuple[float, float] = (0.0, 0.0)
+        self.presses = 0
+
+    def hear(self, text: str) -> None:
+        """Do what a message of the session asks for."""
+        if found := _PRESS.search(text):
+            place_mm, grams, firm, newtons = found.groups()
+            low, high = _FIRM_MN
+            force_mN = (
+                _GRAM_MN * float(grams)
+                if grams
+                else self._rng.uniform(low, high)
+                if firm
+                else 1000 * float(newtons)
+            )
+            self._press(float(place_mm), force_mN)
+        elif text.startswith("release"):
+            self._move([])
+
+    def _press(self, asked_mm: float, asked_mN: float) -> None:
+        rng, habits = self._rng, self._habits
+        self.presses += 1
+        # The finger lands beside the place and the force; the person reads them off with an error.
+        at_mm = np.clip(asked_mm + rng.uniform(-2, 2), 0, self._length_mm)
+        force_mN = asked_mN * rng.uniform(0.85, 1.15)
+        press = Press(float(at_mm), float(force_mN), habits.width_mm)
+        self._shown = (
+            float(np.clip(at_mm + habits.place_mm * rng.uniform(-1, 1), 0, self._length_mm)),
+            float(force_mN * (1 + habits.force_share * rng.uniform(-1, 1))),
+        )
+        start_s = _STARTS_S
+        way: Way = []
+        if rng.random() < habits.slips:
+            slip = rng.integers(3)
+            if slip == 0:
+                start_s = _FORGOTTEN_S
+            else:
+                way.append((start_s, start_s + _EARLY_S * slip, press))
+                start_s += 1.5
+        self._move([*way, (start_s, float("inf"), press)])
+
+    def answer(self, question: str) -> str:
+        """Return what the person types, without the end of the line."""
+        if not _QUESTION.search(question):
+            return ""
+        place_mm, force_mN = self._shown
+        rng = self._rng
+        if rng.random() < self._habits.typos:
+            place_mm = (place_mm + self._length_mm * rng.uniform(0.3, 0.7)) % self._length_mm
+        words = [f"{place_mm:.1f}mm" if rng.random() < 0.7 else f"{place_mm / 10:.2f} cm"]
+        if "scale" in question:
+            newtons = f"{force_mN / 1000:.3g}N"
+            if rng.random() < 0.3:
+                newtons = newtons.replace(".", ",").replace("N", " N")
+            words.append(f"{force_mN / _GRAM_MN:.0f}g" if rng.random() < 0.6 else newtons)
+            rng.shuffle(words)
+        return " ".join(words)
+
+
+def follow(held: Held, way: Way) -> None:
+    """Move the simulated stage's finger along a path, which begins with the next reading.
+
+    Parameters
+    ----------
+    held : Held
+        Finger of the stage.
+    way : list of tuple
+        Pieces of the path: start and end in s from now, and the press.
+    """
+    began: list[float] = []
+
+    def presses(time_s: float) -> list[Press]:
+        began.append(time_s)
+        since_s = time_s - began[0]
+        del began[1:]
+        return [press for start_s, end_s, press in way if start_s <= since_s < end_s]
+
+    held.presses = presses
+
+
+def line_of(way: Way) -> str:
+    """Return a movement of the finger as a line of text for `follow_pipe`."""
+    rows = [[start_s, end_s, p.position_mm, p.force_mN, p.width_mm] for start_s, end_s, p in way]
+    return json.dumps(rows) + "\n"
+
+
+def follow_pipe(held: Held, pipe: Path) -> None:
+    """Move the simulated stage's finger in a thread, along the paths from a named pipe.
+
+    Parameters
+    ----------
+    held : Held
+        Finger of the stage.
+    pipe : Path
+        Named pipe with a line for each path, see `line_of`.
+    """
+
+    def read() -> None:
+        with pipe.open() as lines:
+            for line in lines:
+                rows = json.loads(line)
+                follow(held, [(start_s, end_s, Press(*press)) for start_s, end_s, *press in rows])
+
+    threading.Thread(target=read, daemon=True).start()

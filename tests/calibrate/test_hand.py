@@ -1,0 +1,146 @@
+"""Sessions by hand: a simulated person does what the session says, with errors and slips."""
+
+import argparse
+import io
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from spots import SpotsError
+from spots.calibrate import calibration_file as file
+from spots.calibrate import steps
+from spots.calibrate.bench import Bench
+from spots.calibrate.guide import Guide
+from spots.calibrate.presser import Presser
+from spots.calibrate.session import Session, settings
+from spots.calibrate.typed import typed
+from spots_device.calibration import Calibration
+from spots_device.decode import Decode
+from spots_sim.person import Habits, Person, follow
+from spots_sim.stage import Stage
+
+PLAN = "F3,F4,F5,F6,F7,F8"
+
+
+class Room(io.StringIO):
+    """A plain terminal with a person before it, and the stage with the strip."""
+
+    def __init__(self, stage, habits, seed=1):
+        super().__init__()
+        self.stage = stage
+        self.person = Person(self.move, stage.length_um / 1000, habits, seed)
+        self.question, self.answers, self.asked = "", [], []
+
+    def move(self, way):
+        follow(self.stage.held, way)
+
+    def write(self, text):
+        self.question = text.strip() or self.question
+        for line in text.splitlines():
+            self.person.hear(line)
+        return super().write(text)
+
+    def readline(self):
+        answer = self.person.answer(self.question)
+        self.asked.append((self.question, answer))
+        return ((self.answers.pop(0) if self.answers else "") or answer) + "\n"
+
+
+def calibrate(room, path, kind, count, plan=PLAN):
+    shown = Guide(Console(file=room, width=200), stdin=room)
+    stage = room.stage
+    bench = Bench(stage.reader, Presser(shown), shown, stage.length_um, path.with_suffix(".toml"))
+    options = argparse.Namespace(plan=plan, keep_settings=False)
+    steps.calibrate(bench, Session(path), kind, count, None, options)
+    room.move([])
+    return file.load(path.with_suffix(".toml"))
+
+
+def errors_um(stage, made):
+    """Return the mean error of readings under 3 N at places along the strip."""
+    decode = Decode()
+    decode.calibration = Calibration(made.lines)
+    del stage.held.presses
+    found = []
+    for place_um in np.linspace(0.05, 0.95, 13) * stage.length_um:
+        stage.press(place_um, 3000.0)
+        decode.update([round(64 * c) for c in stage.reader.read(16).counts], 64, [0] * 6, 0)
+        found.append(decode.position_um - place_um)
+    return np.array(found)
+
+
+@pytest.fixture(scope="module")
+def rough(sensor, tmp_path_factory):
+    path = tmp_path_factory.mktemp("rough") / "a.jsonl"
+    with Stage(sensor, seed=3) as stage:
+        room = Room(stage, Habits())
+        made = calibrate(room, path, "rough", steps.COUNTS["rough"][0], plan=None)
+        return path, made, room, errors_um(stage, made)
+
+
+def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(rough):
+    _, made, room, errors = rough
+    assert room.person.presses <= 12
+    assert np.abs(errors).mean() < 1000
+    assert made.relative_force
+    assert not any("scale" in question for question, _ in room.asked)
+    assert made.residuals[0].force_rms_mN is None
+    assert made.marks is not None
+
+
+def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough, tmp_path):
+    path = tmp_path / "a.jsonl"
+    path.write_bytes(rough[0].read_bytes())
+    with Stage(sensor, seed=3) as stage:
+        stage.board.command("set " + settings(Session(path).conditions))
+        stage.reader.set_up()
+        room = Room(stage, Habits(place_mm=0.1, force_share=0.01, slips=0))
+        made = calibrate(room, path, "fine", 26)
+        assert not made.relative_force
+        assert np.abs(errors_um(stage, made)).mean() < 200
+    assert len(Session(path).of("hand")) == 26
+    assert made.residuals[0].force_rms_mN < 300
+
+
+def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_path):
+    path = tmp_path / "a.jsonl"
+    with Stage(msgspec.structs.replace(sensor, length_mm=60.0), seed=3) as stage:
+        room = Room(stage, Habits(place_mm=0.3, slips=0))
+        room.answers = ["again", "", "40", "300N", "9g", "80mm", *[""] * 10, "57mm", "", "undo"]
+        made = calibrate(room, path, "fine", 20)
+        assert np.abs(errors_um(stage, made)).mean() < 300
+    said = room.getvalue()
+    assert "'40' is not valid: type numbers with units" in said
+    assert "300N is no force of a finger: did you mean 300 g?" in said
+    assert "9g is no force of a finger: did you mean 9 N?" in said
+    assert "80mm is beyond the end of the strip at 60 mm" in said
+    assert "57.0 mm with" in said
+    assert said.count("is removed: its light is that of") == 1
+    assert said.count("undone: ") == 1
+    assert len(Session(path).of("hand")) == 20
+
+
+@pytest.mark.parametrize(
+    ("text", "place_um", "force_mN"),
+    [
+        ("", None, None),
+        ("42mm", 42_000, None),
+        ("4.2 cm, 120g", 42_000, 1176.8),
+        ("1,18 N 42 mm", 42_000, 1180),
+        ("1.18N", None, 1180),
+        ("0.5kg", None, 4903.3),
+    ],
+)
+def test_places_and_forces_are_typed_as_they_are_read(text, place_um, force_mN):
+    found = typed(text, 85_000)
+    assert found == (place_um, force_mN and pytest.approx(force_mN, rel=1e-4))
+
+
+@pytest.mark.parametrize(
+    "text", ["42", "42 km", "mm", "42mm and 3", "120mm", "120N", "2g", "1.18 mN", "-4mm", "nan mm"]
+)
+def test_what_no_ruler_or_scale_shows_is_refused(text):
+    with pytest.raises(SpotsError):
+        typed(text, 85_000)

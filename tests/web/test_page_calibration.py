@@ -1,0 +1,333 @@
+"""A person calibrates a strip by what the page shows; without the token a page can only watch."""
+
+from __future__ import annotations
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from person import Person, look
+from serving import Bench, Serving, apart, eventually
+from spots.calibrate.session import Session
+from spots.cli import main
+from spots.web.calibration import PageCalibration
+from spots.web.state import PageState
+from spots_sim.scenario import Held, Press
+from test_page_recording import post, token_of
+
+LONG_MS = 60_000
+SPEED = 4.0  # of the board's time
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+START = {"do": "start", "kind": "rough", "length_mm": 85.0}
+FIGURE = "Number(document.querySelector('.figure b').firstChild.data)"
+
+
+@pytest.fixture
+def table(sensor, serve, tmp_path):
+    """A board without a calibration on a kitchen table, its server, and the finger."""
+
+    class Table:
+        held = Held()
+        path = tmp_path / "calibration.jsonl"
+        bench = Bench(sensor, None, held, session=path, speed=SPEED)
+        server = serve(bench.state, orders=bench.orders)
+        length_mm = sensor.length_mm
+
+        def shown(self):
+            return self.bench.state.since(self.bench.state.begin())[1]["calibration"]
+
+        def send(self, message, **options):
+            options = {"token": token_of(self.server)} | options
+            body = message if isinstance(message, (bytes, str)) else json.dumps(message)
+            return post(self.server, body, path="calibration", **options)
+
+        def person(self, page, **options):
+            return Person(page, self.held, self.length_mm, **options)
+
+    made = Table()
+    yield made
+    made.bench.close()
+
+
+def pressing(seen):
+    return seen["todo"].startswith("Press") and seen["share"] is not None
+
+
+def at_press(number):
+    """Return whether the page asks for a press by hand after `number` others."""
+    return lambda seen: pressing(seen) and seen["count"].startswith(f"{number} of 1")
+
+
+def errors_mm(page, held, places_mm):
+    """Return the differences between places that are pressed and the figure on the page."""
+    found = []
+    for place_mm in places_mm:
+        held.press = Press(place_mm, 4000.0, 4.0)
+        page.wait_for_timeout(1500)
+        found.append(page.evaluate(FIGURE) - place_mm)
+        held.press = None
+        page.wait_for_timeout(300)
+    return np.array(found)
+
+
+def test_a_clumsy_person_calibrates_roughly(table, open_page):
+    page = open_page(table.server.url, **PHONE)
+    person = table.person(page, place_mm=0.5)
+    person.go_on(lambda seen: seen["starts"])
+    person.start("rough")
+    # A lift before the press is steady, then the press again.
+    person.go_on(at_press(2))
+    person.press(look(page))
+    page.wait_for_timeout(100)
+    person.lift()
+    person.wait(lambda seen: seen["trouble"] == "no press is seen" or not pressing(seen))
+    # A press that the person takes back.
+    person._last = None
+    person.go_on(at_press(4))
+    places = [p.place_um for p in Session(table.path).of("hand")]
+    page.get_by_role("button", name="Undo the last press").click()
+    person.go_on(at_press(3))
+    assert [p.place_um for p in Session(table.path).of("hand")] == places[:-1]
+    # The page shows about where the finger is.
+    person.go_on(at_press(5))
+    person.press(look(page))
+    seen = person.wait(lambda seen: seen["finger"] is not None and seen["steady"] > 0)
+    assert abs(seen["finger"] - seen["share"]) < 0.06
+    # A wrong unit, and a press that the person wants to repeat.
+    person.go_on(lambda seen: seen["asks"])
+    page.get_by_label("Place in mm").fill("42 furlongs")
+    page.locator("#calibration .main").click()
+    person.wait(lambda seen: "is not valid" in seen["note"])
+    page.get_by_role("button", name="Press again").click()
+    person._last = None
+    seen = person.go_on()
+    assert seen["todo"] == "The board is calibrated"
+    assert "has stored it" in seen["said"]
+    assert len(Session(table.path).points) <= 12
+    expect(page.get_by_role("img", name="largest error")).to_be_visible()
+    off_mm = errors_mm(page, table.held, (8.0, 42.0, 77.0))
+    assert np.abs(off_mm).max() < 1.0
+
+
+def test_the_keyboard_alone_is_enough(table, open_page):
+    page = open_page(table.server.url, viewport={"width": 844, "height": 390})
+    person = table.person(page)
+    person.go_on(lambda seen: seen["starts"])
+    person.answer = lambda seen: page.keyboard.press("Enter")
+
+    def focus(name):
+        for _ in range(30):
+            page.keyboard.press("Tab")
+            if name in page.evaluate("document.activeElement.textContent"):
+                return
+        raise AssertionError(name)
+
+    focus("Rough")
+    page.keyboard.press("Enter")
+    person.go_on(at_press(2))
+    focus("Undo")
+    page.keyboard.press("Enter")
+    person.go_on(at_press(1))
+    focus("Stop")
+    page.keyboard.press("Enter")
+    assert person.go_on()["todo"] == "The session is stopped"
+
+
+def test_a_reload_continues_and_another_page_watches(table, open_page):
+    page = open_page(table.server.url)
+    person = table.person(page)
+    person.go_on(lambda seen: seen["starts"])
+    person.start("rough")
+    person.go_on(at_press(2))
+    watcher = open_page(f"http://127.0.0.1:{table.server.port}/")
+    watching = Person(watcher, table.held, table.length_mm).wait(pressing)
+    seen = look(page)
+    assert watching["todo"] == seen["todo"]
+    assert watching["share"] == pytest.approx(seen["share"], abs=0.01)
+    assert not watching["may_stop"]
+    expect(watcher.get_by_text("You only watch")).to_be_visible()
+    page.reload()
+    person.wait(pressing)
+    assert look(page)["count"] == seen["count"]
+    assert person.go_on(at_press(3))["may_stop"]
+    assert not look(watcher)["asks"]
+    page.get_by_role("button", name="Stop").click()
+    person.wait(lambda seen: seen["starts"])
+    assert not look(watcher)["starts"]
+    # The session continues where it was, and so do the readings of the page.
+    table.held.press = Press(40.0, 4000, 4.0)
+    expect(page.locator(".words")).to_contain_text("not calibrated", timeout=LONG_MS)
+    table.held.press = None
+    page.wait_for_timeout(300)
+    person.start("rough")
+    person.wait(at_press(3))
+
+
+def test_a_board_that_is_unplugged_ends_the_session_in_a_sentence(table, open_page):
+    page = open_page(table.server.url)
+    person = table.person(page)
+    person.go_on(lambda seen: seen["starts"])
+    person.start("rough")
+    person.go_on(at_press(2))
+    table.bench.unplug()
+    seen = person.go_on()
+    assert seen["todo"] == "The session has ended early"
+    assert "disconnected" in seen["note"]
+    table.bench.replug()
+    expect(page.locator("#board")).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    person.start("rough")
+    person.wait(at_press(2))
+
+
+def test_only_the_token_calibrates(table, tmp_path):
+    before = table.shown()
+    old = Serving(PageState(), orders={"calibration": PageCalibration(tmp_path / "b", PageState())})
+    stale = token_of(old)
+    old.stop()
+    for message in (
+        START,
+        {"do": "answer", "step": 1, "text": ""},
+        {"do": "undo", "step": 1},
+        {"do": "cancel"},
+    ):
+        for token in (None, "", "wrong", stale, token_of(table.server)[:-1]):
+            assert table.send(message, token=token)[0] == 403
+        for origin in ("http://evil.example", "null", f"https://127.0.0.1:{table.server.port}"):
+            assert table.send(message, Origin=origin)[0] == 403
+        assert table.send(message, Host="evil.example")[0] == 403
+    assert table.shown() == before
+    assert not table.path.exists()
+
+
+BAD = (
+    b"",
+    b"start",
+    b"\xff\xfe",
+    b"null",
+    b"[]",
+    b"{}",
+    b'{"do":"start"}',
+    b'{"do":"stop"}',
+    b'{"do":["start"]}',
+    b'{"do":"cancel","path":"/etc/passwd"}',
+    b'{"do":"start","kind":"rough","length_mm":0}',
+    b'{"do":"start","kind":"rough","length_mm":1e999}',
+    b'{"do":"start","kind":"rough","length_mm":NaN}',
+    b'{"do":"start","kind":"rough","length_mm":"85"}',
+    b'{"do":"start","kind":"../rough","length_mm":85}',
+    b'{"do":"start","kind":"joint","length_mm":85}',
+    b'{"do":"answer","step":1}',
+    b'{"do":"answer","step":1.5,"text":""}',
+    b'{"do":"answer","step":1,"text":"' + b"x" * 41 + b'"}',
+    b'{"do":"answer","step":1,"text":"\\ud800"}',
+    b"[" * 1000,
+)
+
+
+@pytest.mark.parametrize("body", BAD)
+def test_a_message_that_is_none_is_refused(table, caplog, body):
+    before = table.shown()
+    assert table.send(body)[0] == 400
+    assert table.shown() == before
+    assert caplog.records == []
+
+
+def test_long_messages_and_other_methods_are_refused(table):
+    assert table.send(b" " * 5000)[0] == 413
+    assert post(table.server, "{}", path="calibrations", token=token_of(table.server))[0] == 404
+
+
+def test_a_message_of_an_earlier_step_does_nothing(table, open_page):
+    page = open_page(table.server.url)
+    expect(page.locator("#board")).to_have_attribute("data-state", "connected", timeout=LONG_MS)
+    for message in ({"do": "undo", "step": 10**300}, {"do": "cancel"}):
+        assert table.send(message) == (409, "no session runs: start one")
+    person = table.person(page)
+    person.go_on(lambda seen: seen["starts"])
+    person.start("rough")
+    person.go_on(at_press(2))
+    step, taken = table.shown()["step"], Session(table.path).points
+    for message in (
+        START,
+        {"do": "undo", "step": step - 1},
+        {"do": "undo", "step": -1},
+        {"do": "answer", "step": step, "text": "42mm"},
+        {"do": "answer", "step": step - 1, "text": "42mm"},
+    ):
+        status, text = table.send(message)
+        assert (status, "gone on" in text) == (409, True)
+    assert Session(table.path).points == taken
+    assert table.send({"do": "undo", "step": step})[0] == 204
+    assert table.send({"do": "undo", "step": step})[0] == 409  # a double click
+    person.go_on(at_press(1))
+    assert len(Session(table.path).of("hand")) == 1
+
+
+def test_a_flood_of_messages_is_bounded(tmp_path):
+    orders = PageCalibration(tmp_path / "a.jsonl", PageState())
+    orders._attended = True  # by a board that is busy
+    waiting = [orders.submit(orders.decode(b'{"do":"cancel"}')) for _ in range(1000)]
+    refused = [one for one in waiting if one.done()]
+    assert len(refused) > 980
+    assert all("busy" in str(one.exception()) for one in refused)
+
+
+def test_a_page_of_another_site_starts_no_session(table, open_page, browser):
+    class Other(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>other</title>")
+
+        def log_message(self, *arguments):
+            pass
+
+    other = ThreadingHTTPServer(("127.0.0.1", 0), Other)
+    threading.Thread(target=other.serve_forever, daemon=True).start()
+    context = browser.new_context()
+    try:
+        context.new_page().goto(table.server.url)  # this browser has the token
+        page = context.new_page()
+        for host in ("localhost", "127.0.0.1"):
+            page.goto(f"http://{host}:{other.server_port}/")
+            page.evaluate(
+                """([url, body]) => fetch(url, {
+                  method: "POST", mode: "no-cors", credentials: "include", body,
+                }).then(() => 0, () => 0)""",
+                [f"http://127.0.0.1:{table.server.port}/calibration", json.dumps(START)],
+            )
+        assert not table.shown()["running"]
+        assert not table.path.exists()
+    finally:
+        context.close()
+        other.shutdown()
+
+
+def test_a_server_that_ends_stops_the_session(table, open_page):
+    page = open_page(table.server.url)
+    person = table.person(page)
+    person.go_on(lambda seen: seen["starts"])
+    person.start("rough")
+    person.go_on(lambda seen: seen["asks"])
+    table.bench.close()
+    assert not table.bench.reader._thread.is_alive()
+    eventually(page, lambda: not table.shown()["running"])
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--port", "recording:run.spots"], "--session works with one board"),
+        (["--record-to", "."], "--record-to, --session: name one"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, tmp_path, options, says):
+    arguments = ["serve", "--http-port", "0", "--session", str(tmp_path / "a.jsonl")]
+    assert apart(main, [*arguments, "--port", "virtual", *options]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
