@@ -18,7 +18,7 @@ const QUESTION = /^(.*?)\s*(?:\(Enter: (.*)\))?\s*:?\s*$/;
 
 export function calibration(root) {
   const opener = document.getElementById("calibrate");
-  let it = null, may = false, open = null, question = "", answered = null;
+  let it = null, may = false, open = null, question = "", answered = null, step = null;
 
   // The parts of the panel, in the order of reading.
   const title = make("h2"), count = make("b"), bar = make("progress");
@@ -154,6 +154,9 @@ export function calibration(root) {
     if (it.fitted) paint(it.fitted, it.length_um);
     put(hint, running ? OWNED : it.end === "done" ? AGAIN : "");
     begin.hidden = running || !may;
+    // A new step begins at the top, wherever the last button was.
+    if (running && it.step !== step && root.getBoundingClientRect().top < 0) root.scrollIntoView();
+    step = it.step;
   }
 
   let uncalibrated = false, length_um = 0;
