@@ -37,6 +37,11 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
         Number of presses.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
+
+    Raises
+    ------
+    SpotsError
+        If no force gives light, or a press stays invalid.
     """
     guide, plan = bench.guide, bench.reader.conditions.plan
     guide.begin("presses by hand", count, plan, bench.length_um)
