@@ -79,7 +79,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "7 µm",
             each("{:.1f} µm", lambda s: s["position"]["resolution_um"]),
-            "The resolution depends on the light that a physical strip couples, which is not published.",
+            "It depends on the light that a physical strip couples, which is not published.",
         ),
         (
             "Position accuracy",
