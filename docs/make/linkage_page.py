@@ -228,11 +228,11 @@ With the true lengths, only the errors of the encoders remain; a kinematic calib
 accurate. The paper's number includes all errors of a real mechanism, such as bearings and bending
 bars. The simulation has only backlash and wrong lengths.
 
-The ideal strips (sensor file `default`) are as they were at their calibration. The real strips
-(`real`) have aged and warmed up since then, and are under a lamp ([drift.md](drift.md)); their LEDs
-are warm. A re-zero at the stops of the joints (`spots rezero --joint`) corrects them. Without it,
-many readings do not fit the calibration. An encoder normally ignores such readings; for this table
-it used them. A kinematic calibration also corrects the strips, until they change further.
+Ideal and real strips are the sensor files `default` and `real`, as in
+[applications.md](applications.md), with warm LEDs. A re-zero at the stops of the joints
+(`spots rezero --joint`) corrects the real strips. Without it, many readings do not fit the
+calibration. An encoder normally ignores such readings; for this table it used them. A
+kinematic calibration also corrects the strips, until they change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
 """
