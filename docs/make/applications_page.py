@@ -24,16 +24,16 @@ _TEXT = """# Typing and controller, on the ideal and on the real strip
 
 `make paper` writes this document, and measures all numbers. The ideal strip is the simulated sensor
 file `default`, as it was at its calibration. The real strip is the file `real`: it has aged and
-warmed up since its calibration, and is under a lamp ([drift.md](drift.md)). A re-zero pressed each
-mark once, with a warm LED. The last column shows the first seconds or minutes after power-on, while
-the LED still warms.
+warmed up since its calibration, and is under a lamp ([drift.md](drift.md)). For a re-zero, each
+mark was pressed once while the LED was warm. The last column shows the first seconds or minutes
+after power-on, while the LED warms up.
 
-There are ten keys on the strip. At each speed, {seeds} seeds of {touches} touches are typed.
-Exposures are 10 ms; the statistics of touches are published
-([typist.py](../host/spots_sim/typist.py)).
-Errors are wrong, missed and extra keys as a share of touches. "No finger" is the share of pressed
-keys that no finger was on. Latency is from the first light to the press of right keys; p99 is that
-of the worst seed. The controller follows the fingers of the demo for {seconds:g} s;
+A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures
+of 10 ms. The sources for the statistics of the touches are in
+[typist.py](../host/spots_sim/typist.py). Errors are wrong, missed and extra keys. "No finger" is
+the number of key presses without a finger on the key. Both are shares of the touches. Latency is
+from the first light to the press of a right key; p50 and p99 are those of the worst seed. The
+controller follows the fingers of the demo for {seconds:g} s;
 [controller.md](controller.md) explains its values. These commands measure the real strip:
 
 ```sh

@@ -28,7 +28,7 @@ _HEAD = """# The five-bar linkage and its twin
 
 `make paper` writes this document, and measures all numbers except the published one. Two strips in
 the base joints of a planar five-bar linkage are its encoders. The position of the end point
-follows from their angles (paper, section IV, Eqs. 3 and 4, Fig. 7).
+follows from their angles ([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7).
 
 ![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
@@ -61,8 +61,8 @@ spots twin --json --picture sust.png                 # the same in simulated tim
 ![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
-and singularities. Elsewhere it prints lines. With `--json` it prints an object for each position.
-Its keys are those of [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`,
+and singularities. Elsewhere it prints lines. With `--json` it prints an object for each position,
+with the keys of `twin` in [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`,
 `singular` and `within` (inside the calibrated range of the joints). The web UI shows the same:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
@@ -70,10 +70,9 @@ Its keys are those of [page.md](page.md#messages), and `velocity_mm_s`, `sigma_m
 position has moved by more than its noise, half the backlash is added or subtracted. At rest the
 joint may be anywhere in its backlash; the standard error includes this uncertainty. The velocity is
 measured by the board's clock. `spots.Twin` takes the readings of both joints, live or recorded. It
-returns the end point at the time of each reading, and interpolates the angle of the other joint
+returns the end point at the time of each reading; the angle of the other joint is interpolated
 between two of its readings. Nothing is extrapolated, and the order of arrival does not matter. The
-boards' clocks are mapped to the computer's, see `Touch.time_s`. A board that restarts gets its
-calibration again.
+boards' clocks are mapped to the computer's clock. A board that restarts gets its calibration again.
 
 ```python
 from spots.linkage.twin_source import opened
@@ -119,12 +118,12 @@ spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 
 Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
 the offsets and gains of the joints, and the position and rotation of the measuring grid.
-This needs the angles of the encoders and the position of the end
-point on any grid, at some places. It reports standard errors, points that do not fit, and
-parameters that these places cannot separate. For example, a picture of unknown scale determines
-only ratios of lengths. `--place-sigma-mm` is the standard error of a measured coordinate. Another
-program may write the table: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`,
-`sigma1_deg` and `sigma2_deg`, with the angles by the joints' own calibrations.
+At some positions, the fit needs the encoders' angles and the coordinates of the end point on any
+grid. It reports standard errors, points that do not fit, and parameters that these positions cannot
+separate. For example, a picture of unknown scale determines only ratios of lengths.
+`--place-sigma-mm` is the standard error of a measured coordinate. Another program may write
+`points.csv`: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and
+`sigma2_deg`; the angles are those of the joints' calibrations.
 
 ```python
 from spots.linkage import kinematics
@@ -227,13 +226,13 @@ distances from the true position in mm:
         + """
 With the true lengths, only the errors of the encoders remain; a kinematic calibration is as
 accurate. The paper's number includes all errors of a real mechanism, such as bearings and bending
-bars. Only backlash and wrong lengths are simulated.
+bars. The simulation has only backlash and wrong lengths.
 
-The ideal strips (sensor file `default`) are as they were at their calibration. The real strips
-(`real`) have aged and warmed up since then, and are under a lamp ([drift.md](drift.md)); their LEDs
-are warm. A re-zero at the stops of the joints (`spots rezero --joint`) corrects them. Without it,
-many readings do not fit the calibration. An encoder ignores these; for this table it used them. A
-kinematic calibration also corrects the strips, but only as long as they do not change further.
+Ideal and real strips are the sensor files `default` and `real`, as in
+[applications.md](applications.md), with warm LEDs. A re-zero at the stops of the joints
+(`spots rezero --joint`) corrects the real strips. Without it, many readings do not fit the
+calibration. An encoder normally ignores such readings; for this table it used them. A
+kinematic calibration also corrects the strips, until they change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
 """
@@ -245,7 +244,7 @@ def _path(runs: dict[str, dict[int, list[PathRun]]]) -> str:
 ## On a path
 
 A hand with a tremor moves the end point along "SUST" (`host/spots_sim/data/paths/sust.toml`). The
-twin uses the true lengths. The strips are those of the workspace. Errors in mm, seeds
+twin uses the true lengths. The strips are those [above](#over-the-workspace). Errors in mm, seeds
 {min(SEEDS)} to {max(SEEDS)}:
 
 | strips | exposure | positions a second | mean | 95 % below | at most | rms | expected rms |
@@ -265,10 +264,10 @@ twin uses the true lengths. The strips are those of the workspace. Errors in mm,
     return (
         text
         + f"""
-The twin reports an expected error with each position. The Jacobian computes it from the noise of
-the strips, the errors of the joint calibrations and the backlash. It does not include movements
-between two readings and the error of the dark frame. The board takes the dark frame at its start,
-and takes no other while the strip is pressed. In a joint, the indenter always presses the strip.
+The twin reports an expected error with each position, which follows by the Jacobian from the noise
+of the strips, the errors of the joint calibrations and the backlash. It does not include movements
+between two readings and the error of the dark frame. The board takes no dark frame while the strip
+is pressed; in a joint, the indenter always presses it, so the only dark frame is that of the start.
 With a long exposure the noise is small, and the error of the dark frame is the largest one.
 
 ![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)

@@ -21,8 +21,8 @@ numbers are from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision O
 Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the section. The columns
 "ours" show the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with
 seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
-duration of a reading, which the paper does not state. The **real strip** is the simulated
-sensor file `real`. This strip has aged and warmed up since its calibration, is under a lamp, and
+duration of a reading, which the paper does not state. The **real strip** is simulated, too: the
+sensor file `real` has aged and warmed up since its calibration, is under a lamp, and
 was re-zeroed with one press of each mark ([drift.md](drift.md)).
 
 """
@@ -72,14 +72,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 0.996",
             each("{:.7f}", lambda s: s["position"]["r2"]),
-            "The simulated dye has a smooth edge; a real pigment bends the line more.",
+            "The simulated dye has a smooth edge; a physical pigment bends the line more.",
         ),
         (
             "Position resolution",
             "III.A",
             "7 µm",
             each("{:.1f} µm", lambda s: s["position"]["resolution_um"]),
-            "The light that a real strip couples is not published; the resolution depends on it.",
+            "It depends on the light that a physical strip couples, which is not published.",
         ),
         (
             "Position accuracy",
@@ -100,7 +100,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "",
             each("{:.2f}", lambda s: s["position"]["one_pair"]["crb_ratio"]),
-            "The paper does not name its pair; the best pair of this sensor may be another one.",
+            "The paper does not name its pair, which may be another one.",
         ),
         (
             "Signal to noise",
@@ -115,21 +115,21 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "yes",
             [f"within {departure:.0f} µm" for departure in departures_um]
             + ["not measured"] * (len(runs) - len(departures_um)),
-            "Every simulated strip is cast from the same dye; real batches differ.",
+            "Every simulated strip has the same dye; physical batches differ.",
         ),
         (
             "Force resolution",
             "III.B",
             "5 mN",
             each("{:.1f} mN", lambda s: s["force"]["resolution_mN"]),
-            "Contact area against force is assumed, and a flat finger of constant width.",
+            "The contact area for a force is assumed, as is a flat finger of constant width.",
         ),
         (
             "Force accuracy",
             "III.B",
             "0.14 N",
             each("{:.3f} N", lambda s: s["force"]["accuracy_N"]),
-            "The silicone has no hysteresis and no creep, which limit a real force.",
+            "The simulated silicone lacks hysteresis and creep, which limit a physical strip.",
         ),
         (
             "Accuracy at rest, then under strain up to 25 %",
@@ -143,7 +143,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.C",
             "no significant loss",
             each("{}", bent("bend")),
-            "Simulated bending only reduces light; a real bend may press the guides together.",
+            "Simulated bending only reduces light; a physical bend may press the guides together.",
         ),
         (
             "Joint: R²",
