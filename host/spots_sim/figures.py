@@ -37,7 +37,7 @@ def folder(path: str | Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SpotsError(
-            f"cannot make the folder {path} ({error.strerror}): name another one"
+            f"cannot make the folder {path} ({error.strerror}): name another folder"
         ) from None
     return path
 

@@ -50,7 +50,7 @@ class Inlet:
     Attributes
     ----------
     stuck : bool
-        True while bytes are buffered. Write no new bytes then, which limits the buffer.
+        True while bytes are buffered. Then write no new bytes, because the buffer has no limit.
     """
 
     def __init__(self, fd: int):

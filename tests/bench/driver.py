@@ -5,7 +5,8 @@ this firmware has six channels, measured at once. A reading of Adafruit's ``all_
 eight, measured in two passes.
 
 Adafruit's driver restarts the chip for each pass. No document says whether the chip then repeats
-its auto-zero of 15 ms. In the sensor file it does; the ratio of rates is also measured without.
+its auto-zero of 15 ms. In the sensor file it does. The ratio of rates is also measured
+without a repeated auto-zero.
 """
 
 from __future__ import annotations
