@@ -18,7 +18,7 @@ class SimulationClock(Protocol):
         """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Wait for a time in us, in which the board does nothing."""
+        """Wait for a time in us while the board does nothing."""
 
 
 @dataclass

@@ -115,7 +115,7 @@ class CPythonBoard:
         self._requests.bus = bus
 
     def step(self) -> None:
-        """Run one pass of the firmware's loop; boot if it reboots, crashes or loses power."""
+        """Run one pass of the firmware's loop; boot after a reboot, a crash or a power failure."""
         try:
             if self._app.reboot:
                 self._app.run()  # ends at once, and cleanly

@@ -69,7 +69,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     Parameters
     ----------
     sensor : SensorFile
-        Sensor with the spectra of LED and dye; the dye's strength in it is ignored.
+        Sensor with the spectra of LED and dye; its dye strength is ignored.
     length_mm : float
         Length of both pieces in mm.
     plan : sequence of str
@@ -147,7 +147,7 @@ def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> floa
     Raises
     ------
     SpotsError
-        If the dose is out of range, and so needs a tint with more or less pigment.
+        If the dose is out of range: it needs a tint with more or less pigment.
     """
     found = test_dose * wanted_per_mm / measured_per_mm
     low, high = _DOSES

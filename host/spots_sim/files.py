@@ -463,7 +463,7 @@ class LinkageFile(toml.Strict):
 
 
 class Stroke(toml.Strict):
-    """A line of the end point through points (x mm, y mm); a curve if `smooth` is true."""
+    """A line through points (x mm, y mm) for the end point; a curve if `smooth` is true."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
     smooth: bool = False

@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Return a decorator that caches a function's results in memory, and in the folder if set.
+    """Return a decorator that caches a function's results in memory, and in a folder if set.
 
     Parameters
     ----------

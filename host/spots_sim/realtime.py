@@ -50,7 +50,7 @@ class Inlet:
     Attributes
     ----------
     stuck : bool
-        True while bytes are buffered. Then write no new bytes, because the buffer has no limit.
+        True while bytes are buffered. Then write no new bytes: the buffer's size is not limited.
     """
 
     def __init__(self, fd: int):

@@ -301,7 +301,7 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 def _read(sensor, linkage, places, *arguments, **condition):
     """Return positions `places` (x, y in mm), angles and their standard errors, see `visited`.
 
-    Positions are left out if the LED was off for a dark frame, so that a reading is missing.
+    Positions without a reading are left out: there, the LED was off for a dark frame.
     """
     angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
     read = np.isfinite(angles).all(axis=0)

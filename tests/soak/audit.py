@@ -125,7 +125,7 @@ class _Outage:
 class Recoveries:
     """Measures the time from the end of each fault until readings arrive again.
 
-    If another fault starts before readings arrive, both recovery times start at its end.
+    If a second fault starts before readings arrive, both times start when both faults have ended.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class Watch:
         self._began_s, self._mark_s = board.now_s(), mark_s
         self.keys = {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
         self.memory = Memory()
-        self.free_bytes: list[int] = []  # of the board: minimum before `mark_s`, minimum after it
+        self.free_bytes: list[int] = []  # free heap of the board: minima before and after `mark_s`
         info = board.command("hello")
         layout = load_layout(_LAYOUT)
         self._engine = KeyEngine(layout, info["length_um"], self.keys["host"], info["decay"])
