@@ -73,7 +73,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
 
 def save(figure, path: Path) -> Path:
-    """Write a figure to a file, and free its memory.
+    """Write a figure to a file, and free the figure's memory.
 
     Parameters
     ----------

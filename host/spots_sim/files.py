@@ -73,7 +73,7 @@ class Led(toml.Strict):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the LED current in mA while the LED is on; `driver_mA` is the sensor's setting."""
+        """Return the current in mA of a lit LED; `driver_mA` is the setting of the chip's driver."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -258,7 +258,7 @@ class Finger(toml.Strict):
     width_mm : float
         Width of the finger along the strip, in mm.
     tilt_percent : float
-        Difference between the pressure at one edge of the finger and the mean, in per cent.
+        Pressure at the finger's far edge minus the mean pressure, in per cent of the mean.
     """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]

@@ -138,7 +138,7 @@ class Optics:
         bend_deg : float
             Bending angle in degrees.
         tilt_percent : float
-            Difference between the pressure at the far end of the contact and the mean, in per cent.
+            Pressure at the far end of the contact minus the mean pressure, in per cent of the mean.
         """
         decay, spread = self._spread(width_mm, strain, tilt_percent)
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180

@@ -157,7 +157,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     SpotsError
         If a file is missing or invalid.
     """
-    parent_end, open_end = os.pipe()  # the first end becomes readable with the parent's end
+    parent_end, open_end = os.pipe()  # `parent_end` is readable after the parent ends
     when_parent_ends(lambda: os.close(open_end))
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)

@@ -151,7 +151,7 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Result of a digital twin with the true lengths, which has followed a motion along a path.
+    """Result of a digital twin with the true lengths, after a motion along a path.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class PathRun:
     linkage : Linkage
         The linkage with its true lengths.
     terminals : list of Terminal
-        Estimates during the motion.
+        Estimates of the end point's position during the motion.
     error_mm : numpy.ndarray, shape (n,)
         Distance between each estimate and the true position, in mm. Estimates at a limit of the
         linkage are left out.

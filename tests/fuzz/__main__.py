@@ -69,7 +69,7 @@ def _engine(target: str, *arguments) -> str:
 
 
 def _keep(target: str, least: Path) -> None:
-    """Replace the stored inputs of a target by the smallest ones in the folder `least`."""
+    """Replace the stored inputs of a target by the smallest inputs in the folder `least`."""
     known = kept.named(target).values()
     room_files, room_bytes = FILES_MAX - len(known), BYTES_MAX - sum(map(len, known))
     chosen = []
