@@ -73,7 +73,7 @@ class Led(toml.Strict):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the current in mA of a lit LED; `driver_mA` is the setting of the chip's driver."""
+        """Return the current in mA of a lit LED; `driver_mA` is the chip's LED setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
