@@ -9,7 +9,7 @@ from spots import atomic
 from spots_sim.demo import demo
 from spots_sim.typing_speed import added, typed
 
-# Name of the column, sensor file, and whether it is re-zeroed after its change, and its LED warm.
+# Name of the column; sensor file; is the strip re-zeroed after its change; is its LED warm.
 STRIPS = (
     ("ideal strip", "default", False, False),
     ("real strip, not re-zeroed", "real", False, True),
@@ -45,7 +45,7 @@ spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --
 
 
 def measured() -> list[tuple[str, list[str]]]:
-    """Return the rows of the table: name of a quantity, and its value for each of `STRIPS`."""
+    """Return the table's rows: the name of a quantity, and its value for each of `STRIPS`."""
     rows = []
     for speed in WORDS_PER_MIN:
         print(f"typing, {speed} words a minute ...", file=sys.stderr)

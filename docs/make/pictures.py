@@ -47,7 +47,7 @@ class Wire(NamedTuple):
     breakout_y : int
         y at the breakout.
     lane_x : int
-        x between board and breakout.
+        x of the wire's vertical part between board and breakout.
     left_x, below_y : int
         x and y of the route around the lower left corner of the board.
     """

@@ -18,7 +18,7 @@ class SimulationClock(Protocol):
         """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Let a time in us pass in which the board does nothing."""
+        """Wait for a time in us while the board does nothing."""
 
 
 @dataclass
@@ -169,7 +169,9 @@ class I2CBus:
         return self.chip.read(size)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Set the wires without a transfer, which the chip ignores; return the level of SDA.
+        """Set the levels of SCL and SDA outside a transfer; return the level of SDA.
+
+        The chip ignores these levels.
 
         Parameters
         ----------
@@ -195,7 +197,7 @@ class I2CBus:
         self.chip.switch_light(bool(level))
 
     def refuse(self) -> None:
-        """Simulate an address without acknowledgement: take its time, and raise OSError(ENODEV)."""
+        """Spend the time of an address without acknowledgement, and raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

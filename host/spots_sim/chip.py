@@ -55,7 +55,8 @@ class Quirks:
     Attributes
     ----------
     auto_zero_at_every_start : bool
-        Whether every start has an auto-zero; otherwise only the first start after power-on.
+        Whether the chip performs an auto-zero at every start; if false, only at the first start
+        after power-on.
     avalid_clears_on_read : bool
         Whether a read of ASTATUS clears AVALID.
     aint_needs_sp_ien : bool
@@ -101,7 +102,7 @@ class AS7341:
     Parameters
     ----------
     light : object
-        Light source with the methods ``collect`` and ``outside``, see this module.
+        Light source with the methods ``collect`` and ``outside``, see the module docstring.
     noise : ChipNoise
         Noise of the converter.
     rng : numpy.random.Generator
@@ -358,7 +359,7 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Append the values that FIFO_MAP selects to the FIFO; a full FIFO drops them."""
+        """Append to the FIFO those values that FIFO_MAP selects; a full FIFO drops them."""
         for bit, value in enumerate((self._live[0], *counts)):
             if self._main[0xFC] & 1 << bit:
                 if len(self._fifo) < _FIFO_ENTRIES:

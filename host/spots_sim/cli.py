@@ -170,7 +170,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
     from .demo import KEYBOARD, demo
 
     seconds = options.seconds
-    scored = options.use == KEYBOARD and options.json  # it ends with its scenario
+    scored = options.use == KEYBOARD and options.json  # such a run ends with its scenario
     if seconds is None and not scored and not sys.stdout.isatty():
         seconds = 10.0
     summary = demo(
@@ -202,7 +202,8 @@ def _check(options: argparse.Namespace) -> None:
         )
     if (options.rezero or options.warm) and (not options.fast or options.use == FIVEBAR):
         raise SpotsError(
-            "--rezero and --warm need simulated time and one strip: add --fast, without fivebar"
+            "--rezero and --warm need simulated time and one strip: add --fast, and leave out "
+            "--use fivebar"
         )
     if options.use == FIVEBAR and options.scenario:
         raise SpotsError("--use fivebar has a fixed scenario: leave out --scenario")

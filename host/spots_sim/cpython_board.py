@@ -50,7 +50,7 @@ class BoardPort(Protocol):
 class PowerLostError(BaseException):
     """Interrupts the firmware at a power failure.
 
-    It is not an `Exception`, because the firmware may catch that.
+    It is derived from `BaseException`, because the firmware may catch each `Exception`.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class CPythonBoard:
         self._requests.bus = bus
 
     def step(self) -> None:
-        """Run one pass of the firmware's loop; after a reboot, crash or power failure, boot."""
+        """Run one pass of the firmware's loop; boot after a reboot, a crash or a power failure."""
         try:
             if self._app.reboot:
                 self._app.run()  # ends at once, and cleanly
@@ -163,9 +163,9 @@ class CPythonBoard:
 
 
 def _load(folder: Path) -> str:
-    """Import a new copy of the firmware with a folder as file system; return its package name.
+    """Import a new copy of the firmware with a folder as file system; return the package's name.
 
-    So a reset loses all state, and boards share no state.
+    Each boot needs a new copy, so that a reset loses all state and boards share no state.
     """
     name = f"_spots_board_{next(_numbers)}"
     spec = importlib.util.spec_from_file_location(
@@ -199,7 +199,7 @@ def _load(folder: Path) -> str:
 
 
 class _Requests:
-    """The board's transfers, waits and LED pin, which a power failure interrupts, and its clock."""
+    """The board's clock, transfers, waits and LED pin; a power failure stops all but the clock."""
 
     def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):
         self.bus = bus
@@ -207,7 +207,7 @@ class _Requests:
         self._rate = faults.rate if faults else 1.0
 
     def ask(self, transfer, *arguments):
-        """Call ``transfer(*arguments)``; if the power fails before, raise PowerLostError."""
+        """Return ``transfer(*arguments)``; raise PowerLostError if a power failure has begun."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is not None:
             raise PowerLostError(off_us)

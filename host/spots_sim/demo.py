@@ -189,7 +189,7 @@ def open_fast(
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
-        Calibration to use instead of that of the sensor file.
+        Lines of the calibration to use; by default, the sensor is calibrated.
 
     Returns
     -------

@@ -104,8 +104,9 @@ def type_on_board(
     Returns
     -------
     dict
-        ``typed`` text, ``presses``, ``keys_down`` at the end, and whether the ``host_agrees``; also
-        all values of `TypingScore.summary`.
+        ``typed``: the text. ``presses``: number of key presses. ``keys_down`` at the end.
+        ``host_agrees``: whether the host's key engine gave the same events. Also all values of
+        `TypingScore.summary`.
 
     Raises
     ------

@@ -44,7 +44,7 @@ from .measurements import FORCE_MN, PLACES
 from .stage import NEAR_UM
 from .strip_shape import StripShape
 
-LED_MAX_MA = 100  # of the virtual board, as boards/virtual/board.toml has it
+LED_MAX_MA = 100  # of the virtual board, the same as in boards/virtual/board.toml
 # Above this exposure, full scale does not grow: more samples are averaged instead.
 _LONGEST_US = 182_000
 _DYES_PER_MM = (1e-4, 1.0)
@@ -53,7 +53,7 @@ _FINE_SHARE = 5e-3
 # With fewer counts at the far end, rounding dominates a channel, and the bound is not valid for
 # its logarithm.
 _COUNTS_MIN = 10.0
-# Limits of the options: a value outside has probably another unit.
+# Limits of the options: a value outside them was probably given in another unit.
 _LENGTHS_MM = 1.0, 10_000.0
 _FINEST_UM = 1e-3
 _SLOWEST_HZ = 1e6 / (AVERAGE_MAX * MAX_US)
@@ -257,8 +257,8 @@ def sensor_toml(found: Design) -> str:
 def design_command(options: argparse.Namespace) -> None:
     """Run ``spots design`` with the options that `cli` parsed.
 
-    ``out`` is a folder for the sensor file, a figure, and moulds, drawings and recipe if the length
-    has moulds; None to write no files.
+    ``options.out`` is a folder for the sensor file and a figure; if moulds can be made for the
+    length, also for moulds, drawings and recipe. With None, no files are written.
     """
     out, shape = options.out, None
     recipe = strip_recipe.checked(options.strips)

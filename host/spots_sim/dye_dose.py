@@ -2,8 +2,8 @@
 
 Both pieces have the same length and are put between LED and sensor in turn. The ratio of their
 counts is the decay by the dye times a factor that is the same for all channels: how well each piece
-touches. So only differences between channels are used. The strength of the dye is that whose decay
-(`optics`, Eq. 1 of the paper) fits these differences best. The dose is proportional to it.
+touches. So only differences between channels are used. The result is the dye strength whose decay
+(`optics`, Eq. 1 of the paper) fits these differences best; the dose is proportional to it.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _SAMPLES = 64
 _AUTO_TIMEOUT_S = 60.0
 _STRENGTHS_PER_MM = 1e-4, 1.0
 _USUAL_PER_MM = 0.02
-_LEAST_DECAY = 0.05  # between channels, in units of ln; less is lost in the way the pieces touch
-_MISFIT_MAX = 0.1  # rms in units of ln; more is another colour
+_LEAST_DECAY = 0.05  # between channels, in ln; smaller ones may come from how the pieces touch
+_MISFIT_MAX = 0.1  # rms in units of ln; above this, the dye has another colour
 _DOSES = 1e-3, 60.0  # g of tint in 100 g; more would replace all of part B
 _FULL_PRESS_MN = 1e6
 _CLEAR = Change(dye_percent=-100.0)
@@ -69,7 +69,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     Parameters
     ----------
     sensor : SensorFile
-        Sensor with the spectra of LED and dye; the dye's strength in it is ignored.
+        Sensor with the spectra of LED and dye; its dye strength is ignored.
     length_mm : float
         Length of both pieces in mm.
     plan : sequence of str
@@ -91,8 +91,8 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
         if counts.min() < 1:
             dark = plan[int(counts.argmin())]
             raise SpotsError(
-                f"channel {dark} is dark through the {name} test piece: push the piece to LED and "
-                "chip, or cast a shorter piece or a smaller dose"
+                f"channel {dark} is dark through the {name} test piece: push the piece against LED "
+                "and chip, or cast a shorter piece or a smaller dose"
             )
     columns = [Optics.names.index(name) for name in plan]
     seen = _even(np.log(dyed / clear))
@@ -110,8 +110,8 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     without = decay(0.0)
     if (_even(decay(_USUAL_PER_MM) - without) * seen).sum() < 0:
         raise SpotsError(
-            "the dyed test piece is bluer than the clear one: it was put in first, or its dye is "
-            "not red; start again"
+            "the dyed test piece is bluer than the clear one: the dyed piece was put in first, or "
+            "its dye is not red; start again"
         )
 
     def misfit(per_mm: float) -> float:
@@ -147,7 +147,7 @@ def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> floa
     Raises
     ------
     SpotsError
-        If the dose needs another tint.
+        If the dose is out of range: it needs a tint with more or less pigment.
     """
     found = test_dose * wanted_per_mm / measured_per_mm
     low, high = _DOSES
@@ -170,9 +170,9 @@ def read_pieces(
     reader : SpectrumReader
         Reads the board.
     ask : callable
-        ``ask(text)`` shows a request and returns when it is done.
+        ``ask(text)`` shows a request, and returns when the user has done what it asks.
     dark : callable
-        Takes the dark frame of an LED that is always on.
+        Takes a dark frame; called only if the LED is always on.
 
     Returns
     -------

@@ -71,7 +71,7 @@ def family(
 
 
 def departure_um(lengths: dict[float, Response]) -> float:
-    """Return how far apart in um two strips can have the same response: the largest distance.
+    """Return the largest distance in um between positions with the same response on two strips.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ class FaultLedger:
 
 
 class Spells:
-    """The intervals in which a fault acts. The times passed to its methods must not decrease.
+    """The intervals in which a fault acts. Call the methods with times that never decrease.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes of one direction. The result does not depend on the size of the pieces.
+    """Damages the bytes of one direction. How the bytes are divided into calls has no effect.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Damage:
     passed : int
         Number of bytes so far.
     touched : collections.deque of int
-        Indices in the stream of the most recently damaged bytes, from 0.
+        Indices of the most recently damaged bytes, counted from 0 at the start of the stream.
     """
 
     _KEPT = 1 << 20

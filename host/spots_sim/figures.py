@@ -37,7 +37,7 @@ def folder(path: str | Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SpotsError(
-            f"cannot make the folder {path} ({error.strerror}): name another one"
+            f"cannot make the folder {path} ({error.strerror}): name another folder"
         ) from None
     return path
 
@@ -73,7 +73,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
 
 def save(figure, path: Path) -> Path:
-    """Write a figure to a file, and free its memory.
+    """Write a figure to a file, and free the figure's memory.
 
     Parameters
     ----------

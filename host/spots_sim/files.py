@@ -51,7 +51,7 @@ class Led(toml.Strict):
     irradiance_uW_cm2_per_mA : float
         Irradiance at the sensor per mA, for a full contact at the strip's sensor end.
     bend_mA : float
-        The light of a current I is proportional to I / (1 + I / bend_mA).
+        The light at a current I is proportional to I / (1 + I / bend_mA).
     noise_ppm_10ms : float
         Relative standard deviation of the light in an exposure of 10 ms.
     warm_up_percent, warm_up_s : float
@@ -73,7 +73,7 @@ class Led(toml.Strict):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the LED current in mA while the LED is on; `driver_mA` is the sensor's setting."""
+        """Return the current in mA of a lit LED; `driver_mA` is the chip's LED setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -104,10 +104,10 @@ class ContactFile(toml.Strict):
     threshold_mN : float
         Force of the first contact, in mN.
     half_mN : float
-        Force above the threshold for half of the full contact, in mN.
+        Force minus `threshold_mN` at which about half of full contact is reached, in mN.
     early_share, early_mN : float
-        Share of full contact that couples just below the threshold. With each decrease of the
-        force by `early_mN`, this share falls by a factor of e.
+        Light coupled just below the threshold, as a share of full contact. With each decrease
+        of the force by `early_mN`, this light falls by a factor of e.
     """
 
     threshold_mN: NotNegative
@@ -226,7 +226,7 @@ class SensorFile(toml.Strict):
         return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
 
     def indenter_um(self, angle_deg: float, direction: int) -> float:
-        """Return the place of a joint's indenter, in um from the sensor's end.
+        """Return the position of a joint's indenter, in um from the sensor's end.
 
         Parameters
         ----------
@@ -249,7 +249,7 @@ class SensorFile(toml.Strict):
 
 
 class Finger(toml.Strict):
-    """One finger.
+    """A finger that touches the strip: path, force, width and tilt.
 
     Attributes
     ----------
@@ -258,7 +258,7 @@ class Finger(toml.Strict):
     width_mm : float
         Width of the finger along the strip, in mm.
     tilt_percent : float
-        Difference between the pressure at one edge of the finger and the mean, in per cent.
+        Pressure at the finger's far edge minus the mean pressure, in per cent of the mean.
     """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
@@ -344,9 +344,9 @@ class SerialFaults(toml.Strict):
 class BusFaults(toml.Strict):
     """Damage to transfers on the I2C bus.
 
-    `nack_percent` of all transfers are not acknowledged; during `nack_bursts` no transfer is.
-    `wrong_percent` of the transfers have a wrong bit. An interval of `sda_low` holds SDA low until
-    it ends, or until the board sends nine clocks.
+    `nack_percent` of all transfers are not acknowledged; during `nack_bursts`, none of them is
+    acknowledged. `wrong_percent` of the transfers have a wrong bit. In an interval of `sda_low`,
+    SDA is low until the interval ends or the board sends nine clocks.
     """
 
     nack_percent: Percent = 0.0
@@ -356,7 +356,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Faults of the power: brown-outs stop board and sensor, the others affect only the sensor."""
+    """Faults of the power: brown-outs stop board and sensor, the others affect the sensor alone."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -394,12 +394,12 @@ class FaultsFile(toml.Strict):
 class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are those on the strip as stretched at that time. These keys are lists of points:
+    Positions are distances on the strip in its stretched state. These keys are lists of points:
     `strain` (time s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact,
     position mm), and each key of `change` (time s, change since calibration). A leak is light that
     couples without a finger. Points are joined by straight lines; before the first and after the
-    last point the value is constant. `strain_percent` and `bend_deg` are constants, used instead
-    of points.
+    last point the value is constant. `strain_percent` and `bend_deg` are constants that replace the
+    points of `strain` and `bend`.
     """
 
     seconds: Cycle
@@ -463,7 +463,7 @@ class LinkageFile(toml.Strict):
 
 
 class Stroke(toml.Strict):
-    """A line through points (x mm, y mm), which the end point follows; a curve if `smooth`."""
+    """A line through points (x mm, y mm) for the end point; a curve if `smooth` is true."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
     smooth: bool = False
@@ -513,7 +513,7 @@ def to_toml(sensor: SensorFile) -> str:
 
 
 def _assignment(name: str, value: float | bool | str) -> str:
-    return f"{name} = {json.dumps(value)}"  # JSON and TOML have the same notation for it
+    return f"{name} = {json.dumps(value)}"  # JSON and TOML write these values alike
 
 
 def load_change(name: str | Path) -> Change:

@@ -33,7 +33,7 @@ from .typist import Typist
 WARM_MIN = 5  # five time constants of the LED
 _SHARES = np.linspace(0, 1, 31)  # angles, as shares of the joint's travel
 _READINGS = 6
-_TEST_EVERY = 3  # of these angles
+_TEST_EVERY = 3  # of these angles: each third one is tested
 _SETTLE_S = 0.1
 _MARK_SAMPLES = 200
 
@@ -50,7 +50,7 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
     seed : int
         Random seed of text, touches and noise.
     rezeroed : bool
-        Whether the calibration was corrected before (re-zero), while the LED was warm.
+        Whether the calibration was corrected (re-zero) with a warm LED before the run.
 
     Returns
     -------
@@ -91,8 +91,8 @@ def joint(
     Returns
     -------
     list of dict
-        One entry for each minute, measured in its middle: ``minute``, whether it was ``rezeroed``
-        before, and ``accuracy_deg``, the mean absolute error of single readings.
+        One entry for each minute, measured in its middle: ``minute``; ``rezeroed``, whether the
+        drift was corrected before; ``accuracy_deg``, the mean absolute error of single readings.
     """
     with Rig(sensor, seed, 10_000, average) as rig:
         conditions, lines = rig.conditions, rig.lines
@@ -126,7 +126,7 @@ def joint(
 
 
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the joint to `shares` of its travel, up and down again; read it at each.
+    """Turn the joint up to each of `shares` of its travel, then down again; read at each angle.
 
     Returns angles in degrees, shape (n,), and positions in um, shape (n, readings).
     """

@@ -46,14 +46,14 @@ class LinkWrapper:
 
 
 class Tap(LinkWrapper):
-    """Wraps a link, and passes a copy of all data that are read from the link to a function.
+    """Wraps a link; passes a copy of the data of each read to a function.
 
     Parameters
     ----------
     link : Link
         The other link.
     look : callable
-        ``look(data, now_s)`` receives the bytes of each read, and the time by the link's clock.
+        ``look(data, now_s)`` receives the bytes of a read, and the time of the link's clock in s.
     """
 
     def __init__(self, link: Link, look: Callable[[bytes, float], None]):

@@ -68,7 +68,7 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
     Parameters
     ----------
     machine : DrivenLinkage
-        Linkage that opens its boards itself.
+        The simulated linkage; `driven` opens its boards and closes them at the end.
     record : list of str
         Paths of two recordings to write, one for each board. Empty for no recording.
 

@@ -43,8 +43,8 @@ class LockstepLink:
         Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, added at each read of registers, on MicroPython only;
-        0 by default. A function ``busy_us(free_bytes) -> float`` gets the free bytes of the heap,
-        which the board then reports with each transfer: that doubles the cost of a simulation.
+        0 by default. A function ``busy_us(free_bytes) -> float`` gets the free bytes of the heap.
+        The board then reports them with each transfer, which doubles the cost of a simulation.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
 
@@ -91,7 +91,7 @@ class LockstepLink:
         self._board.bus = bus
 
     def set_busy_us(self, busy_us: float) -> None:
-        """Set the processor time of one loop pass, of a board that was started with one."""
+        """Set the processor time of one loop pass; only for a board started with `busy_us`."""
         self._board.busy_us = busy_us
 
     @property

@@ -270,10 +270,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return noise of the estimate by `pair` over its bound, and signal-to-noise ratios, at `x_um`.
+    """Return the noise of `pair` divided by its bound, and signal-to-noise ratios, at `x_um`.
 
-    Readings are single samples here. The board rounds the mean counts of averaged readings, which
-    would change the noise.
+    Readings are single samples here: the board rounds the mean counts of averaged readings, and
+    this rounding would change the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -355,7 +355,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return what `_accuracy_um` returned for the flat, unstretched strip, from `run`."""
+    """Return the array of `_accuracy_um` for the flat, unstretched strip, as stored in `run`."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 
@@ -404,7 +404,7 @@ def _joint(rig: Rig, run: Run) -> None:
             angles.append((direction, angle))
     rig.stage.held.bend_deg = 0.0
     (direction, angle), position = np.array(angles).T, np.array(rows, dtype=float)
-    # Every second angle calibrates, the others test. Each reading counts, not their mean.
+    # Every second angle calibrates, the others test. Errors are those of single readings.
     learn = np.arange(len(angle)) % 2 == 0
     slope, zero = np.polyfit(position[learn].ravel(), np.repeat(angle[learn], held), 1)
     error = slope * position + zero - angle[:, None]

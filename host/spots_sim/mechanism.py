@@ -49,7 +49,7 @@ class Motion:
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y of the end point in mm at times in s; it rests outside the motion."""
+        """Return the end point's x and y in mm at times in s; constant outside the motion."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
@@ -109,7 +109,7 @@ class Mechanism:
         return np.degrees(angles - zero_rad)
 
     def reaches(self, x_mm, y_mm) -> np.ndarray:
-        """Return whether both indenters stay within their travel at these end points.
+        """Return whether both indenters are within their travel at positions of the end point.
 
         Parameters
         ----------

@@ -122,7 +122,7 @@ class Optics:
         bend_deg: float = 0.0,
         tilt_percent: float = 0.0,
     ) -> np.ndarray:
-        """Return each diode's count rate for a full contact, and a source of 1 uW/cm2.
+        """Return each diode's count rate for a full contact and an LED irradiance of 1 uW/cm2.
 
         Stretching increases the volume and so dilutes the dye (paper, section III.C). Bending
         reduces the light by the same share at every wavelength and position.
@@ -138,7 +138,7 @@ class Optics:
         bend_deg : float
             Bending angle in degrees.
         tilt_percent : float
-            Difference between the pressure at the far end of the contact and the mean, in per cent.
+            Pressure at the far end of the contact minus the mean pressure, in per cent of the mean.
         """
         decay, spread = self._spread(width_mm, strain, tilt_percent)
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
@@ -147,7 +147,7 @@ class Optics:
     def _spread(
         self, width_mm: float, strain: float, tilt_percent: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the decay per mm, and the mean of exp(-k x) over a contact around 0."""
+        """Return the decay per mm, and the mean of exp(-k x) over a contact centred at x = 0."""
         volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
         decay = self._clear + self._dyed / volume
         half = decay * width_mm / 2
@@ -161,5 +161,5 @@ class Optics:
         return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 
     def ambient(self, irradiance_uW_cm2: float) -> np.ndarray:
-        """Return each diode's count rate under ambient light of this irradiance, flat spectrum."""
+        """Return each diode's count rate under ambient light, assuming a flat spectrum."""
         return self._flat * irradiance_uW_cm2

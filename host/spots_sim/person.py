@@ -33,13 +33,13 @@ class Habits:
     Attributes
     ----------
     place_mm : float
-        Largest error of a place, in mm.
+        Largest error of a position, in mm.
     force_share : float
         Largest relative error of a force.
     slips : float
-        Share of presses with a slip: forgotten for a while, pressed twice, or lifted early.
+        Share of presses with a slip: a press forgotten for a while, made twice, or lifted early.
     typos : float
-        Share of presses whose place the person types wrongly, by 10 mm or more.
+        Share of presses whose position the person types wrongly, by 10 mm or more.
     width_mm : float
         Width of the finger or indenter, in mm.
     """
@@ -96,7 +96,7 @@ class Person:
     def _press(self, asked_mm: float, asked_mN: float) -> None:
         rng, habits = self._rng, self._habits
         self.presses += 1
-        # The finger lands beside the place and the force; the person reads them off with an error.
+        # Position and force differ from those asked for; the person reads them off with an error.
         at_mm = np.clip(asked_mm + rng.uniform(-2, 2), 0, self._length_mm)
         force_mN = asked_mN * rng.uniform(0.85, 1.15)
         press = Press(float(at_mm), float(force_mN), habits.width_mm)
@@ -134,7 +134,7 @@ class Person:
 
 
 def follow(held: Held, way: Way) -> None:
-    """Move the simulated stage's finger along a path, which begins with the next reading.
+    """Move the simulated stage's finger along a path; the movement begins with the next reading.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class PipedBoard:
     Attributes
     ----------
     busy_us : callable, float or None
-        As above. A function needs a board that was started with one.
+        Present value of the parameter. A function needs a board that was started with a function.
     free_bytes : int or None
         Free bytes of the heap, as last reported by the board.
     """

@@ -50,7 +50,7 @@ class Inlet:
     Attributes
     ----------
     stuck : bool
-        True while bytes are buffered. Write no new bytes then, which limits the buffer.
+        True while bytes are buffered. Then write no new bytes: the buffer's size is not limited.
     """
 
     def __init__(self, fd: int):
@@ -157,7 +157,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     SpotsError
         If a file is missing or invalid.
     """
-    parent_end, open_end = os.pipe()  # the first end becomes readable with the parent's end
+    parent_end, open_end = os.pipe()  # `parent_end` is readable after the parent ends
     when_parent_ends(lambda: os.close(open_end))
     sensor = load(SensorFile, sensor_name)
     file = load(ScenarioFile, scenario_name)

@@ -25,7 +25,7 @@ from .rig import Rig
 from .stage import Stage
 from .stage_presser import StagePresser
 
-# Assumed for a resting finger. As in reality, it averages the rounding of small counts.
+# Assumed for a resting finger. As in reality, a tremor averages out the rounding of small counts.
 _TREMOR = 0.02
 _NOBODY = Path("characterize")
 

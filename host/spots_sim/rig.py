@@ -17,7 +17,7 @@ from .files import SensorFile
 from .stage import Stage, check_light
 
 _DARK_TIMEOUT_S = 60.0
-_REQUEST_US = 2_000_000  # of a dark frame on request
+_REQUEST_US = 2_000_000  # duration of a dark frame on request
 
 
 class Rig:

@@ -27,7 +27,7 @@ class Press:
     width_mm : float
         Width along the strip, in mm.
     tilt_percent : float
-        Difference between the pressure at one edge of the finger and the mean, in per cent.
+        Pressure at the finger's far edge minus the mean pressure, in per cent of the mean.
     """
 
     position_mm: float
@@ -132,7 +132,7 @@ class Scenario:
 
 
 class Held:
-    """A scenario with one press, which a simulated stage sets; has the methods of `Scenario`.
+    """A scenario whose only press a simulated stage sets; has the methods of `Scenario`.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ def is_reset(request: bytes) -> bool:
 
 
 def is_poll(request: bytes) -> bool:
-    """Return whether the request reads registers; most passes of the board's loop send one."""
+    """Return whether the request reads registers, as in most passes of the board's loop."""
     return request[0] == protocol.READ
 
 
@@ -39,7 +39,7 @@ def reported_free_bytes(request: bytes) -> int | None:
 
 
 def fed_for_us(request: bytes) -> int | None:
-    """Return the timeout of the watchdog in us if a request feeds it; None for other requests."""
+    """Return the watchdog's timeout in us for a request that feeds the watchdog; otherwise None."""
     return 1000 * _number(request) if request[0] == protocol.FEED else None
 
 

@@ -122,7 +122,7 @@ class Simulation:
     linkage : LinkageFile
         Nominal linkage and its errors.
     motion : Motion
-        Motion of the end point; it must begin at `start_s` of the sensor.
+        Motion of the end point; it must begin at the time ``start_s(sensor)``.
     seed : int
         Random seed. The same seed gives the same two strips.
     exposure_us : int

@@ -37,7 +37,7 @@ class Stage:
         Assignments for the command ``set``, such as ``exposure_us=100000``. Under flickering lamps
         `mains_hz` is set first.
     warm_s : float
-        Time in seconds for which the LED has been on before.
+        Time in seconds for which the LED has been on when the board boots.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Stage:
         Parameters
         ----------
         exposure_us : int, optional
-            Exposure in us to set after the search; the search changes it for a dim strip.
+            Exposure in us to set after the search, which can lengthen the exposure of a dim strip.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """Take a dark frame of an LED that is always on; the LED is unplugged meanwhile."""
+        """If the LED is always on: unplug the LED, take a dark frame, and plug the LED in again."""
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
@@ -109,7 +109,7 @@ class Stage:
         self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
 
     def turn(self, angle_deg: float, direction: int = 1) -> None:
-        """Turn a joint that bends the strip, and slides its indenter on it.
+        """Turn the joint, which bends the strip and slides an indenter along it.
 
         Parameters
         ----------
@@ -230,7 +230,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
-    """Give a board the mains frequency and LED settings, with dark frame, that `calibrate` used.
+    """Set mains frequency, wiring of the LED and dark frame on a board, as `calibrate` used them.
 
     Parameters
     ----------

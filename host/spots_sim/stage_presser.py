@@ -10,7 +10,7 @@ from spots.link.board import Board
 
 from .stage import Stage
 
-_LEAST_STEP = 1.05  # relative error of the least force
+_LEAST_STEP = 1.05  # the search ends when the limits of the force differ by less than this factor
 
 
 class StagePresser(Presser):

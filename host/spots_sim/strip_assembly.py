@@ -64,7 +64,7 @@ def castings(tray, lid, depth: float) -> list:
     x0, y0, z0, x1, y1, _ = tray.bounding_box()
     room = Manifold.cube((x1 - x0, y1 - y0, FLOOR + depth - z0)).translate((x0, y0, z0))
     hollow = (room - closed(tray, lid, depth)).decompose()
-    # What is open to the outside, such as the slots to open the mould, is no casting.
+    # A cavity that is open to the outside, such as a slot to lever the lid off, is no casting.
     return [one for one in hollow if _width(one) > _LEAST_WIDTH and one.bounding_box()[1] > y0]
 
 
@@ -84,7 +84,7 @@ def assembly(shape: StripShape) -> dict:
     Returns
     -------
     dict of str to manifold3d.Manifold
-        ``support``, ``clear``, ``dyed``, ``board``, ``chip``, ``led`` and printed parts.
+        Solids of ``support``, ``clear``, ``dyed``, ``board``, ``chip``, ``led`` and printed parts.
     """
     from manifold3d import Manifold
 

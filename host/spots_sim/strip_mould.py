@@ -1,7 +1,7 @@
 """Moulds, caps and base of a strip as closed meshes. Needs manifold3d and trimesh.
 
 Each part lies as it is printed: with its lower face at z = 0, and without overhangs except short
-bridges. A mould is a tray and a lid. The lid's pins fit in one orientation only.
+bridges. A mould is a tray and a lid. The tray's pins fit the lid in one orientation only.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _mould_width(middles: list[float], width: float) -> float:
 
 
 def _pins(length: float, wide: float) -> list[tuple[float, float]]:
-    """Return the pins' (x, y) in mm, which are not symmetric: the lid fits in one way only."""
+    """Return x and y of the pins in mm: not symmetric, so the lid fits in one orientation only."""
     x, y = length / 2 - 2 * PIN_INSET, wide / 2 - PIN_INSET
     return [(-x, y), (x, y), (-x / 2, -y)]
 
@@ -210,7 +210,7 @@ def _lid(length: float, middles: list[float], width: float):
     wide = _mould_width(middles, width)
     plate = _box(length + 2 * END_WALL, wide, LID)
     for x, y in _pins(length, wide):
-        # As the tray's pins look from below: the lid is turned over about its long axis.
+        # The tray's pins, mirrored: the lid is turned over about its long axis.
         plate -= _cylinder(LID + 2 * _CUT, PIN_HOLE).translate((x, -y, -_CUT))
     return plate
 
@@ -238,7 +238,7 @@ def _support_tray(shape: StripShape):
     length, depth = shape.support_mm, STRIP_THICKNESS
     tray = _tray(length, [0.0], STRIP_WIDTH, depth)
     tray -= _opened(STRIP_WIDTH, length, depth).translate((0, 0, FLOOR + depth))
-    # Cores: the pocket of the dyed guide through both ends, and on it the gap.
+    # Cores: the pocket of the dyed guide, through both ends, and above it the air gap.
     pocket = _frustum(GUIDE_WIDTH, length + END_WALL, GUIDE_THICKNESS)
     gap_mm = depth - 2 * GUIDE_THICKNESS
     gap = _frustum(GAP_WIDTH, shape.length_mm, gap_mm).translate((0, 0, GUIDE_THICKNESS))
@@ -293,7 +293,7 @@ def _sensor_cap(shape: StripShape):
     top = board + PCB + BACK
     cap = _between(_grown(x, CAP_WALL), _grown(y, CAP_WALL), (0, top))
     cap -= _between(x, y, (floor, top + _CUT))
-    # Posts, a nose around the guide, and a way out for the cable.
+    # Posts, a nose around the guide, and a notch for the cable.
     inside = _between(_grown(x, CAP_WALL / 2), _grown(y, CAP_WALL / 2), (floor - _CUT, board))
     for px in ((x[0] - CAP_WALL, x[0] + POST[0]), (x[1] - POST[0], x[1] + CAP_WALL)):
         for py in ((y[0] - CAP_WALL, y[0] + POST[1]), (y[1] - POST[1], y[1] + CAP_WALL)):

@@ -39,9 +39,9 @@ class Rubber:
     name : str
         Name of the product.
     parts : dict of str to float
-        Volume share of each part.
+        Volume share of each component of the rubber, such as A and B.
     density_g_ml : float
-        Density. It is assumed for every part; the maker's bulletin has the exact values.
+        Assumed density of every component; the maker's bulletin has the exact values.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Batch:
     Attributes
     ----------
     what : str
-        What is cast from it.
+        Parts of the strip that are cast from this batch.
     rubber : Rubber
         The rubber.
     cavities_ml : float

@@ -7,7 +7,7 @@ comment marks them *not tried*. All lengths are in mm.
 The cross-section, with the air gap that a press closes; the rest is the support::
 
     +--+================+--+   clear guide, flush with the upper face
-    |  +--+          +--+  |   air gap; the guides rest on its two ledges
+    |  +--+          +--+  |   air gap; ledges of the support on both sides keep the guides apart
     +--+================+--+   dyed guide, flush with the lower face
 
 Mould faces have a draft, so each width is measured on the wider side: the outer face of a guide,
@@ -35,7 +35,7 @@ TEST_LENGTH = 60.0  # of the dye's test piece
 BED = 220.0
 
 FLOOR, END_WALL, LID = 3.0, 3.0, 3.0
-LAND, GROOVE_WIDTH, GROOVE_DEPTH = 2.0, 2.0, 1.0  # the groove takes what flows over
+LAND, GROOVE_WIDTH, GROOVE_DEPTH = 2.0, 2.0, 1.0  # the groove takes overflowing rubber
 PIN_FOOT, PIN_TOP, PIN_HEIGHT, PIN_HOLE = 4.0, 3.0, 2.5, 4.4  # diameters and height
 PIN_INSET = 4.0  # from the long edge to the axis of a pin
 SIDE_WALL = LAND + GROOVE_WIDTH + 2 * PIN_INSET
@@ -98,7 +98,7 @@ class StripShape:
     Attributes
     ----------
     length_mm : float
-        Length of the part that senses a finger: that of the air gap between the caps.
+        Length of the part that senses a finger: the length of the air gap between the caps.
     breakout : str
         Key of `BREAKOUTS`.
     """
@@ -135,12 +135,12 @@ class StripShape:
 
     @property
     def base_mm(self) -> float:
-        """Height of the strip's lower face above the table in mm; the sensor cap goes lower."""
+        """Height of the strip's lower face above the table in mm; the sensor cap reaches lower."""
         return (
             self.board.window_mm[1]
             + CLEARANCE
             + CAP_WALL
-            - GUIDE_THICKNESS / 2  # to the lower face
+            - GUIDE_THICKNESS / 2  # from the guide's middle to its lower face
         )
 
     @property
@@ -175,9 +175,9 @@ def has_moulds(length_mm: float) -> bool:
     return low <= length_mm <= high
 
 
-# A guide beyond the support: through the cap's wall and nose, to the chip or to the LED.
+# Length of a guide beyond the support: through the cap's wall and nose to the chip or the LED.
 BEYOND = SEPTUM + PARTS_HEIGHT - CHIP_HEIGHT - CHIP_GAP
-TEST_JIG = TEST_LENGTH - 2 * BEYOND  # the test piece reaches out of it at both ends
+TEST_JIG = TEST_LENGTH - 2 * BEYOND  # the test piece extends beyond the jig at both ends
 
 
 def guide_mm3(length_mm: float) -> float:
@@ -191,7 +191,7 @@ def guide_mm3(length_mm: float) -> float:
 
 def _simpson(area: Callable[[float], float], low: float, high: float) -> float:
     """Return the integral of a quadratic `area`; Simpson's rule is exact for it."""
-    # Just inside, as the area jumps at a ledge.
+    # Evaluated just inside the limits, because the area jumps at a ledge.
     inside = (high - low) * 1e-9
     ends = area(low + inside) + area(high - inside)
     return (ends + 4 * area((low + high) / 2)) * (high - low) / 6

@@ -151,7 +151,7 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Result of a digital twin with the true lengths, which has followed a motion along a path.
+    """Result of a digital twin with the true lengths, after a motion along a path.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class PathRun:
     linkage : Linkage
         The linkage with its true lengths.
     terminals : list of Terminal
-        Estimates during the motion.
+        Estimates of the end point's position during the motion.
     error_mm : numpy.ndarray, shape (n,)
         Distance between each estimate and the true position, in mm. Estimates at a limit of the
         linkage are left out.
@@ -231,7 +231,7 @@ def follow(
     Raises
     ------
     SpotsError
-        If the linkage cannot follow the path, or the path ends before two estimates.
+        If the linkage cannot follow the path, or the path is too short for two estimates.
     """
     begin_s = start_s(sensor)
     motion = guided(path, begin_s)
@@ -254,8 +254,8 @@ def follow(
 def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
     """Return those positions that are in the workspace.
 
-    There y > 0, both joints are within their travel, and the angle between the outer bars is at
-    least `LEAST_OUTER_RAD`.
+    In the workspace, y > 0, both joints are within their travel, and the angle between the outer
+    bars is at least `LEAST_OUTER_RAD`.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 def _read(sensor, linkage, places, *arguments, **condition):
     """Return positions `places` (x, y in mm), angles and their standard errors, see `visited`.
 
-    Positions without a reading of both joints are left out: the LED was off for a dark frame.
+    Positions without a reading are left out: there, the LED was off for a dark frame.
     """
     angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
     read = np.isfinite(angles).all(axis=0)
@@ -313,7 +313,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return random position errors that errors of the angles cause, in mm, shape (draws, n).
+    """Return the position errors in mm from random errors of the angles, shape (draws, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
     positions. `rng` is the random generator.

@@ -41,7 +41,7 @@ def strokes(
 ) -> list[Stroke]:
     """Return the touches of a scenario in an interval, with the key that each touch types.
 
-    A touch types what a tap types on the key where the touch begins, in the first layer.
+    A touch is assumed to tap the key of the first layer at the position where the touch begins.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Match presses with touches: return {press index: touch index}, and the other presses."""
+        """Match presses with touches: return {press index: touch index}, and unmatched presses."""
         right: dict[int, int] = {}
         matched, others = set(), []
         for p, (time_s, key) in enumerate(presses):

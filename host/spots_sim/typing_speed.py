@@ -42,7 +42,7 @@ def typed(
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
-        Calibration to use instead of that of the sensor file.
+        Lines of the calibration to use; by default, the sensor is calibrated.
     layout : str, optional
         Key layout: a path or a name.
 

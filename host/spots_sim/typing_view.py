@@ -31,7 +31,7 @@ def picture(
     layout : KeyLayout
         Keys of the strip.
     engine : KeyEngine
-        Key engine, whose present layer and force of a firm press are shown.
+        Key engine; its present layer and its least force of a firm press are shown.
     touch : Touch or None
         Latest reading.
     typed : TypedText

@@ -102,7 +102,7 @@ class Typist:
         self._rng = rng
         self._pause_s = pause_s
         self._rows = list(layout.layers.values())
-        # A compiled layout has a line for each limit.
+        # A compiled layout has one line for each of its limits.
         said = (line.split() for line in layout.lines)
         self._limits = {words[0]: int(words[1]) for words in said if words[0] in lines_of.LIMITS}
         self.touches: list[Finger] = []

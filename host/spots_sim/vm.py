@@ -58,7 +58,7 @@ class MicroPythonProcess:
     board_id : str
         Unique id of the board, hexadecimal; ``machine.unique_id`` returns it.
     simulated_time : bool
-        True if the board uses the clock of the bus server, False for real time.
+        True if the board uses the simulator's clock, False for real time.
     stdin, stdout : int
         File descriptors of the board's end of the serial port with the prompt.
     folder : Path, optional
@@ -157,7 +157,7 @@ class MicroPythonProcess:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Handle closed pipes of MicroPython; raise an error unless it was a soft reset (Ctrl-D).
+        """Handle closed pipes of MicroPython: raise an error, except after a soft reset (Ctrl-D).
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class MicroPythonProcess:
         """Kill MicroPython and close the pipes."""
         if self._process is None:
             return
-        # The pipes are closed last, because a firmware that detects it may send its last frames.
+        # Closed last, because a firmware that detects a closed pipe may send its last frames.
         self._process.kill()
         self._process.wait()
         os.close(self.requests)
@@ -198,7 +198,7 @@ class MicroPythonProcess:
 
 
 def _in_group(group: int) -> dict:
-    """Return the arguments of `subprocess.Popen` that start a process in a group; 0: a new one."""
+    """Return the arguments of `Popen` that start a process in `group`; 0 means a new group."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

@@ -34,14 +34,14 @@ def published() -> ModuleType:
 
 @contextlib.contextmanager
 def driver_on(bus: I2CBus, driver: type | None = None) -> Iterator:
-    """Yield an ``adafruit_as7341.AS7341`` on a simulated bus; it also waits in simulated time.
+    """Yield an ``adafruit_as7341.AS7341`` on a simulated bus; the driver waits in simulated time.
 
     Parameters
     ----------
     bus : spots_sim.bus.I2CBus
         Bus with the simulated chip.
     driver : type, optional
-        Class to use instead of the published one, from which it is derived.
+        Class derived from the published one, to use instead of the published one.
     """
     module = published()
     bus.clock.spend_us(_BOOT_US)

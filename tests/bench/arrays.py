@@ -28,7 +28,7 @@ _HEADER = Header(
 
 
 def measure(stream: bytes) -> dict:
-    """Time `read_arrays` of a recording and `json.loads` of the same readings, in turns.
+    """Time `read_arrays` of a recording, alternating with `json.loads` of the same readings.
 
     Parameters
     ----------

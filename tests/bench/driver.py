@@ -5,7 +5,8 @@ this firmware has six channels, measured at once. A reading of Adafruit's ``all_
 eight, measured in two passes.
 
 Adafruit's driver restarts the chip for each pass. No document says whether the chip then repeats
-its auto-zero of 15 ms. In the sensor file it does; the ratio of rates is also measured without.
+its auto-zero of 15 ms. In the sensor file it does. The ratio of rates is also measured
+without a repeated auto-zero.
 """
 
 from __future__ import annotations
@@ -127,6 +128,6 @@ def _figures(bus: I2CBus, before: _Moment, after: _Moment, readings: int) -> dic
         "rate_Hz": readings / elapsed_us * 1e6,
         "integrating_fraction": (after.integrating_us - before.integrating_us) / elapsed_us,
     }
-    # Both times are a few microseconds after the end of an integration, but not equally many. So
+    # Both times are a few microseconds after the end of an integration, by different amounts. So
     # the fifth digit of a rate or a fraction is not significant.
     return {name: round(figure, 4) for name, figure in figures.items()}

@@ -1,8 +1,8 @@
 """Measures processor time and memory of a sample: integers of the firmware, and simple floats.
 
-Both run in the same MicroPython, on the same simulated registers (module `canned`). The times
-favour the floats: this computer computes them in hardware, a microcontroller often in software.
-Numbers of bytes are the same on both.
+Both variants run in the same MicroPython, on the same simulated registers (module `canned`). The
+times favour the floats: this computer computes them in hardware, a microcontroller often in
+software. Numbers of bytes are the same on this computer and on a microcontroller.
 
 The firmware is also measured with its kernel compiled to machine code, if MicroPython can do that
 on this processor.
@@ -29,7 +29,7 @@ from .presses import counts_of_presses
 _HERE = Path(__file__).parent
 _SCRIPTS = ("canned.py", "floats.py", "onboard.py")
 _CANNED_BOARD = "board 00"
-# Room for a whole round of garbage, since nothing is collected within one.
+# Enough for the garbage of a whole round, because none is collected during a round.
 _HEAP = "heapsize=16m"
 _SAMPLES_OF_A_PRESS = 4
 _REPEATS = 8
@@ -146,7 +146,7 @@ def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
 
 
 def _ratio(slow: dict, fast: dict, name: str) -> float:
-    # Of the best rounds: whatever else this machine does only adds to a time.
+    # Of the fastest rounds: other load on this computer only lengthens a time.
     return round(min(slow[name]) / min(fast[name]), 2)
 
 

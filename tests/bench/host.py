@@ -15,7 +15,7 @@ _PIECE_BYTES = 4096
 
 
 def measure(stream: bytes) -> dict:
-    """Time both decoders with the same readings, in turns, in pieces of the same size.
+    """Time both decoders alternately, with the same readings in pieces of the same size.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def measure(stream: bytes) -> dict:
 def line(touch: Touch) -> bytes:
     """Return a reading as a line of JSON."""
     fields = touch._asdict()
-    del fields["time_s"]  # the host's own, not sent
+    del fields["time_s"]  # added by the host, not sent by the board
     return json.dumps(fields, separators=(",", ":")).encode() + b"\n"
 
 

@@ -11,19 +11,19 @@ import numpy as np
 from spots.linkage.fivebar import Linkage
 
 _SAMPLES = 1_000_000
-_CALLS, _LOOPS = 5_000, 100_000  # enough to time what takes so much longer
+_CALLS, _LOOPS = 5_000, 100_000  # fewer samples, because these take longer
 _ROUNDS = 5
 _BAR_MM, _BASE_MM = 100.0, 80.0
 
 
 def measure() -> dict:
-    """Time `Linkage.forward` with an array, and two loops in Python, in turns.
+    """Time `Linkage.forward` with an array, alternating with two loops in Python.
 
     Returns
     -------
     dict
         ``array``: one call for all samples. ``calls``: one call for each sample. ``math``: the
-        formula for equal bars with the module math, without a check of limits.
+        formula for equal bars with Python's module `math`, without a check of limits.
     """
     linkage = Linkage(_BAR_MM, _BASE_MM)
     rng = np.random.default_rng(0)
@@ -43,7 +43,7 @@ def measure() -> dict:
             rates[name].append(count / (process_time() - began_s))
             found = np.transpose(found) if name == "array" else found
             if not np.allclose(found[:_CALLS], places[:_CALLS], atol=1e-6):
-                raise AssertionError(f"the terminals of '{name}' are others")
+                raise AssertionError(f"the end points of '{name}' differ")
     figures = {name: {"terminals_per_s": round(median(of))} for name, of in rates.items()}
     for name in ("calls", "math"):
         ratio = median(a / b for a, b in zip(rates["array"], rates[name]))

@@ -50,7 +50,7 @@ class Spots:
         self._decode = strip.decode
         self._update = strip.decode.update
         self._touch = self.app.framer.touch
-        # Bound once: a bound method is an object, and these are not the sample's.
+        # Bound once: binding a method allocates memory that is not part of a sample.
         self._step = self.app.step
         self._take = self.app.strip.take
 

@@ -96,7 +96,7 @@ def _phase(mode: str, names: list[str], publishing: list, reading: list, seconds
     for reader in reading:
         reader.say((mode, names, ports))
     for reader in reading:
-        reader.hear()  # it has seen every board
+        reader.hear()  # the reader has seen every board
     for process in publishing + reading:
         process.say("go")
     time.sleep(seconds)
@@ -118,7 +118,7 @@ def _account(accounts: list, closed_at: dict[str, int], publishers_s: float) -> 
     latencies_us: list[int] = []
     for _, ledgers in accounts:
         for name, (first, end, came, gaps, late_us) in ledgers.items():
-            unclosed = end - closed_at[name]  # closing frames before the one that came
+            unclosed = end - closed_at[name]  # closing frames before the first received one
             sent += closed_at[name] - first
             received += came
             lost += gaps - unclosed
@@ -151,7 +151,7 @@ def _ratios(figures: dict, peer: dict) -> dict:
 
 
 def _configs(folder: Path, readers: int) -> list[Path]:
-    # Publishers call readers: no multicast, and nothing that other machines see.
+    # Publishers connect to readers on loopback: no multicast, invisible to other computers.
     with ExitStack() as stack:
         sockets = [stack.enter_context(_listening()) for _ in range(readers)]
         places = [f"tcp/127.0.0.1:{one.getsockname()[1]}" for one in sockets]

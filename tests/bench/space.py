@@ -2,8 +2,8 @@
 
 Flash is the size of the .mpy files. The heap is measured in MicroPython on this computer, while
 readings are streamed, without and with a calibration. Words have 64 bits here, 32 bits on a board.
-So code, constants and names are counted with their size in the .mpy files, and of the other bytes
-half is counted. Keyboard and gamepad are not loaded. The substitutes for bus, clock and port are
+So code, constants and names are counted with their size in the .mpy files, and half of the other
+bytes are counted. Keyboard and gamepad are not loaded. The substitutes for bus, clock and port are
 included; the memory of MicroPython itself is not.
 """
 

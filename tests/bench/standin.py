@@ -28,7 +28,7 @@ class StandIn:
     Attributes
     ----------
     fast : bool
-        Whether readings have this rate; otherwise there are 20 a second.
+        Whether readings have the rate `rate_Hz`; otherwise there are 20 a second.
     closing : bool
         Whether the position of the next readings is `CLOSING_UM`, which marks the end.
     said : list of str

@@ -25,7 +25,7 @@ def test_a_sample_of_ours_takes_no_heap(results, path):
 
 def test_arithmetic_and_framing_are_several_times_faster_by_viper(results, sensor, calibration):
     figures, ratios = results["firmware"], []
-    for _ in range(5):  # whatever else the machine does only lowers it
+    for _ in range(5):  # other load on the computer only lowers the ratio
         ratios.append(figures["spots_viper"]["vm_time_ratio_of_portable_from_sums"])
         if ratios[-1] >= 5:
             break
@@ -48,7 +48,7 @@ def test_a_line_of_json_is_several_times_as_long(results):
 
 
 def test_both_paths_find_the_same_positions(results):
-    # Else the peer would be timed at another job.
+    # Otherwise the variants would not be timed at the same task.
     assert results["firmware"]["largest_position_difference_um"] <= 1
 
 

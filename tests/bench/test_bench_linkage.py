@@ -24,7 +24,7 @@ def test_a_million_at_once_are_fifty_times_faster_than_one_by_one(small):
 def test_another_formula_gets_no_rate(small, monkeypatch):
     monkeypatch.setattr(linkage, "_SAMPLES", 4000)
     monkeypatch.setattr(linkage, "_by_math", lambda theta1, theta2: (theta1, theta2))
-    with pytest.raises(AssertionError, match="'math' are others"):
+    with pytest.raises(AssertionError, match="'math' differ"):
         linkage.measure()
 
 

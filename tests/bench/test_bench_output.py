@@ -15,7 +15,7 @@ from bench import driver
 from bench.__main__ import main
 from spots.errors import SpotsError
 
-# Of an amount; everything else is a plain number by its name.
+# Units in names of quantities; every other number is listed below by its name.
 UNITS = r"_(us|ms|Hz|kHz|um|bytes|mA)(_|$)|_per_s$|bytes_per|ratio|fraction"
 COUNTS = {"channels", "transactions_per_reading", "missed_samples"}
 
@@ -67,7 +67,7 @@ def test_the_report_shows_both_sides_of_every_part(results, monkeypatch, capsys)
 
 @pytest.fixture
 def nothing_may_be_measured(monkeypatch):
-    # A sentence after half a minute of work would be one too late.
+    # A missing package must be reported at once, not after half a minute of measurements.
     monkeypatch.setattr(driver, "measure", lambda sensor: pytest.fail("measured before it looked"))
 
 

@@ -612,7 +612,7 @@ def test_a_demo_runs_on_the_strip_before_or_after_its_re_zero(capsys, words, lea
 @pytest.mark.parametrize("option", ["--rezero", "--warm"])
 def test_a_demo_that_cannot_be_re_zeroed_says_why(capsys, option, words):
     assert cli.main(["demo", option, *words]) == 2
-    assert "add --fast, without fivebar" in capsys.readouterr().err
+    assert "add --fast, and leave out --use fivebar" in capsys.readouterr().err
 
 
 def test_strains_are_calibrated_on_the_strip_as_it_was(sensor):

@@ -1,4 +1,4 @@
-"""Fuzzes a target: searches bytes that make it fail, and stores bytes that reach new code."""
+"""Fuzzes a target: searches for bytes that make it fail, and stores bytes that reach new code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FOUND = HERE.parents[1] / "build" / "fuzz"
 FILES_MAX = 90
 BYTES_MAX = 16_000
 LENGTH_MAX = 4096
-# Long enough for a loaded computer; a target that hangs is still found.
+# Long enough on a computer under load; still detects a target that hangs.
 _STUCK_S = 60
 _OPTIONS = (f"-max_len={LENGTH_MAX}", f"-timeout={_STUCK_S}", "-print_final_stats=1")
 _FOUND = 1
@@ -69,7 +69,7 @@ def _engine(target: str, *arguments) -> str:
 
 
 def _keep(target: str, least: Path) -> None:
-    """Replace the stored inputs of a target by the smallest ones in the folder `least`."""
+    """Replace the stored inputs of a target by the smallest inputs in the folder `least`."""
     known = kept.named(target).values()
     room_files, room_bytes = FILES_MAX - len(known), BYTES_MAX - sum(map(len, known))
     chosen = []

@@ -34,7 +34,7 @@ def _own_app():
     spec.loader.exec_module(module)
     for name in ("SETTINGS_FILE", "CALIBRATION_FILE", "LAYOUT_FILE"):
         setattr(module, name, f"{_STORE.name}/{name}")
-    module.gc = SimpleNamespace(collect=lambda: None)  # CPython's costs more than all else
+    module.gc = SimpleNamespace(collect=lambda: None)  # real collections take most of the time
     return module
 
 

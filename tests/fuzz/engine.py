@@ -11,7 +11,7 @@ target = sys.argv.pop(1)
 with atheris.instrument_imports(include=["spots", "spots_device", "tomllib"]):
     import targets
 
-# libFuzzer starts its like for a merge by the first argument, through a shell.
+# For a merge, libFuzzer starts this program again by its first argument, through a shell.
 sys.argv[0] = f"{sys.executable} {__file__} {target}"
 atheris.Setup(sys.argv, lambda data: targets.run(target, data))
 atheris.Fuzz()

@@ -97,7 +97,7 @@ def decoder(data: bytes) -> None:
     for i in range(0, len(stream), size):
         frames += pieces.feed(stream[i : i + size])
         assert len(pieces.pending) <= ENCODED_MAX
-    assert repr(frames) == repr(at_once.feed(stream))  # NaN is not NaN
+    assert repr(frames) == repr(at_once.feed(stream))  # by text, because NaN is not equal to itself
     assert at_once.stats == pieces.stats
     check(recording_of(FOLDER / "stream.spots", stream))
 
@@ -120,7 +120,7 @@ def commands(data: bytes) -> None:
 
 
 def calibration(data: bytes) -> None:
-    """Calibration on a board: with an accepted one, no number exceeds 31 bits."""
+    """Calibration on a board: if it is accepted, no computed number exceeds 31 bits."""
     lines = _text(data).split("\n")
     for strain_ppm in (0, 50_000):
         try:
@@ -139,7 +139,7 @@ def calibration(data: bytes) -> None:
 
 
 def layout_lines(data: bytes) -> None:
-    """Layout on a board: with an accepted one, each pressed key is released."""
+    """Layout on a board: if it is accepted, each pressed key is released."""
     try:
         made = Layout(_text(data).split("\n"))
     except LayoutError:
@@ -329,7 +329,7 @@ def guard(data: bytes) -> None:
     lines = [line.replace(b"\r", b"").replace(b"\0", b"") for line in data.split(b"\n")]
     kind, host, origin, cookie, query = (lines + [b""] * 5)[:5]
     named = {b"Host": host, b"Origin": origin, b"Cookie": cookie}
-    # As aiohttp reads them.
+    # Decoded as in aiohttp.
     headers = [
         (name.decode(), value.decode("utf-8", "surrogateescape"))
         for name, value in named.items()
@@ -339,7 +339,7 @@ def guard(data: bytes) -> None:
     try:
         request = make_mocked_request("GET", path, headers=headers)
     except ValueError:
-        return  # no address
+        return  # the path and query are no valid address
     chosen = _GUARDS.get(kind, _GUARDS[b"t"])
 
     async def handler(request):

@@ -48,7 +48,7 @@ def test_a_flood_lets_readings_have_their_turn(flood):
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_any_bytes(name):
-    # Derandomized: chance is for 'make fuzz'.
+    # Derandomized, so that each run tests the same bytes; `make fuzz` uses random bytes.
     @settings(max_examples=25, derandomize=True)
     @given(st.one_of(st.binary(max_size=200), changed([*INPUTS[name].values()])))
     def check(data):

@@ -41,7 +41,7 @@ class Audit:
     lost : collections.Counter
         Number of lost frames: ``damaged``, and ``undamaged``, which must be 0.
     wrong : int
-        Number of frames that arrived but were not sent, or not in this order.
+        Number of frames that arrived but were not sent, or were sent in another order.
     wrong_frames : collections.deque of Frame
         The last wrong frames.
     readings : int
@@ -125,7 +125,7 @@ class _Outage:
 class Recoveries:
     """Measures the time from the end of each fault until readings arrive again.
 
-    If another fault starts before readings arrive, both times start at the end of the later fault.
+    If a second fault starts before readings arrive, both times start when both faults have ended.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ class Recoveries:
         self._open = still
 
     def finish(self, now_s: float) -> None:
-        """Count faults without a recovery as recovered at `now_s`, if they ended before."""
+        """Count faults that ended before `now_s` without a recovery as recovered at `now_s`."""
         self.arrived(now_s)
         for outage in self._open:
             if outage.end_s < now_s:
@@ -229,14 +229,14 @@ class Keys:
         Number of presses and of releases.
     stuck : int
         Number of keys that were down `_LATE_S` after their finger was lifted. The finger of a key
-        is the one that touched last when the key was pressed.
+        is the last one that touched the strip before the key press.
     """
 
     def __init__(self, file: ScenarioFile, now_s: Callable[[], float]):
         self._now_s = now_s
         self._seconds = file.seconds
         self._fingers = [(touch.points[0][0], touch.points[-1][0]) for touch in file.touch]
-        self._down: dict[tuple[int, int], float] = {}  # with the time at which the key is stuck
+        self._down: dict[tuple[int, int], float] = {}  # key: time from which it counts as stuck
         self.presses = self.releases = self.stuck = 0
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:

@@ -47,7 +47,7 @@ _REQUESTS = (
     b"GET / HTTP/1.1\r\n" + _HOST + b"X: x\r\n" * 5000 + b"\r\n",
     b"POST / HTTP/1.1\r\n" + _HOST + b"Content-Length: 99999999\r\n\r\n" + b"\xff" * 4000,
     b"POST /recording HTTP/1.1\r\n" + _HOST + b"Transfer-Encoding: chunked\r\n\r\nzz\r\n",
-    b"GET /static/main.js HTTP/1.1\r\n" + _HOST + b"\r\n",  # many, and no answer read
+    b"GET /static/main.js HTTP/1.1\r\n" + _HOST + b"\r\n",  # many; answers not read
 )
 
 

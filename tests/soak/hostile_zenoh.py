@@ -35,7 +35,7 @@ from spots_sim.files import SensorFile, load  # noqa: E402
 from spots_sim.stage import calibrate, set_as_calibrated  # noqa: E402
 
 SAMPLE_EVERY_S = 5.0
-WARM_UP_SHARE = 0.25  # of the duration; memory may grow only before
+WARM_UP_SHARE = 0.25  # share of the duration; growth of memory is counted after it
 GROWTH_MAX = 24 << 20
 STALE_MAX_S = 15.0
 HELD_MAX_S = 15.0  # the scenario holds a key for less than a second

@@ -44,7 +44,7 @@ class Watch:
     board : board.Board
         Board with a calibration, connected through a link with faults.
     bare : spots_sim.lockstep.LockstepLink
-        Link of this board without faults.
+        Link to the same board, below the faults.
     faults : spots_sim.faults.Faults
         Faults of the run.
     file : spots_sim.files.ScenarioFile
@@ -58,7 +58,7 @@ class Watch:
         self._began_s, self._mark_s = board.now_s(), mark_s
         self.keys = {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
         self.memory = Memory()
-        self.free_bytes: list[int] = []  # of the board: least until the mark, least after it
+        self.free_bytes: list[int] = []  # free heap of the board: minima before and after `mark_s`
         info = board.command("hello")
         layout = load_layout(_LAYOUT)
         self._engine = KeyEngine(layout, info["length_um"], self.keys["host"], info["decay"])
@@ -151,7 +151,7 @@ def soak(
     with Board(link) as board:
         prepare(board, calibrate(strip))
         board.command("set keys=1")
-        board.command("save")  # or a restart would cost the calibration
+        board.command("save")  # otherwise a restart would lose the calibration
         watch = Watch(board, bare, faults, file, min(_HOUR_S, seconds / 2))
         began_s = link.now_s()
         board.command("stream touch")
