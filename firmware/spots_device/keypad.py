@@ -164,7 +164,7 @@ class Keypad:
         self._state = _IDLE
 
     def next(self, x_um, t):
-        # The finger has just left, but the next finger touched before that.
+        # The finger has just left, but the next finger touched before it left.
         prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
         if prefers_hold and self._row >= 0 and self._action(HOLD):
             self._press(self._action(HOLD))

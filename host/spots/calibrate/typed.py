@@ -9,8 +9,8 @@ from ..errors import SpotsError
 _STANDARD_GRAVITY = 9.80665  # mN per g
 PLACES = {"mm": 1000.0, "cm": 10_000.0}
 FORCES = {"g": _STANDARD_GRAVITY, "kg": 1000 * _STANDARD_GRAVITY, "n": 1000.0, "mn": 1.0}
-_LEAST_MN, _MOST_MN = 98.0, 20_000.0  # a force outside has the wrong unit
-_BEYOND_UM = 1000.0  # a press may lie beyond the end of the strip by this
+_LEAST_MN, _MOST_MN = 98.0, 20_000.0  # a force outside this range has the wrong unit
+_BEYOND_UM = 1000.0  # largest distance of a press beyond the end of the strip
 _NUMBER = re.compile(r"\s*(\d+(?:[.,]\d+)?)\s*([a-z]+)[\s,;]*", re.IGNORECASE)
 
 

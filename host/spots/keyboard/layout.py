@@ -72,7 +72,7 @@ class PlacedKey:
     Attributes
     ----------
     low, high : float
-        Begin and end of the zone, as shares (0 to 1) of the strip's length from the sensor.
+        Start and end of the zone, as shares (0 to 1) of the strip's length from the sensor.
     label : str
         Text on the key.
     actions : dict of str to int
@@ -220,7 +220,7 @@ class _Compiler:
 
 
 def _label(key: _Key) -> str:
-    """Return a key's label: what tap, firm press and hold type, or the name of the tap's key."""
+    """Return a key's label: the characters of tap, firm press and hold, or the tap's key name."""
     written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
     characters = [text for text in written if len(text) == 1]
     return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
