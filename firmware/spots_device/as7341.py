@@ -181,7 +181,7 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED on or off; `steady` is False for samples that began before this call.
 
-        An LED that is always on is unplugged by the user; this call then only records its state.
+        The user unplugs an LED that is always on; this call then only records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0

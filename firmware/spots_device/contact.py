@@ -114,7 +114,7 @@ class ContactTracker:
         ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
         With a known strip length also:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
-        Returns whether the second finger is used.
+        Returns whether the sink uses the second finger.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
 
     Attributes

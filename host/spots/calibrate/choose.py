@@ -35,7 +35,7 @@ class Choice:
     sigma_um : float
         Least possible standard deviation of one sample's position in um, averaged over the strip.
     present_sigma_um : float
-        Standard deviation with the channels of the first pass; infinite if one is not usable.
+        Standard deviation with the channels of the first pass; infinite if a channel is unusable.
     """
 
     plan: tuple[str, ...]

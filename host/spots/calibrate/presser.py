@@ -100,7 +100,7 @@ class Presser:
             )
 
     def dark(self, board: Board) -> None:
-        """Take the dark frame of a board whose LED is always on. The strip is not pressed."""
+        """Take the dark frame of a board whose LED is always on. The strip must not be pressed."""
         take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:

@@ -66,7 +66,7 @@ def rezero(
     force_mN : float, optional
         Force of each press in mN, read from a scale, to correct the force too.
     joint : bool
-        Whether a joint presses the strip at its stops.
+        Whether a joint presses the strip, at the stops of the joint.
 
     Returns
     -------

@@ -15,7 +15,7 @@ _NUMBER = re.compile(r"\s*(\d+(?:[.,]\d+)?)\s*([a-z]+)[\s,;]*", re.IGNORECASE)
 
 
 def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
-    """Return the position and the force that a person typed, in any order.
+    """Parse a position and a force that a person typed in any order.
 
     Parameters
     ----------
@@ -60,5 +60,5 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
 
 
 def grams(force_mN: float) -> str:
-    """Return a force in mN as text, in g as on a kitchen scale and in N as on a force gauge."""
+    """Return a force in mN as text: in g as on a kitchen scale, and in N as on a force gauge."""
     return f"{force_mN / _STANDARD_GRAVITY:.0f} g ({force_mN / 1000:.3g} N)"

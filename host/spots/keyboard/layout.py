@@ -1,10 +1,10 @@
 """Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
 A file contains layers, and a layer contains keys. A key is the action of a tap, or a table of
-actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus``. The slides are
-towards the sensor and away from it. An action is the name of a computer's key with modifiers
-(``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names are those of
-`usages`.
+actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus``. A
+slide with ``minus`` is towards the sensor, one with ``plus`` away from it. An action is the name of
+a computer's key with modifiers (``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or
+``once NAME``. Key names are those of `usages`.
 """
 
 import re
