@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import sys
+import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from playwright.async_api import Browser, async_playwright
+from playwright.async_api import Browser, async_playwright, expect
 
 from spots.keyboard.layout import load
+from spots.link.board import Board
 from spots.web.board_feed import BoardReader, finder
+from spots.web.calibration import PageCalibration
 from spots.web.serve import Server
 from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
+from spots_sim.files import SensorFile
+from spots_sim.files import load as load_file
 from spots_sim.linkage_demo import endless
+from spots_sim.lockstep import LockstepLink
+from spots_sim.paced import PacedLink
+from spots_sim.scenario import Held, Press
 
 _HERE = Path(__file__).parents[1]
 sys.path.append(str(_HERE.parent / "tests" / "web"))
@@ -22,6 +31,7 @@ from bring_browser import launch_options  # noqa: E402
 # Wait until the plots of ten seconds are full and a finger presses with this force.
 _AFTER_S = 12.0
 _HARD_N = 5.5
+_LONG_MS = 60_000
 _FORCE_N = "Number(document.querySelectorAll('.figure b')[1].firstChild.data) || 0"
 _PICTURES = {
     "page-dark.png": {"color_scheme": "dark", "viewport": {"width": 1180, "height": 800}},
@@ -36,6 +46,7 @@ async def main() -> None:
         browser = await playwright.chromium.launch(**launch_options(playwright))
         await strip(browser)
         await linkage(browser)
+        await calibration(browser)
         await browser.close()
 
 
@@ -77,6 +88,45 @@ async def linkage(browser: Browser) -> None:
         await context.close()
         print(_HERE / "page-twin.png")
     for reader in readers:
+        reader.stop()
+
+
+async def calibration(browser: Browser) -> None:
+    """Take the screenshot of a calibration session in which a finger presses beside the mark."""
+    state, held = PageState(), Held()
+    with TemporaryDirectory() as folder:
+        orders = {"calibration": PageCalibration(Path(folder) / "calibration.jsonl", state)}
+        sensor = load_file(SensorFile, "default")
+
+        def open_board(board_id: str | None) -> Board:
+            return Board(PacedLink(LockstepLink(sensor, held), time.monotonic()))
+
+        reader = BoardReader(open_board, load("digits"), state, orders=orders.values())
+        async with Server(state, orders=orders) as server:
+            reader.start()
+            viewport = {"width": 390, "height": 844}
+            context = await browser.new_context(
+                color_scheme="dark", viewport=viewport, device_scale_factor=1.5, has_touch=True
+            )
+            page = await context.new_page()
+            await page.goto(server.url)
+            await page.locator("#calibration .kind[value=rough]").click()
+            asked, mark = page.locator("#calibration .todo"), page.locator("#calibration .aim b")
+            confirm = page.locator("#calibration .answer .main")
+            for number in range(5):  # the first press is the search for gain and LED current
+                await expect(asked).to_contain_text("press at", timeout=_LONG_MS)
+                held.press = Press(float((await mark.inner_text()).split()[0]), 6000, 4.0)
+                await expect(asked).to_contain_text("release", timeout=_LONG_MS)
+                held.press = None
+                if number:
+                    await confirm.click(timeout=_LONG_MS)
+                    await confirm.wait_for(state="hidden")
+            await expect(asked).to_contain_text("press at", timeout=_LONG_MS)
+            held.press = Press(float((await mark.inner_text()).split()[0]) - 9, 6000, 4.0)
+            await page.locator("#calibration .finger.on").wait_for()
+            await page.screenshot(path=_HERE / "page-calibration.png")
+            await context.close()
+            print(_HERE / "page-calibration.png")
         reader.stop()
 
 

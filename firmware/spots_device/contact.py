@@ -14,7 +14,11 @@ DOWN  TWO    otherwise; the first finger keeps its position of one reading *earl
 TWO   DOWN   the position rests where the first finger was: the second finger has left
 TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or it
              was never that of two fingers, or no second finger could cause this position
-TWO   TWO    the first finger rests, and two readings agree on the second one (second.py)
+TWO   DOWN   the brightness changes, but not the position: only one finger touches
+TWO   TWO    the first finger rests, and readings agree on the second one (second.py), even if
+             the light of the first one is unknown
+TWO   DOWN   one of two known fingers has left: one reading shows which
+TWO   TWO    the first finger began to lift `_FALL_T` ago: the second one becomes the first
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
@@ -77,7 +81,8 @@ _CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
 _EARLY = const(1)
 _LATE = const(2)
-# Uncertainty of a second finger that presses a key, in eighths: a late key is better than no key.
+# Share of the estimate's uncertainty that must be inside a key, in eighths; `_SOON`: about two
+# standard deviations; `_LATER`: about one, because the key would be lost otherwise.
 _SOON = const(5)
 _LATER = const(4)
 _FALL_T = const(34)  # longest time in which a finger lifts
@@ -86,7 +91,6 @@ _CHANGED = const(150_000)  # 1.1
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
-_ALONE_T = const(18)
 
 
 def elapsed(since, now):
@@ -668,16 +672,14 @@ class ContactTracker:
             )
         x_um = self.x_um + off_um
         # No second finger on the strip could cause this position while the first one rests.
-        alone = self._seen > 1 and not self._solve(self.x_um, first - _MORE, x_um, brightness, True)
+        alone = (self._seen > 1 or brightness < first + _SINGLE) and not self._solve(
+            self.x_um, first - _MORE, x_um, brightness, True
+        )
         if self._falls and not self._third and elapsed(self._fell, t) >= _FALL_T:
             return True
         if self._third:
-            # Return True only if the light is too low for two fingers for some time.
-            return (
-                elapsed(self._since, t) >= _ALONE_T
-                and brightness < self._peak - _LOST
-                and (alone or brightness < first + _SINGLE)
-            )
+            # Return True only if the light is too low for two fingers.
+            return brightness < self._peak - _LOST and (alone or brightness < first + _SINGLE)
         if alone:
             return True
         if self._dipped or self._least < min(first, brightness) - _DIPPED:

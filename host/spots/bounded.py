@@ -13,6 +13,9 @@ POINTS_MAX_BYTES = 1 << 20  # about 15,000 places of a linkage
 SESSION_MAX_BYTES = 16 << 20  # about 30,000 presses
 ZENOH_MAX_BYTES = 1 << 20
 
+# Without blocking. Windows has neither flag, and no named pipes among its files.
+_FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+
 
 def open_regular(path: str | Path) -> BinaryIO:
     """Open a regular file for reading; never block on a pipe, and never open a device.
@@ -25,7 +28,7 @@ def open_regular(path: str | Path) -> BinaryIO:
         If the path names a pipe, a device or a socket, or a link to one.
     """
     _check_regular(path, os.stat(path).st_mode)  # opening a device can be enough to disturb it
-    file = open(path, "rb", opener=_without_blocking)
+    file = open(path, "rb", opener=lambda path, flags: os.open(path, flags | _FLAGS))
     try:
         _check_regular(path, os.fstat(file.fileno()).st_mode)
     except SpotsError:
@@ -88,11 +91,6 @@ def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES, encoding: str =
     """
     text = read_bytes(path, max_bytes).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def _without_blocking(path: str, flags: int) -> int:
-    # Windows has neither flag, and no named pipes among its files.
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
 
 
 def _check_regular(path: str | Path, mode: int) -> None:

@@ -26,12 +26,7 @@ class Guarded:
         Called with each message. A message is also printed on stderr, at most every 10 s.
     """
 
-    def __init__(
-        self,
-        function: Callable,
-        name: str,
-        on_failure: Callable[[str], None] = lambda sentence: None,
-    ):
+    def __init__(self, function: Callable, name: str, on_failure: Callable = lambda text: None):
         self._function, self._name, self._on_failure = function, name, on_failure
         self._due_s = float("-inf")
 

@@ -90,7 +90,7 @@ def loads(text: str) -> dict:
     """
     try:
         _check_keys(text)
-        content = tomllib.loads(text, parse_float=_finite)
+        content = tomllib.loads(text, parse_float=finite)
         _check_strings(content)
     except RecursionError:
         raise msgspec.ValidationError(_TOO_DEEP) from None
@@ -219,7 +219,8 @@ def _check_keys(text: str) -> None:
         raise ValueError(_TOO_DEEP)
 
 
-def _finite(text: str) -> float:
+def finite(text: str) -> float:
+    """Return the number in a text; raise ValueError if it is not a finite number."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"'{text}' is not a finite number")

@@ -170,6 +170,7 @@ def open_fast(
     faults: Faults | None = None,
     rezeroed: bool = False,
     warm: bool = False,
+    lines: tuple[str, ...] | None = None,
 ) -> tuple[Board, hashlib._Hash]:
     """Open a calibrated virtual board in simulated time, and hash all bytes that it sends.
 
@@ -187,6 +188,8 @@ def open_fast(
         Whether the calibration was corrected after the strip's change (re-zero).
     warm : bool, optional
         Whether the LED is warm at the start.
+    lines : tuple of str, optional
+        Calibration to use instead of that of the sensor file.
 
     Returns
     -------
@@ -201,7 +204,7 @@ def open_fast(
         If the sensor file is missing or invalid.
     """
     file = load(SensorFile, sensor)
-    calibration = recalibrated(file) if rezeroed else calibrate(file)
+    calibration = lines or (recalibrated(file) if rezeroed else calibrate(file))
     bare = LockstepLink(file, truth, seed, faults=faults, warm=warm)
     digest = hashlib.sha256()
     link = FaultyLink(bare, faults) if faults else bare

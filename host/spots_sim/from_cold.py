@@ -167,7 +167,7 @@ def main() -> None:
     parser.add_argument("minutes", type=float, nargs="?", default=20.0)
     parser.add_argument("--sensor", default="real")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--average", type=int, default=4, help="samples of 10 ms (4), of a joint")
+    parser.add_argument("--average", type=int, default=6, help="samples of 10 ms (6), of a joint")
     options = parser.parse_args()
     sensor = load(SensorFile, options.sensor)
     for minute in joint(sensor, options.minutes, options.seed, options.average):

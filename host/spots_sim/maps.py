@@ -203,5 +203,12 @@ def _bars(axis, linkage: Linkage, at_mm) -> None:
     elbow2 = (linkage.base_mm - a2 * np.sin(theta2), a2 * np.cos(theta2))
     places = [(0, 0), elbow1, at_mm, elbow2, (linkage.base_mm, 0)]
     axis.plot(*np.array(places).T, color=_BLACK, linewidth=3, marker="o", markersize=6, alpha=0.8)
-    for name, (x_mm, y_mm) in (("joint 1", places[0]), ("joint 2", places[-1]), ("T", at_mm)):
-        axis.annotate(name, (x_mm, y_mm), (8, -4), textcoords="offset points", fontsize=9)
+    for name, place in (("joint 1", places[0]), ("joint 2", places[-1]), ("end point", at_mm)):
+        axis.annotate(
+            name,
+            place,
+            (8, -4),
+            textcoords="offset points",
+            fontsize=9,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
+        )

@@ -22,8 +22,10 @@ def typed(
     sensor: str = "default",
     rezeroed: bool = False,
     warm: bool = False,
+    lines: tuple[str, ...] | None = None,
+    layout: str = "digits",
 ) -> dict:
-    """Type random digits on a virtual board in simulated time.
+    """Type random keys on a virtual board in simulated time.
 
     Parameters
     ----------
@@ -39,6 +41,10 @@ def typed(
         Whether the calibration was corrected after the change in the sensor file (re-zero).
     warm : bool, optional
         Whether the LED is warm at the start.
+    lines : tuple of str, optional
+        Calibration to use instead of that of the sensor file.
+    layout : str, optional
+        Key layout: a path or a name.
 
     Returns
     -------
@@ -46,11 +52,11 @@ def typed(
         Results of the run, see `demo_applications.type_on_board`.
     """
     length_mm = load(SensorFile, sensor).length_mm
-    file = fast_typing(load_layout("digits"), words_per_min, touches, length_mm, seed)
+    file = fast_typing(load_layout(layout), words_per_min, touches, length_mm, seed)
     truth = Scenario(file)
-    board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm)
+    board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm, lines=lines)
     with board:
-        return type_on_board(board, truth, 0.0, file.seconds - board.now_s(), True, "digits")
+        return type_on_board(board, truth, 0.0, file.seconds - board.now_s(), True, layout)
 
 
 def added(runs: list[dict]) -> dict:

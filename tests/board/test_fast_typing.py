@@ -3,32 +3,63 @@
 `python -m spots_sim.typing_speed 40 60 80 100` measures the same on ten times as many touches.
 """
 
+import numpy as np
 import pytest
 
+from spots.calibrate.fit import fit
+from spots.calibrate.presses import Noise
+from spots.calibrate.shift import shifted
 from spots_sim.demo import open_fast
 from spots_sim.demo_applications import type_on_board
 from spots_sim.files import Finger, ScenarioFile
 from spots_sim.scenario import Scenario
+from spots_sim.stage import Stage
 from spots_sim.typing_speed import added, typed
 
-# By words a minute: errors in a hundred touches, keys of no finger, latency in ms. About twice
-# what is measured on many touches.
-LIMITS = {60: (1.0, 0, 110), 80: (2.0, 1, 120), 100: (6.0, 1, 160)}
-SEEDS = {60: (21,), 80: (21,), 100: (21, 22)}
+# By words a minute: errors in a hundred touches, keys of no finger, latency in ms of 99 of them.
+# The slowest one of so few touches is slower than 99 % of many, which are in docs/keyboard.md.
+LIMITS = {40: (0.3, 0, 35), 60: (1.0, 0, 65), 80: (2.0, 0, 110), 100: (4.0, 1, 140)}
+SEEDS = {40: (21,), 60: (21,), 80: (21,), 100: (21, 22)}
 
 
-@pytest.mark.parametrize("words_per_min", LIMITS)
-def test_fast_typing_is_understood(words_per_min):
-    percent, no_finger, late_ms = LIMITS[words_per_min]
-    runs = [typed(words_per_min, 100, seed) for seed in SEEDS[words_per_min]]
+def check(runs, percent, no_finger, late_ms):
     figures = added(runs)
-    print(words_per_min, figures)
+    print(figures)
     assert figures["error_percent"] <= percent
     assert figures["no_finger"] <= no_finger
     assert figures["stuck"] == 0
     assert figures["latency_ms"]["p50"] <= 30
     assert figures["latency_ms"]["p99"] <= late_ms
     assert all(run["host_agrees"] and not run["keys_down"] for run in runs)
+
+
+@pytest.mark.parametrize("words_per_min", LIMITS)
+def test_fast_typing_is_understood(words_per_min):
+    check(
+        [typed(words_per_min, 100, seed) for seed in SEEDS[words_per_min]], *LIMITS[words_per_min]
+    )
+
+
+def test_fast_typing_is_understood_at_half_the_exposure(sensor):
+    with Stage(sensor) as stage:
+        stage.expose(5000)
+        along, pressed = stage.along(), stage.pressed()
+        lines = fit({0: along}, pressed, Noise.of(along, pressed), stage.reader.conditions)
+    check([typed(100, 100, 21, lines=tuple(lines))], 3, 1, 110)
+
+
+def test_fast_typing_is_understood_while_each_channel_is_off_by_a_hundredth(sensor, calibration):
+    # This moves positions by up to 0.6 mm. A drift that moves them more hits other keys by itself.
+    nepers = 0.01 * np.array([1, 1, 1, -1, 1, 1])
+    lines = shifted(calibration, [1000 * sensor.length_mm / 2], [nepers / np.log(2)])
+    check([typed(100, 100, 21, lines=tuple(lines))], 6, 1, 150)
+
+
+def test_five_keys_at_120_words_a_minute(tmp_path):
+    # Five of a hundred touches have three fingers at once.
+    layout = tmp_path / "five.toml"
+    layout.write_text('name = "five"\n[[layer]]\nname = "five"\nkeys = ["1", "2", "3", "4", "5"]\n')
+    check([typed(120, 100, 21, layout=str(layout))], 8, 1, 220)
 
 
 def at(key):

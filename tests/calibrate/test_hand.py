@@ -20,6 +20,7 @@ from spots_device.calibration import Calibration
 from spots_device.decode import Decode
 from spots_sim.person import Habits, Person, follow
 from spots_sim.stage import Stage
+from spots_sim.stage_presser import StagePresser
 
 PLAN = "F3,F4,F5,F6,F7,F8"
 
@@ -97,10 +98,10 @@ def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough
         stage.board.command("set " + settings(Session(path).conditions))
         stage.reader.set_up()
         room = Room(stage, Habits(place_mm=0.1, force_share=0.01, slips=0))
-        made = calibrate(room, path, "fine", 26)
+        made = calibrate(room, path, "fine", 22)
         assert not made.relative_force
         assert np.abs(errors_um(stage, made)).mean() < 200
-    assert len(Session(path).of("hand")) == 26
+    assert len(Session(path).of("hand")) == 22
     assert made.residuals[0].force_rms_mN < 300
 
 
@@ -144,3 +145,14 @@ def test_places_and_forces_are_typed_as_they_are_read(text, place_um, force_mN):
 def test_what_no_ruler_or_scale_shows_is_refused(text):
     with pytest.raises(SpotsError):
         typed(text, 85_000)
+
+
+def test_a_strip_that_no_force_lights_ends_the_session(sensor, tmp_path):
+    shown = Guide(Console(file=io.StringIO(), width=200))
+    options = argparse.Namespace(plan=PLAN, keep_settings=True)
+    with Stage(sensor, seed=3) as stage:
+        presser = StagePresser(stage)
+        presser.press = lambda wanted: None
+        bench = Bench(stage.reader, presser, shown, stage.length_um, tmp_path / "a.toml")
+        with pytest.raises(SpotsError, match=r"^8.0 mm with 10 N: no press is seen; the presses"):
+            steps.calibrate(bench, Session(tmp_path / "a.jsonl"), "fine", 0, None, options)

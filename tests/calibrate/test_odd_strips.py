@@ -5,10 +5,13 @@ import pytest
 from msgspec import structs
 
 from spots import SpotsError
+from spots_device.calibration import Calibration
 from spots_sim import measurements
+from spots_sim.files import SensorFile, load
 from spots_sim.measurements import Run, _force, _position, characterize
 from spots_sim.pair import OnePair
 from spots_sim.rig import Rig
+from spots_sim.stage import calibrate
 
 
 @pytest.mark.parametrize(("fwhm_nm", "edge_nm"), [(80.0, 700.0), (60.0, 680.0)])
@@ -52,3 +55,9 @@ def test_the_straightness_of_the_response_does_not_depend_on_the_pair(sensor, mo
             found.append(run.summary["position"])
     assert found[0]["one_pair"]["channels"] != found[1]["one_pair"]["channels"]
     assert found[0]["r2"] == found[1]["r2"] > 0.999
+
+
+def test_a_light_tap_is_a_touch_on_a_long_strip():
+    made = Calibration(calibrate(load(SensorFile, "long_200mm")))
+    # Its keys are wider than those of a short strip, so a tap needs no better position.
+    assert made.touch_on_mN < 1500

@@ -400,7 +400,7 @@ def test_a_picture(screen, picture):
 
 
 def test_settings_that_are_measured_into_a_file_of_an_odd_name(screen, tmp_path, monkeypatch):
-    monkeypatch.setattr(controller_setup, "length_of", lambda board: 85_000)
+    monkeypatch.setattr(controller_setup, "hello_calibrated", lambda board: {"length_um": 85_000})
     monkeypatch.setattr(controller_setup, "_touch", lambda board: SimpleNamespace(position_um=1))
     path = tmp_path / (NAME + ".toml")
     path.write_bytes(controller_setup.DEFAULT.read_bytes())

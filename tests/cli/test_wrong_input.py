@@ -18,7 +18,7 @@ WRONG = {
     f"{DESIGN} 12cm --rate-hz 10": "argument --length-mm: '12cm' is not a number",
     f"{DESIGN} 120 --rate-hz 1e9": "--rate-hz must be from 0.0156 to 1000 Hz, not 1e+09",
     "characterize --average x": "argument --average: 'x' is not a whole number",
-    "calibrate": "required: KIND; see 'spots calibrate --help'",
+    "calibrate positon": "argument KIND: there is no 'positon': did you mean position?",
     "keys shwo mini": "argument ACTION: there is no 'shwo': did you mean show?",
 }
 

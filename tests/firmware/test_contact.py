@@ -21,6 +21,19 @@ def test_a_press_is_believed_at_its_second_reading():
     assert desk.events == clicks(A)
 
 
+def test_a_reading_too_weak_for_a_press_is_the_first_of_two():
+    desk = Desk(*THREE)
+    desk.press(10, 10, 250, flags=0)
+    assert desk.events == []
+    desk.press(10, 10)
+    assert desk.events == [(A, True)]
+    desk.lift()
+    desk.press(80, 10, 250, flags=0)
+    desk.press(10, 10)
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
 def test_one_reading_is_none_and_two_apart_are_none():
     desk = Desk(*THREE)
     desk.tap(10, 10)
@@ -186,6 +199,48 @@ def test_two_fingers_that_rest_are_two_keys_for_as_long_as_they_do():
         together(desk, (28, 1000), (74, force_mN), 10)
     together(desk, (28, 1000), (74, 1000), 3000)
     assert desk.events == ROLLED[:2]
+    desk.lift()
+    assert sorted(desk.events) == sorted(ROLLED)
+
+
+def test_a_second_finger_is_found_while_the_force_of_the_first_one_was_never_seen_at_rest():
+    desk = Desk(*THREE)
+    desk.press(28, 10, 400)
+    desk.press(28, 10, 800)
+    for force_mN in (300, 700, 1000):
+        together(desk, (28, 1200), (74, force_mN), 10)
+    assert desk.events == ROLLED[:2]
+    together(desk, (28, 1200), (74, 1000), 1000)
+    desk.press(74, 20)
+    assert desk.events == ROLLED[:3]
+
+
+def test_a_light_that_changes_at_one_position_is_of_one_finger():
+    desk = Desk(*THREE)
+    desk.press(28, 60)
+    together(desk, (28, 500), (74, 400), 10)
+    desk.press(74, 10, 800)
+    desk.press(74, 10, 1000)
+    assert desk.events == [*clicks(A), (C, True)]
+
+
+def test_of_two_known_fingers_one_reading_shows_which_one_left():
+    desk = Desk(*THREE)
+    desk.press(28, 60)
+    for force_mN in (300, 800, 1000, 1000):
+        together(desk, (28, 1000), (74, force_mN), 10)
+    together(desk, (28, 400), (74, 1000), 10)
+    desk.press(74, 10)
+    assert desk.events == ROLLED[:3]
+
+
+def test_of_two_fingers_that_lift_at_once_no_key_between_them_is_pressed():
+    desk = Desk(*THREE)
+    desk.press(28, 60)
+    for force_mN in (300, 800, 1000, 1000):
+        together(desk, (28, 1000), (74, force_mN), 10)
+    for share in (0.8, 0.4):
+        together(desk, (28, 1000 * share), (74, 1000 * share), 10)
     desk.lift()
     assert sorted(desk.events) == sorted(ROLLED)
 

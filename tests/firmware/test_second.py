@@ -2,19 +2,23 @@
 
 import math
 
+import numpy as np
 import pytest
 from smallint import SmallInt
 
 from keys import DECAY
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SUBTRACTED, MISFIT, Decode
-from spots_device.second import locate, power
+from spots_device.second import locate, may_rest, power, weigh
 from spots_sim.optics import Optics
 
 
 @pytest.fixture(scope="module")
 def feel(sensor, calibration):
-    """Return a function from fingers (place in mm, share of full contact) to what the board has."""
+    """Return a function from fingers (place in mm, share of full contact) to what the board has.
+
+    Without a random generator there is no noise, and hardly any rounding.
+    """
     calibration = Calibration(calibration)
     optics, made = Optics(sensor), calibration.conditions
     columns = [optics.names.index(diode) for diode in made.plan]
@@ -22,10 +26,19 @@ def feel(sensor, calibration):
     decode = Decode()
     decode.calibration = calibration
 
-    def run(*fingers):
+    converter = sensor.converter
+    electrons = converter.electrons_per_count_1x / 2.0 ** (made.gain - 1)
+
+    def run(*fingers, noise=None):
         rates = sum(share * optics.press(x_mm, 4.0)[columns] for x_mm, share in fingers)
-        # Sums over 64 samples: no noise, hardly any rounding.
-        decode.update([round(64 * scale * rate) for rate in rates], 64, [0] * 6, DARK_SUBTRACTED)
+        counts = scale * np.array(rates)
+        samples = 64 if noise is None else 1
+        if noise is not None:
+            variance = converter.read_noise_counts**2 + counts / electrons
+            counts += noise.normal(0, np.sqrt(variance))
+        decode.update(
+            [round(samples * count) for count in counts], samples, [0] * 6, DARK_SUBTRACTED
+        )
         return decode.position_um, decode.brightness, not decode.flags & MISFIT
 
     return run
@@ -55,6 +68,56 @@ def test_the_second_finger_is_found_within_a_part_of_a_key(feel, first_mm, ratio
         assert found[2] / (1 << 20) == pytest.approx(alone / (1 << 20), abs=0.1)
 
 
+FIRM = 0.416  # share of full contact at 3 N
+# Smallest standard deviation of a second finger in mm, from one sample of 10 ms and from five, if
+# the light of the first one is unknown.
+BOUND_MM = {1: 1.8, 5: 0.8}
+
+
+@pytest.mark.parametrize("places_mm", [(10, 27), (30, 47), (62, 45), (60, 80), (10, 80), (80, 10)])
+def test_a_second_finger_is_as_certain_as_the_noise_allows(feel, places_mm):
+    rng = np.random.default_rng(3)
+    first_mm, second_mm = places_mm
+    found, places = [0] * 3, []
+    for _ in range(100):
+        x1_um, b1, _ = feel((first_mm, FIRM), noise=rng)
+        reading = feel((first_mm, FIRM), (second_mm, FIRM), noise=rng)
+        assert locate(found, DECAY, x1_um, b1, *reading, 60)
+        places.append(found[0] / 1000)
+    for samples, bound_mm in BOUND_MM.items():
+        means = np.reshape(places, (-1, samples)).mean(axis=1)
+        assert np.std(means) <= 1.2 * bound_mm
+        assert np.sqrt(np.mean((means - second_mm) ** 2)) <= 1.2 * BOUND_MM[1]
+
+
+@pytest.mark.parametrize("places_mm", [(10, 27), (30, 47), (62, 45), (60, 80), (10, 70), (80, 20)])
+def test_two_readings_give_both_fingers_though_the_light_of_the_first_is_unknown(feel, places_mm):
+    first_mm, second_mm = places_mm
+    found = [0] * 3
+    x1_um, alone, _ = feel((first_mm, FIRM))
+    some = feel((first_mm, FIRM), (second_mm, 0.4 * FIRM))[:2]
+    more = feel((first_mm, FIRM), (second_mm, FIRM))[:2]
+    end_um = 87_000 if second_mm > first_mm else -2000
+    assert weigh(found, *map(SmallInt, (DECAY, x1_um, end_um, *some, *more)))
+    off_mm = abs(found[0] / 1000 - second_mm)
+    assert off_mm < 2
+    assert off_mm < found[1] / 1000
+    assert found[2] / (1 << 20) == pytest.approx(alone / (1 << 20), abs=0.06)
+
+
+def test_readings_of_one_light_give_no_second_finger(feel):
+    x1_um, _, _ = feel((30.0, FIRM))
+    both = feel((30.0, FIRM), (60.0, FIRM))[:2]
+    assert not weigh([0] * 3, DECAY, x1_um, 87_000, *both, *both)
+
+
+@pytest.mark.parametrize("share", [0.2, 1.0])
+def test_a_light_that_no_second_finger_leaves_shows_that_the_first_one_lifts(feel, share):
+    x1_um, b1, _ = feel((30.0, FIRM))
+    reading = feel((30.0, share * FIRM), (60.0, 0.3 * FIRM))[:2]
+    assert may_rest(*map(SmallInt, (DECAY, x1_um, b1 - 74_000, 87_000, *reading))) == (share == 1)
+
+
 def test_a_finger_that_presses_harder_is_no_second_one(feel):
     x1_um, b1, _ = feel((40.0, 0.2))
     for share in (0.15, 0.21, 0.4):
@@ -77,6 +140,10 @@ def test_no_dye_exceeds_the_integers_of_a_board(x_mm, decay):
     for bright in range(6, 13):
         for fits in (False, True):
             reading = (1000 * x_mm, bright << 20, fits, 20_000)
-            locate(
-                [0] * 3, SmallInt(decay), SmallInt(0), SmallInt(6 << 20), *map(SmallInt, reading)
-            )
+            known = SmallInt(decay), SmallInt(0)
+            locate([0] * 3, *known, SmallInt(6 << 20), *map(SmallInt, reading))
+            for end_mm in (-2, 87, 600):
+                end = SmallInt(1000 * end_mm)
+                again = (600 * x_mm, bright + 1 << 20)
+                weigh([0] * 3, *known, end, *map(SmallInt, (*reading[:2], *again)))
+                may_rest(*known, SmallInt(6 << 20), end, *map(SmallInt, reading[:2]))

@@ -17,13 +17,13 @@ LOOK = """() => {
   const seen = (one) => Boolean(one) && one.getClientRects().length > 0;
   const text = (name) => seen(at(name)) ? at(name).innerText : "";
   const box = (name) => at(name).getBoundingClientRect();
-  const aim = box(".aim"), track = box(".track"), glow = box(".press");
+  const aim = box(".aim"), track = box(".along"), glow = box(".finger");
   const share = (one) => (one.left + one.width / 2 - track.left) / track.width;
   return {
     todo: text(".todo"), note: text(".note.warn"), trouble: text(".hold span:last-child"),
     count: text(".head b"), said: text(".said"), asks: seen(at(".answer .main")),
     share: seen(at(".aim")) ? share(aim) : null,
-    finger: at(".press").classList.contains("on") ? share(glow) : null,
+    finger: at(".finger").classList.contains("on") ? share(glow) : null,
     steady: Number(at("[role=meter]").ariaValueNow),
     starts: seen(at(".begin")), may_stop: seen(at(".buttons")),
   };

@@ -26,7 +26,7 @@ _TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
 _SIGMAS = 5.0
 _OUTLIER = 0.3  # log2: largest difference from the light that the neighbours suggest
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
-_CONTINUES = "the presses taken so far are stored; run the same command again to continue"
+CONTINUES = "the presses taken so far are stored; run the same command again to continue"
 
 
 class BadPressError(Exception):
@@ -93,7 +93,7 @@ class Bench:
         wanted: Wanted,
         noise: Noise | None = None,
         judge: Callable[[Reading], None] = lambda reading: None,
-        given_up: str = _CONTINUES,
+        given_up: str = CONTINUES,
     ) -> Reading:
         """Ask for a press until it is valid; the strip is still pressed on return.
 

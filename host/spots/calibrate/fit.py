@@ -26,8 +26,9 @@ _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weig
 PLACES_MIN = 12
 FORCES_MIN = 10
 _NOISE_PLACES = 21
-# A touch begins at the least force for which no position has a larger standard deviation.
-_TOUCH_SIGMA_UM = 500.0
+# A touch begins at the least force for which no position has a larger standard deviation. On a
+# long strip, this limit is a share of the length, like the width of a key.
+_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 170
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; bends and strain need the rest
@@ -89,11 +90,12 @@ def fit(
     ]
     dimmer = (brightnesses - firm) / ONE_Q20
     sigma_um, sigma_misfit = _sigmas(rest, parts, test, noise, dimmer)
-    if sigma_um.min() > _TOUCH_SIGMA_UM:
+    limit_um = max(_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE * np.ptp(rest.ends_um))
+    if sigma_um.min() > limit_um:
         raise SpotsError(
             "the position is too noisy at every force: raise exposure, gain or LED current"
         )
-    begin = round(float(forces[np.argmax(sigma_um <= _TOUCH_SIGMA_UM)]))
+    begin = round(float(forces[np.argmax(sigma_um <= limit_um)]))
     end = max(round(_TOUCH_HYSTERESIS * begin), round(float(forces[0])) + 1)
     lines.append(f"touch {max(begin, end)} {end}")
     # The largest misfit of a single press is added to the noise.

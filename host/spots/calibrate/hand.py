@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .bench import Bench, TooDarkError, samples_of
+from ..errors import SpotsError
+from .bench import CONTINUES, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
 from .presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
 from .session import Session, Wanted, point, presses
@@ -16,6 +17,7 @@ _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
+_REMOVALS = 0.2  # largest share of removed presses; with more, the strip does not follow the model
 _HARDER = 1.4
 _THIN = 1.5  # ratio of the error at a place or force to the mean error
 _GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # with a smaller error, no more presses are needed
@@ -35,11 +37,17 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
         Number of presses.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
+
+    Raises
+    ------
+    SpotsError
+        If no force gives light, or a press stays invalid.
     """
     guide, plan = bench.guide, bench.reader.conditions.plan
     guide.begin("presses by hand", count, plan, bench.length_um)
     guide.skip(len(session.of("hand")))
     surface, dark_mN, wanted = _surface(session, bench.length_um), 0.0, None
+    removals = 0
     while (done := len(session.of("hand"))) < count:
         if session.removed:
             removed = session.removed.pop()
@@ -48,9 +56,11 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
             wanted = _next(session, surface, bench.length_um, rough, dark_mN)
         try:
             reading = bench.take(wanted)
-        except TooDarkError:
-            guide.say(f"{wanted} is too dark: press harder")
+        except TooDarkError as dark:
             dark_mN = wanted.force_mN
+            if dark_mN >= FULL_MN:
+                raise SpotsError(f"{wanted}: {dark}; {CONTINUES}") from None
+            guide.say(f"{wanted} is too dark: press harder")
             wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
             continue
         bench.release()
@@ -62,7 +72,8 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
         wanted, surface = None, _surface(session, bench.length_um, surface)
         if done < _FITTED_MIN:
             continue
-        if _removed(session, surface, guide):
+        if removals < _REMOVALS * count and _removed(session, surface, guide):
+            removals += 1
             surface = _surface(session, bench.length_um, surface)
         else:
             guide.fitted(_progress(surface, done + 1, count))

@@ -41,16 +41,14 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     SpotsError
         If the presses do not give a calibration.
     """
-    hand = session.of("hand")
-    misfit = None
-    if hand:
+    surface = misfit = noise = None
+    if session.of("hand"):
         surface, firm, pressed = material(session, session.length_um)
         taken = surface.taken
         noise = Noise.of(taken)
         misfit = taken.logs - surface.logs(taken.position_um, taken.force_mN)
     else:
         firm, pressed = presses(session.of("position")), presses(session.of("force"))
-        noise = None
     along = {0: firm}
     for strain_ppm in sorted({p.strain_ppm for p in session.points if p.kind == "strain"}):
         at_strain = session.of("strain", strain_ppm)
@@ -64,36 +62,29 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         raise SpotsError(
             f"these presses give no calibration ({error}): take more presses"
         ) from None
-    if hand:
-        places_um = np.array(MARKS) * session.length_um
-        logs = surface.logs(places_um, np.full(len(MARKS), FIRM_MN))
-        marks = _marks(places_um, FIRM_MN, logs)
-        along[0], pressed = taken, taken.keep(taken.force_mN > 0)
-    else:
-        marks = _pressed_marks(session)
+    marks = presses(session.of("mark"))
+    if surface:
+        at_um = np.array(MARKS) * session.length_um
+        marks = surface.presses(at_um, np.full(len(MARKS), FIRM_MN))
+        along[0], pressed = surface.taken, surface.taken.keep(surface.taken.force_mN > 0)
     return file.CalibrationFile(
         date=file.now(),
         **session.conditions._asdict(),
         lines=tuple(lines),
         residuals=[_residual(lines, strain, at, pressed) for strain, at in along.items()],
-        marks=marks,
-        relative_force=bool(hand) and not taken.force_mN.any(),
+        marks=_marks(marks),
+        relative_force=surface is not None and not len(pressed.force_mN),
         **_joint(session, say),
     )
 
 
-def _pressed_marks(session: Session) -> file.Marks | None:
-    if len(session.of("mark")) < len(MARKS):
+def _marks(pressed: Presses) -> file.Marks | None:
+    if len(pressed.force_mN) < len(MARKS):
         return None
-    pressed = presses(session.of("mark"))
-    return _marks(pressed.position_um, pressed.force_mN[0], pressed.logs)
-
-
-def _marks(place_um, force_mN, logs) -> file.Marks:
     return file.Marks(
-        place_um=tuple(place_um.tolist()),
-        force_mN=float(force_mN),
-        logs=tuple(map(tuple, logs.round(6).tolist())),
+        place_um=tuple(pressed.position_um.tolist()),
+        force_mN=float(pressed.force_mN[0]),
+        logs=tuple(map(tuple, pressed.logs.round(6).tolist())),
     )
 
 

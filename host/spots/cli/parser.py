@@ -104,13 +104,11 @@ class Parser(argparse.ArgumentParser):
             self.set_defaults(run=add_options(self))
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
+            if not unknown[0].startswith("-"):
+                self.error(f"unexpected argument '{unknown[0]}'")
             options = [name for name in self._option_string_actions if name.startswith("--")]
             hint = did_you_mean(unknown[0].partition("=")[0], options)
-            self.error(
-                f"there is no option {unknown[0]}: {hint}"
-                if unknown[0].startswith("-")
-                else f"unexpected argument '{unknown[0]}'"
-            )
+            self.error(f"there is no option {unknown[0]}: {hint}")
         return namespace, unknown
 
     def _check_value(self, action, value):

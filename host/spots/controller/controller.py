@@ -135,11 +135,8 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
         If the board has no calibration, or the time between its readings is longer than
         ``hold_ms``.
     """
-    info = hello_often(
-        board,
-        settings.hold_ms / 1000,
-        "set a shorter exposure_us or a smaller average, or a longer hold_ms in the settings",
-    )
+    remedy = "set a shorter exposure_us or a smaller average, or a longer hold_ms in the settings"
+    info = hello_often(board, settings.hold_ms / 1000, remedy)
     every_ms = info["exposure_us"] * info["average"] / 1000
     release_ms = max(settings.release_ms, _READINGS_BRIDGED * every_ms)
     return Controller(msgspec.structs.replace(settings, release_ms=release_ms), info["length_um"])

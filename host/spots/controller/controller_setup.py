@@ -9,7 +9,7 @@ import msgspec
 
 from ..errors import SpotsError, printable
 from ..link.board import Board
-from ..link.calibrated import length_of
+from ..link.calibrated import hello_calibrated
 from ..link.frames import Touch
 from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, PositionAxis, load, save
 
@@ -50,7 +50,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     """
     there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)
-    length_um = length_of(board)
+    length_um = hello_calibrated(board)["length_um"]
     board.command("stream touch")
     if there:
         say(f"{shown} keeps its other settings, but loses its comments")

@@ -21,8 +21,8 @@ ARCHITECTURES = (
 # Pure arithmetic, compiled without line numbers, which take 7 % of flash and heap. It depends on no
 # hardware, setting or command, so a maker needs no line of it in a traceback.
 _WITHOUT_LINES = {
-    "calibration", "contact", "decode", "exposure", "fingers", "frame", "kernel", "keypad",
-    "layout", "log2", "rescale", "second",
+    "calibration", "contact", "dark", "decode", "exposure", "fingers", "frame", "gamepad",
+    "kernel", "keypad", "layout", "log2", "pacing", "rescale", "second",
 }  # fmt: skip
 
 

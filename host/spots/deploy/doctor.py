@@ -73,27 +73,21 @@ def doctor(port: str | None = None) -> None:
 
 def examine(port: str | None = None) -> Iterator[Finding]:
     """Check a port and its board; yield each result, and stop if no further check is possible."""
-    flash = "" if scheme_name(port) else "; to flash the board: spots flash BOARD"
-    if not scheme_name(port):
-        try:
-            port = port or the_board()[-1]
-        except SpotsError as error:
-            yield Finding("port", False, str(error))
-            return
-        if os.name == "posix" and not os.path.exists(port):
-            yield Finding("port", False, no_port(port))
-            return
-        yield Finding("port", True, port)
-        try:
-            SerialLink(port).close()
-        except SpotsError as error:
-            yield Finding("permission", False, str(error))
-            return
-        yield Finding("permission", True, "the port can be opened")
+    check, advice = "port", ""
     try:
+        if not scheme_name(port):
+            port = port or the_board()[-1]
+            if os.name == "posix" and not os.path.exists(port):
+                raise SpotsError(no_port(port))
+            yield Finding(check, True, port)
+            check = "permission"
+            SerialLink(port).close()
+            yield Finding(check, True, "the port can be opened")
+            advice = "; to flash the board: spots flash BOARD"
+        check = "hello"
         board = open_board(port)
     except SpotsError as error:
-        yield Finding("hello", False, f"{error}{flash}")
+        yield Finding(check, False, f"{error}{advice}")
         return
     with board:
         yield from examine_board(board)

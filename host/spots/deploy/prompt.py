@@ -57,8 +57,9 @@ try:
     _s = os.statvfs("/")
 except (AttributeError, OSError):
     _s = None
-print((_i.name, tuple(_i.version[:3]), getattr(_i, "_mpy", 0),
-    _s and _s[1], _s and _s[1] * _s[3]))
+_mpy = getattr(_i, "_mpy", 0)
+print({"runtime": _i.name, "version": tuple(_i.version[:3]), "mpy": (_mpy & 255, _mpy >> 10 & 15),
+    "block": _s and _s[1], "free": _s and _s[1] * _s[3]})
 """
 
 _RESET = """
@@ -241,18 +242,7 @@ class Prompt:
                     self._transport.enter_raw_repl(soft_reset=False, timeout_overall=within_s)
                     serial_port.timeout = _TIMEOUT_S
                     # This may be the late answer to an earlier attempt: only the facts prove it.
-                    return _facts(self._transport.exec(_FACTS))
+                    return {**ast.literal_eval(self._transport.exec(_FACTS).decode())}
                 except (*self._failures, *_GARBLED):
                     if within_s == _ENTER_S[-1]:
                         raise
-
-
-def _facts(printed: bytes) -> dict:
-    name, version, mpy, block, free = ast.literal_eval(printed.decode())
-    return {
-        "runtime": name,
-        "version": version,
-        "mpy": (mpy & 0xFF, mpy >> 10 & 15),
-        "block": block,
-        "free": free,
-    }

@@ -169,15 +169,10 @@ class _Compiler:
             actions = {
                 slot: self._action(getattr(key, slot), layer, f"key {i + 1}") for slot in SLOTS
             }
-            placed.append(
-                PlacedKey(
-                    # No gap at the ends of the strip.
-                    (begin + (gap if i else 0)) / whole,
-                    (end - (gap if i + 1 < len(keys) else 0)) / whole,
-                    key.label if key.label is not None else _label(key),
-                    actions,
-                )
-            )
+            # No gap at the ends of the strip.
+            low, high = begin + (gap if i else 0), end - (gap if i + 1 < len(keys) else 0)
+            label = _label(key) if key.label is None else key.label
+            placed.append(PlacedKey(low / whole, high / whole, label, actions))
             begin = end
         return placed
 

@@ -1,7 +1,5 @@
 """A connected board."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
@@ -122,7 +120,7 @@ class Board:
             link.close()
             raise
 
-    def __enter__(self) -> Board:
+    def __enter__(self) -> "Board":
         return self
 
     def __exit__(self, *exception: object) -> None:

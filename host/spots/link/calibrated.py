@@ -69,11 +69,6 @@ def hello_often(
     return info
 
 
-def length_of(board: Board) -> int:
-    """Return the length of a calibrated board's strip, in um; see `hello_calibrated`."""
-    return hello_calibrated(board)["length_um"] or 0
-
-
 def tell_rest(board: Board) -> None:
     """Let the board take the present light as the untouched strip's; ignore a missing reply."""
     if not board.read_only:

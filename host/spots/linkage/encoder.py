@@ -90,10 +90,7 @@ class Encoder:
     """
 
     def __init__(
-        self,
-        joint: Joint | str | PathLike[str] | None,
-        offset_rad: float = 0.0,
-        gain: float = 1.0,
+        self, joint: Joint | str | PathLike[str] | None, offset_rad: float = 0.0, gain: float = 1.0
     ):
         source = "the calibration"
         if isinstance(joint, (str, PathLike)):

@@ -255,11 +255,7 @@ class _Fit:
 
     def jacobian(self, found, scale) -> np.ndarray:
         """Return the derivatives of the whitened residuals by `found`, shape (2n, p)."""
-        step = 1e-5
-        slopes = [
-            (self.residual_mm(found + shift) - self.residual_mm(found - shift)) / (2 * step)
-            for shift in step * np.eye(len(found))
-        ]
+        slopes = _slopes(self.residual_mm, found, 1e-5)
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
     def solve(self, scale, begin) -> np.ndarray:
@@ -282,13 +278,12 @@ class _Fit:
         measured angles and coordinates.
         """
         values = self.values(found)
-        step = 1e-6
-        slopes = [
-            self._terminal(values, self._angles + shift[:, None])
-            - self._terminal(values, self._angles - shift[:, None])
-            for shift in step * np.eye(2)
-        ]
-        slopes = np.stack(slopes, axis=-1) / (2 * step) * angle_sigma_rad.T[:, None, :]
+
+        def turned(shift_rad):
+            return self._terminal(values, self._angles + shift_rad[:, None])
+
+        slopes = np.stack(_slopes(turned, np.zeros(2), 1e-6), axis=-1)
+        slopes *= angle_sigma_rad.T[:, None, :]
         covariance = slopes @ slopes.transpose(0, 2, 1) + place_sigma_mm**2 * np.eye(2)
         return np.linalg.inv(np.linalg.cholesky(covariance))
 
@@ -299,6 +294,12 @@ class _Fit:
         # A fit may pass through angles at which the linkage cannot be closed.
         x, y, *_ = assembled(bar_mm, values["base_mm"], self._side, t1, t2, least=1e-12)
         return np.stack(framed(values, x, y), axis=-1)
+
+
+def _slopes(function, at, step):
+    """Return the central differences of a function of an array, one for each of its elements."""
+    shifts = step * np.eye(len(at))
+    return [(function(at + shift) - function(at - shift)) / (2 * step) for shift in shifts]
 
 
 def framed(values, x_mm, y_mm):

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..bounded import POINTS_MAX_BYTES, read_bytes, read_text
 from ..errors import SpotsError, printable
+from ..toml import finite
 from . import mounted
 from .encoder import Angle, Encoder
 from .kinematics import calibrate
@@ -71,10 +72,8 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     except SpotsError as error:
         raise SpotsError(f"{points}: {error}") from None
     found = replace(found, outliers=tuple(lines[i] for i in found.outliers))
-    report = (
-        f"from {len(lines)} points; a point's number is its line in {printable(str(points))}\n"
-        f"{found.report()}"
-    )
+    number = f"a point's number is its line in {printable(str(points))}"
+    report = f"from {len(lines)} points; {number}\n{found.report()}"
     if out is None:
         return f"{report}\nnothing was written: add --out arm.toml to write a linkage file"
     mounted.save(known, out, report)
@@ -113,10 +112,8 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
         if not words:
             return count
         try:
-            x_mm, y_mm = map(float, words)
+            x_mm, y_mm = map(finite, words)
         except ValueError:
-            x_mm = y_mm = math.nan
-        if not (math.isfinite(x_mm) and math.isfinite(y_mm)):
             say("type two numbers in mm, such as: 40 150")
             continue
         try:
@@ -199,11 +196,11 @@ def _read(path: Path) -> tuple[np.ndarray, list[int]]:
 
 def _number(path: Path, line: int, name: str, text: str | None) -> float:
     try:
-        value = float(text or "")
+        value = finite(text or "")
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise SpotsError(f"{path}, line {line}: {name} must be a number, not '{text or ''}'")
+        raise SpotsError(
+            f"{path}, line {line}: {name} must be a number, not '{text or ''}'"
+        ) from None
     if name.startswith("sigma") and value <= 0:
         raise SpotsError(f"{path}, line {line}: {name}, a standard error, must be more than 0")
     return value

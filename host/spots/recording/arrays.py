@@ -20,13 +20,8 @@ from .recording import Recording
 _BLOCK_BYTES = 1 << 18
 _COBS_SIZE = 1
 
-_HEADER = [
-    ("time_s", "<f8"),
-    ("arrived_s", "<f8"),
-    ("t_us", "<u4"),
-    ("sequence", "<u2"),
-    ("sensor", "u1"),
-]
+_TIMES = [("time_s", "<f8"), ("arrived_s", "<f8")]
+_HEADER = [*_TIMES, ("t_us", "<u4"), ("sequence", "<u2"), ("sensor", "u1")]
 
 
 class _Table:
@@ -81,6 +76,10 @@ _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
 }
 
 
+# By kind: numbers of the pieces, and the bytes of their payloads, a column for each piece.
+_Groups = dict[int, tuple[np.ndarray, np.ndarray]]
+
+
 class _Run(NamedTuple):
     """Consecutive pieces of a stream: readings, key events, or notes that contain only a time.
 
@@ -99,7 +98,7 @@ class _Run(NamedTuple):
     t_us: np.ndarray
     notes_at: np.ndarray
     since_us: np.ndarray
-    tables: dict[int, tuple[np.ndarray, np.ndarray]]
+    tables: _Groups
 
 
 class _BlockDecoder(Decoder):
@@ -113,7 +112,7 @@ class _BlockDecoder(Decoder):
         starts, ends = starts[ends > starts], ends[ends > starts]
         headers = np.zeros((frame.HEADER_SIZE, len(starts)), np.uint8)
         plain = np.zeros(len(starts), bool)
-        groups: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        groups: _Groups = {}
         for kind, size in _SIZES.items():
             where = np.flatnonzero(ends - starts == size)
             if not len(where):
@@ -135,12 +134,7 @@ class _BlockDecoder(Decoder):
                 self._take(stream[starts[at] : ends[at]].tobytes(), found)
             yield from found
 
-    def _run(
-        self,
-        headers: np.ndarray,
-        begin: int,
-        groups: dict[int, tuple[np.ndarray, np.ndarray]],
-    ) -> _Run:
+    def _run(self, headers: np.ndarray, begin: int, groups: _Groups) -> _Run:
         kinds = headers[0] & 0x0F
         sequence, low, high = headers[1:].T.copy().view("<u2").T.astype(np.int64)
         t_us = low | high << 16
@@ -156,7 +150,7 @@ class _BlockDecoder(Decoder):
             if len(readings):
                 self._lost_at_reading = self.stats.lost + int(gaps[: readings[-1] + 1].sum())
             self.stats.lost += int(gaps.sum())
-        tables: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        tables: _Groups = {}
         for kind, (where, columns) in groups.items():
             first, end = np.searchsorted(where, (begin, begin + len(kinds)))
             if kind != NOTE and end > first:

@@ -11,8 +11,6 @@ from spots_device.settings import checksum
 from ..errors import SpotsError, printable
 from ..link.board import Board
 
-_LINES_PER_S = 4
-
 
 def record(
     board: Board,
@@ -61,12 +59,8 @@ def record(
             )
 
         try:
-            with Live(
-                console=Console(stderr=True),
-                get_renderable=lambda: Text(line()),
-                refresh_per_second=_LINES_PER_S,
-                transient=True,
-            ):
+            console = Console(stderr=True)
+            with Live(console=console, get_renderable=lambda: Text(line()), transient=True):
                 board.command("stream touch spectrum")
                 for _ in board.frames(seconds):
                     frames += 1

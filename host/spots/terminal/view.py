@@ -110,11 +110,8 @@ class StripView:
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
         link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}
-        parts += [
-            bars(info["plan"], self._counts, 1000),
-            Text(),
-            *map(_row, (link, *judged["rows"])),
-        ]
+        parts += [bars(info["plan"], self._counts, 1000), Text()]
+        parts += map(_row, (link, *judged["rows"]))
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))
         if self.advice:

@@ -91,15 +91,11 @@ class Mapping:
 def wearable_command(options: argparse.Namespace) -> None:
     """Run ``spots wearable`` with the options that `cli` parsed."""
     mapping = Mapping(options.gestures or DEFAULT)
-    with (
-        released_by_signals(),
-        open_named(options) as board,
-        open_keyboard(options.dry_run) as keyboard,
-    ):
-        drawing = not options.dry_run
-        if not drawing:
+    dry_run = options.dry_run
+    with released_by_signals(), open_named(options) as board, open_keyboard(dry_run) as keyboard:
+        if dry_run:
             print(f"waiting for one of these gestures: {', '.join(mapping.names)}", flush=True)
-        play(board, lambda one: mapping.do(one, keyboard), options.seconds, drawing, mapping)
+        play(board, lambda one: mapping.do(one, keyboard), options.seconds, not dry_run, mapping)
 
 
 def play(

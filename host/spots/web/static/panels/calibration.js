@@ -18,7 +18,7 @@ const QUESTION = /^(.*?)\s*(?:\(Enter: (.*)\))?\s*:?\s*$/;
 
 export function calibration(root) {
   const opener = document.getElementById("calibrate");
-  let it = null, may = false, open = null, question = "", answered = null;
+  let it = null, may = false, open = null, question = "", answered = null, step = null;
 
   // The parts of the panel, in the order of reading.
   const title = make("h2"), count = make("b"), bar = make("progress");
@@ -27,8 +27,8 @@ export function calibration(root) {
   const todo = make("p", "todo"), note = make("p", "note warn"), refused = make("p", "note warn");
   todo.role = "status";
   note.role = refused.role = "alert";
-  const aim = make("div", "aim", make("b")), finger = make("div", "press"), ticks = make("div", "ticks");
-  const where = make("div", "where", make("div", "guide", make("div", "track", finger, aim)), ticks);
+  const aim = make("div", "aim", make("b")), finger = make("div", "finger"), ticks = make("div", "ticks");
+  const where = make("div", "where", make("div", "guide", make("div", "along", finger, aim)), ticks);
   where.role = "img";
   const filled = make("i"), steady = make("div", "meter", filled), word = make("span");
   steady.role = "meter";
@@ -140,7 +140,9 @@ export function calibration(root) {
     where.hidden = !running;
     aim.hidden = !it.at || phase === "release";
     if (it.at) {
-      aim.style.left = `${100 * Math.min(it.at.place_um / it.length_um, 1)}%`;
+      const share = Math.min(it.at.place_um / it.length_um, 1);
+      aim.style.left = `${100 * share}%`;
+      aim.style.setProperty("--share", share);
       aim.firstChild.textContent = mm(it.at.place_um);
     }
     hold.hidden = phase !== "press";
@@ -152,6 +154,9 @@ export function calibration(root) {
     if (it.fitted) paint(it.fitted, it.length_um);
     put(hint, running ? OWNED : it.end === "done" ? AGAIN : "");
     begin.hidden = running || !may;
+    // A new step begins at the top, wherever the last button was.
+    if (running && it.step !== step && root.getBoundingClientRect().top < 0) root.scrollIntoView();
+    step = it.step;
   }
 
   let uncalibrated = false, length_um = 0;
