@@ -26,7 +26,7 @@ _LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a sm
 
 
 class Meter:
-    """Measures how long a pass of the main loop takes on average, if it processes a sample.
+    """Measures the mean duration of the passes of the main loop that process a sample.
 
     `add` allocates nothing.
 
@@ -134,8 +134,8 @@ class BoardApp:
         """
         self._left = False
         self._leave_until = None
-        # `_leave` is idempotent. It is repeated because two interrupts may occur before it has
-        # switched them off: a new one and a pending one.
+        # `_leave` is idempotent. It is repeated because two interrupts, a pending one and a new
+        # one, may occur before it has switched Ctrl-C off.
         try:
             try:
                 try:
@@ -174,7 +174,7 @@ class BoardApp:
         self._listen()
         self.uses.pump()
         if self.reconnect.lost:
-            self._time.update()  # more often than it wraps
+            self._time.update()  # must be updated more often than the ticks wrap
             self.reconnect.search()
             return
         sensor = self._sensor
@@ -200,7 +200,7 @@ class BoardApp:
         clock, sensor = self._clock, self._sensor
         wait_us = 0 if self.reconnect.lost else sensor.remaining_us()
         if wait_us > _SLICE_US:
-            return BoardApp.step(self)  # sleeps and takes no sample
+            return BoardApp.step(self)  # a pass without a sample is not measured
         if wait_us > 0:
             clock.sleep_us(wait_us)
         began, complete = clock.ticks_us(), sensor.complete
@@ -324,7 +324,7 @@ class BoardApp:
         return self.meter.rate_mHz(s["exposure_us"], s["average"])
 
     def release_keys(self):
-        """Release all keys, because no reading may arrive for a while."""
+        """Release all keys, because the readings may stop for a while."""
         self._time.update()
         self.uses.release()
 
@@ -370,6 +370,6 @@ class BoardApp:
                     reply = {"re": "", "error": str(error)}
                 if reply is not None:
                     self.replies.send(reply)
-                # A pause after a command is expected; later in the loop it would cost samples.
+                # Collect garbage now: a host expects a pause here, but a later pause costs samples.
                 gc.collect()
                 return

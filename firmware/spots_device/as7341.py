@@ -44,7 +44,7 @@ _SMUX_WRITE = const(0x10)
 _POWER_UP_US = const(5_000)
 _SMUX_US = const(10_000)
 _AUTO_ZERO_US = const(50_000)
-_STEP_US = const(2)  # exposures have steps of 2.78 us; half a step and a little
+_STEP_US = const(2)  # a little more than half of the exposure's step of 2.78 us
 # Time from `start` to the first integration. It is longer than every set-up at 400 kHz, so that
 # recordings do not depend on the driver that sets the chip up.
 _START_US = const(20_000)
@@ -66,8 +66,8 @@ class AS7341:
     Parameters
     ----------
     bus : object
-        I2C bus with ``read_into(register, buffer)``, ``write(buffer)`` and ``recover()``; the
-        module describes them.
+        I2C bus with ``read_into(register, buffer)``, ``write(buffer)`` and ``recover()``, see
+        the module docstring.
     clock : object
         ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
     """
@@ -81,7 +81,7 @@ class AS7341:
         self._clear = bytes((_STATUS, _AINT))
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`
-        self.gpio = None  # of the runtime: ``gpio(on)`` sets the pin that switches the LED
+        self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
         self._written = bytearray(2 * len(_CHECKED))
         self._check = 0
         self._settled = 0
@@ -113,7 +113,7 @@ class AS7341:
             Current of the LED driver in mA: 0 for off, or 4 to 258.
         mains_hz : int
             Mains frequency of flickering lamps, 50 or 60, or 0. With 0 the exposure may be wrong by
-            some per cent, like the chip's oscillator; otherwise `pacing` measures and corrects it.
+            some per cent, like the chip's oscillator; else `pacing` corrects this error.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED on or off; `steady` is False for samples that began before this call.
 
-        An LED that is always on is unplugged by the user; this call then only records its state.
+        The user unplugs an LED that is always on; this call then only records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0
@@ -213,7 +213,7 @@ class AS7341:
         SensorError
             If no sample arrived for two exposures plus the duration of an auto-zero.
         OSError
-            If transfers failed for the same time. Until then, each failed one loses one sample.
+            If transfers failed for the same time. Until then, the next poll repeats the transfer.
         """
         clock = self._clock
         now = clock.ticks_us()

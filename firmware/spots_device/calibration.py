@@ -84,7 +84,7 @@ class Calibration:
     Parameters
     ----------
     lines : iterable of str
-        Text lines such as ``made 9 9999 20``; the module describes all statements.
+        Text lines such as ``made 9 9999 20``; the module docstring describes all statements.
     strain_ppm : int
         Strain of the strip in ppm. Between two calibrated strains the tables are interpolated
         linearly.

@@ -154,7 +154,7 @@ class Upload:
         Raises
         ------
         ValueError
-            If the command is invalid; the text is the error sentence.
+            If the command is invalid; the message is the error sentence.
         """
         verb = words[0] if words else ""
         if verb == "begin":
@@ -307,7 +307,7 @@ class Commands:
     def _dark_done(self):
         app = self._app
         if app.settings.values["led"] == "always":
-            app.apply_calibration()  # which waits for a dark frame
+            app.apply_calibration()  # it was not used without a dark frame
         self._replies.finish("dark", {"dark": app.strip.dark_frame()})
 
     def _rest(self, words):

@@ -8,15 +8,15 @@ may be several fingers, the position of a reading is not used. State machine:
 from  to     when
 ====  =====  ==================================================================================
 UP    DOWN   `detect` consecutive readings agree on a position, or on a steady motion
-UP    TWO    readings disagree for 40 ms: fingers touched at once, their positions are unknown
+UP    TWO    readings disagree for 40 ms: fingers touched together at unknown positions
 DOWN  DOWN   the position is that of the finger, or the finger slides
 DOWN  TWO    otherwise; the first finger keeps its position of one reading *earlier*
 TWO   DOWN   the position rests where the first finger was: the second finger has left
 TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or it
              was never that of two fingers, or no second finger could cause this position
-TWO   DOWN   only the brightness changes, which would move a position between two fingers
-TWO   TWO    the first finger rests, and readings agree on the second one (second.py); its light
-             may be unknown if they agree on that, too
+TWO   DOWN   the brightness changes, but not the position: only one finger touches
+TWO   TWO    the first finger rests, and readings agree on the second one (second.py), even if
+             the light of the first one is unknown
 TWO   DOWN   one of two known fingers has left: one reading shows which
 TWO   TWO    the first finger began to lift `_FALL_T` ago: the second one becomes the first
 TWO   UP     no finger touches
@@ -53,15 +53,15 @@ _DOWN = const(1)
 _SPENT = const(2)  # the finger or object must be lifted before the next touch
 _TWO = const(3)
 
-# Standard deviation of the position in um, times the light in counts, by the converter's noise at
-# the far end of a strip of 85 mm. It grows with the square of the length.
+# Product of the light in counts and the standard deviation of the position in um by ADC noise, at
+# the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
 _NOISE_UM = const(20_000)  # upper limit of the standard deviation
 _REST_UM = const(250)  # largest difference between two readings of a resting position
 _SAME_UM = const(450)  # largest distance from the mean position of the same finger
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
-_TOGETHER_T = const(39)  # readings that disagree for this time are of fingers that came together
+_TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
 _REST_T = const(12)  # least duration of a resting position
 _MOVED_UM = const(1500)
 _SEEN_T = const(24)  # within this time the light of two fingers is visible
@@ -81,8 +81,8 @@ _CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
 _EARLY = const(1)
 _LATE = const(2)
-# Share of the estimate's uncertainty that must be inside a key, in eighths; about two standard
-# deviations at once, and one if the key would be lost otherwise.
+# Share of the estimate's uncertainty that must be inside a key, in eighths; `_SOON`: about two
+# standard deviations; `_LATER`: about one, because the key would be lost otherwise.
 _SOON = const(5)
 _LATER = const(4)
 _FALL_T = const(34)  # longest time in which a finger lifts
@@ -118,7 +118,7 @@ class ContactTracker:
         ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
         With a known strip length also:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
-        Returns whether the second finger is used.
+        Returns whether the sink uses the second finger.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
 
     Attributes
@@ -260,7 +260,7 @@ class ContactTracker:
     # State UP.
 
     def _approach(self, x_um, brightness, t):
-        """Start a touch with a reading that is too weak for a press: it has a position."""
+        """Record a reading as the first one of a possible touch."""
         self._began = self._since = t
         self.x_um = self._x_seen_um = x_um
         self._b_seen = brightness
@@ -501,7 +501,7 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _resolve(self, fits, x_um, force_mN, brightness, t):
-        """Follow the lights of two known fingers; return whether one of them has left."""
+        """Update the light of two known fingers; return whether one of them has left."""
         if self._even:
             if (
                 self._solve(self.x_um, self._b, x_um, brightness, fits)
@@ -538,7 +538,7 @@ class ContactTracker:
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside one at `x1_um` from a reading, see `second.locate`.
 
-        Returns whether the result is on the strip: position and uncertainty in um, in `_found`.
+        Stores the result in `_found`, and returns whether its position is on the strip.
         """
         found = self._found
         return (
@@ -562,7 +562,7 @@ class ContactTracker:
             self._guessed = False
             end_um = self._length_um + _NEAR_UM if x_um > self.x_um else -_NEAR_UM
             if not may_rest(self._decay, self.x_um, self._b - _EVEN, end_um, x_um, brightness):
-                # Even beside a finger at the end of the strip, its light would be more.
+                # The first finger became dimmer, even if the second one is at the end of the strip.
                 self._even = False
                 self._falls = _EARLY
                 self._fell = t
@@ -577,7 +577,7 @@ class ContactTracker:
             slack_um + self._slack_guess_um >> 1
         )
         if agrees and abs(b - self._b_guess) <= _OTHER and (fits or not self._calm):
-            return  # the same share of the light always gives the same position
+            return  # no evidence: the same share of light always gives the same position
         self._guessed = True
         self._x_guess_um = at_um
         self._slack_guess_um = slack_um
@@ -594,7 +594,7 @@ class ContactTracker:
         if not self._pair:
             return
         if brightness < b_last + _EVEN:
-            # Both rest. Without a second pair, only a spectrum of two fingers confirms the first.
+            # Both fingers rest: only a spectrum of two fingers confirms an earlier estimate.
             if self._guessed and self._rested and not fits:
                 self._found_both(fits, x_um, brightness, t)
             return

@@ -5,7 +5,7 @@ untouched strip while the LED is on, minus the dark frame.
 
 A dark window has four samples. Its counts are integers, and the rounding error is up to three times
 the noise of the light. So the first 16 windows are averaged; then each new window has the weight
-1/8. This has the noise and the delay of a mean over 16 windows, but does not store them. If a
+1/8. This has the noise and the delay of a mean over 16 windows, but stores no window. If a
 window deviates too much from the mean, the ambient light has changed, and the mean restarts.
 """
 
@@ -57,7 +57,7 @@ class Dark:
     mean : array of int
         Mean dark counts of the six channels, Q12.
     wanted : bool
-        Whether a window must begin as soon as possible; it restarts the mean.
+        Whether a window must begin as soon as possible; this window restarts the mean.
     age_us, every_us : int
         Time since the last window, and least time between two windows, in us. The age stops at
         `every_us`, so that it cannot overflow.
@@ -88,8 +88,8 @@ class Dark:
         exposure_us : int
             Integration time in us; 0 if windows are taken on request only.
         dark_every : int
-            Number of samples between two dark samples, which are taken even during a touch. 0: take
-            windows of four dark samples while the strip is not touched.
+            Number of samples between two dark samples, which are taken even during a touch. With
+            0, windows of four samples are taken while the strip is not touched.
         """
         self.exposure_us = exposure_us
         self.always = dark_every > 0
@@ -102,7 +102,7 @@ class Dark:
         self.wanted = self.exposure_us > 0
 
     def use(self, sums):
-        """Use a stored dark frame; return whether there is one.
+        """Use a stored dark frame; return whether `sums` contains one.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class Baseline:
         return [level >> _POOL_SHIFT for level in self._level]
 
     def rescale(self, samples):
-        """Scale `floor` for readings of `samples` samples; return the number of samples in it.
+        """Scale `floor` for readings of `samples` samples; return the number of samples in `floor`.
 
         The returned number is a power of 2, at most 64, within the limits of `kernel.estimate`.
         """
@@ -284,7 +284,8 @@ class Baseline:
         idle_us : int
             Time since the last touch, in us.
         rests : bool
-            True if an object that is not a finger lies on the strip; the baseline then includes it.
+            True if an object that is not a finger lies on the strip. The reading then becomes
+            the baseline.
         """
         if rests or self.wanted:
             self.wanted = False

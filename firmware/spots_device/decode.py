@@ -37,8 +37,8 @@ class Decode:
     position_um, force_mN : int
         Position in um and force in mN; 0 if the flags mark them as unknown.
     dark_samples : int
-        Number of samples in the dark sums that `update` gets. Multiplied by the number of samples
-        in a reading, it must be at most 256.
+        Number of samples in the dark sums that `update` gets. The product of this number
+        and the number of samples in a reading must be at most 256.
     """
 
     def __init__(self):
@@ -87,9 +87,9 @@ class Decode:
             if force_mN >= (calibration.touch_off_mN if touching else calibration.touch_on_mN):
                 flags |= TOUCHING
                 # Drift shifts the misfit of every press alike. The third reading of a touch gives
-                # this shift, if it agrees with that of the touch before: fingers that come together
-                # seldom do so twice. A reading that fits one press up to the shift is untrusted,
-                # but good enough for a key, see contact.TWO_FIT.
+                # this shift, if the previous touch gave the same: two fingers seldom touch together
+                # twice in a row. A reading that fits one press up to the shift is untrusted, but
+                # good enough for a key, see contact.TWO_FIT.
                 if not touching:
                     self._learns = 3
                 if self._learns:

@@ -1,8 +1,8 @@
 """Exposure, gain and LED current: ranges and register values.
 
 Source: DS000504, sections 10.2.2 (ATIME, ASTEP), 10.2.6 (gain) and 10.2.4 (LED). Below 182 ms,
-counts and full scale are both proportional to the exposure. So the exposure does not prevent
-saturation there; gain and LED current do.
+counts and full scale are both proportional to the exposure. So a shorter exposure does not prevent
+saturation there; a lower gain or LED current does.
 """
 
 from micropython import const

@@ -5,7 +5,7 @@ Imported only while contacts are streamed. Integers only; allocates nothing.
 
 # States of a finger.
 DOWN = 0  # its first frame
-PROVISIONAL = 1  # not alone, or just lifted: position is estimated, or of its last own reading
+PROVISIONAL = 1  # not alone, or just lifted; position: an estimate, or from its last reading alone
 CONFIRMED = 2  # alone in this reading
 UP = 3  # its last frame
 NEVER_ALONE = 4  # its last frame, and all its positions were estimates

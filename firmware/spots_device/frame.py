@@ -22,7 +22,7 @@ TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 SPECTRUM_BODY = "BB6H"  # flags, gain, counts
 KEY_BODY = "BHBB"  # usage page, usage, modifiers, pressed
 CONTACT_BODY = "BBiHH"  # id, state, position_um, sigma_um, force_mN
-TEXT_MAX = 640  # the longest reply is that to `get`, 602
+TEXT_MAX = 640  # bytes; the longest reply, to `get`, has 602
 
 _TOUCH_FRAME = HEADER + TOUCH_BODY
 _TOUCH_SIZE = HEADER_SIZE + 15
@@ -171,8 +171,8 @@ class Framer:
         return self._send(HEADER_SIZE + len(data), self._gap)
 
     def _send(self, size, gap_after):
-        # `gap_after`: the gap that a later frame must still mark after this frame is sent, because
-        # only TOUCH and SPECTRUM frames have flags.
+        # `gap_after`: the gap that remains to be marked once this frame is sent. Only TOUCH and
+        # SPECTRUM frames have flags, so all other frames leave the gap to a later frame.
         length = frame(self._payload, size, self._encoded)
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.

@@ -24,7 +24,7 @@ class GamepadAxes:
         self._length_um = self._shift = self._full_mN = 0
 
     def set_range(self, length_um, full_mN):
-        """Release all, and set the full scale of the axes.
+        """Centre the axes, release the button, and set the full scale of the axes.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """HID reports of keyboard, consumer control and gamepad, and a queue of reports to the host.
 
-It works with any USB stack that has a function ``send(report) -> bool``. The function must not
-wait; it returns True if the stack accepted the report. Integers only; allocates nothing after
+The queue works with any USB stack that has a function ``send(report) -> bool``. The function must
+not wait; it returns True if the stack accepted the report. Integers only; allocates nothing after
 construction.
 """
 
@@ -58,7 +58,7 @@ def with_report_id(descriptor, report_id):
 
 
 class Outbox:
-    """First-in first-out queue of reports; each report is sent exactly once.
+    """First-in first-out queue of reports; no report is sent twice.
 
     If the queue is full, all its reports are dropped, and a report without a pressed key is sent.
     A lost key is better than a stuck key.

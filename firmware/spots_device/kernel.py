@@ -213,7 +213,7 @@ def crc32(data, size, crc):
 
 
 def cobs_encode(source, size, target):
-    """Encode the first `size` bytes of `source` with COBS into `target`, with a zero byte.
+    """Encode the first `size` bytes of `source` with COBS into `target`, and add a zero byte.
 
     Returns the number of bytes in `target`, including the zero byte.
     """

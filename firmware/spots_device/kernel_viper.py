@@ -99,7 +99,7 @@ def estimate(
             n = sums[i] * dark_samples - samples * dark[i]
             if n <= 0:
                 return 1
-        # log2.log2_q20, whose table holds no negative number.
+        # As in log2.log2_q20; its table has no negative number, so no sign is corrected.
         if n >= 1 << 24:
             logs[i] = 24 << 20
             continue
@@ -123,7 +123,7 @@ def estimate(
         base = table[step]
         fraction = base + (((n & 16383) * (table[step + 1] - base)) >> 14)
         logs[i] = (exponent << 20) + ((fraction + 8) >> 4)
-    if not calibration:  # there is no 'is' here
+    if not calibration:  # viper has no 'is'
         return 0
 
     # Contrast and fit by the weights of the whole strip, then position and force by the segment's.
@@ -179,7 +179,7 @@ def estimate(
 
 
 def _crc_table():
-    # The step of half a byte: a table of bytes would be sixteen times as large.
+    # Table for half a byte; a table for a whole byte would be sixteen times as large.
     table = array("I", bytes(64))
     for half in range(16):
         crc = half

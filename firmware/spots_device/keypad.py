@@ -164,7 +164,7 @@ class Keypad:
         self._state = _IDLE
 
     def next(self, x_um, t):
-        # The finger has just left, but the next finger touched before that.
+        # The finger has just left, but the next finger touched before it left.
         prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
         if prefers_hold and self._row >= 0 and self._action(HOLD):
             self._press(self._action(HOLD))
@@ -247,8 +247,8 @@ class Keypad:
     def _find(self, x_um, again):
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        `again` is the row of the key that was tapped before, or -1. This key is returned even up
-        to ``slack_um`` beside it, because a quick second tap is less accurate.
+        `again` is the row of the key that was tapped before, or -1. A position up to
+        ``slack_um`` beside this key is also on it, because a quick second tap is less accurate.
         """
         layout = self._layout
         keys = layout.keys

@@ -85,7 +85,7 @@ class Layout:
     Parameters
     ----------
     lines : iterable of str
-        Text lines such as ``key 0 100 7340036 0 0 0 0 0``; the module describes all statements.
+        Text lines such as ``key 0 100 7340036 0 0 0 0 0``; see the module docstring.
 
     Attributes
     ----------

@@ -5,23 +5,25 @@ poll and the following successful poll bracket the end of a sample. Two brackets
 give a lower bound of the period. The next poll is slightly before this bound: it is never late, and
 about one poll in twenty is early. Integers only; allocates nothing.
 
-A loop that is slower than the sensor never polls early, so there is no bracket. The sample that it
-finds is the newest: it ended within the last period. The sample is used with this uncertainty.
-Missed samples are counted with the last measured period of the chip, scaled to the exposure.
+A loop that is slower than the sensor never polls early, so there is no bracket. Each sample that
+such a loop finds is the newest one, which ended within the last period; it is used with this
+uncertainty. Missed samples are counted with the last measured period of the chip, scaled to the
+exposure.
 """
 
 from micropython import const
 
 RETRY_US = const(200)
 _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are possible
-# A sample without a narrow bracket is dropped once; the next such sample is used. With a period up
-# to this one, it is used at once: the error of its time is small, and the loop is slow.
+# The first sample without a narrow bracket is dropped, the next such sample is used. With a period
+# up to this one, the first is used too: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
 _Q = const(20)  # so fine that the rounding is less than a step of any exposure
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
-# The period is measured when its error is below 1/2048; restarted, to follow temperature.
+# A measurement of the period is valid if its error is below 1/2048. It restarts after `_LONG_US`,
+# to follow temperature.
 _SHARE = const(11)
 _LONG_US = const(60_000_000)
 _RENEW = const(256)  # samples after which the reference moves on, to follow temperature
@@ -57,14 +59,14 @@ class Pacing:
         self._early = 0
         self._was_early = False
         self._locked = False
-        self._doubted = False  # since the last narrow bracket
+        self._doubted = False  # whether `_doubt` got a sample since the last narrow bracket
         self._counted = False  # whether `_last` is valid
         self._last = 0  # end of the last sample that was counted
         self._reference = 0
         # The measurement begins at the end of a sample, which is between these two times.
         self._first = self._began = 0
-        self._taken = 0  # samples from there to the reference
-        self._samples = -1  # since the reference; -1 for no reference
+        self._taken = 0  # samples from the start of the measurement to the reference
+        self._samples = -1  # samples since the reference; -1 without a reference
 
     def start(self, now, period_us):
         """Restart; the first sample begins at `now` (ticks), `period_us` is the nominal period.
@@ -91,8 +93,8 @@ class Pacing:
     def learn(self):
         """Update the oscillator's deviation, which is the same for all exposures. Allocates.
 
-        Call it before `start`. A measurement since the last `start` replaces a deviation that it
-        contradicts. Otherwise 0.2 s of samples give a first rough value.
+        Call it before `start`. A measurement since the last `start` replaces the stored deviation
+        if both disagree. Without both, 0.2 s of samples give a first rough value.
         """
         if self.sampled:
             expected_us = self.sampled * self.exposure_us

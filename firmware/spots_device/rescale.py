@@ -1,8 +1,8 @@
 """Converts a calibration to another exposure; imported only if the exposure differs.
 
 Another exposure shifts all logarithms of a reading by the same value. So positions do not change,
-and the brightness of each force is shifted. A shorter exposure gives fewer counts, so more relative
-noise. So a touch then begins at a higher force, which gives as many counts as at the calibration.
+and the brightness of each force is shifted. A shorter exposure gives fewer counts and more relative
+noise. A touch then begins at a higher force, which gives as many counts as at the calibration.
 """
 
 from .log2 import log2_q20

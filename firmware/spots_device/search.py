@@ -17,15 +17,15 @@ _FULL = 1024
 _LOW = 615
 _AIM = 768
 _HIGH = 921
-# Below this level, one step of the gain does not exceed the band: a step is at most 2.05.
+# Below this level, one step of the gain does not exceed the band: its factor is at most 2.05.
 _STEP_FROM = 440
 
 
 class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
-    It changes the gain first (factors of 2), then the LED current. Only if both are at their
-    maximum, it sets a longer exposure: at least 182 ms, because full scale is constant from there.
+    It changes the gain first (factors of 2), then the LED current. If both are at their
+    maximum, it sets a longer exposure: at least 182 ms, because full scale does not grow above it.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def power(exponent):
 def _part(decay, off_um, brightness, away_um):
     """Return the light of the first finger of two in a reading, in counts times 16.
 
-    `away_um` is the distance from first to second finger, `off_um` from it to the reading.
+    `off_um` and `away_um`: distances from the first finger to the reading and to the second one.
     """
     share = (off_um << 10) // away_um
     bend = decay * away_um >> 14
@@ -52,7 +52,7 @@ def _part(decay, off_um, brightness, away_um):
 def may_rest(decay, x1_um, first, end_um, x_um, brightness):
     """Return whether the first finger may still have its brightness `first` in a later reading.
 
-    It may not, if even a second finger at the end of the strip (`end_um`) leaves it less light.
+    False if the first one must be dimmer even with a second one at the strip's end (`end_um`).
     """
     off_um = x_um - x1_um
     far_um = end_um - x1_um
@@ -131,8 +131,8 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     x_um, brightness : int
         Position of the reading in um, and its brightness in Q20 of log2.
     fits : bool
-        Whether the spectrum of the reading fits one press. That of two fingers fits if they are
-        near each other, and does not if they are far from each other.
+        Whether the spectrum of the reading fits one press. A spectrum of two fingers fits if they
+        are near each other, and does not if they are far from each other.
     noise_um : int
         Standard deviation of the reading's position, in um.
     """

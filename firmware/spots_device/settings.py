@@ -90,7 +90,7 @@ class BoardSettings:
         Raises
         ------
         ValueError
-            If a setting is unknown or out of range. The text names it and the valid values.
+            If a setting is unknown or out of range. The message names setting and valid values.
         """
         checked = {}
         for word in words:

@@ -188,7 +188,7 @@ class Strip:
                 self._take_lit(sensor)
         elif self._state != _UNKNOWN:
             self._take_blink(sensor)
-        # Not in the middle of an average, unless a dark frame is requested.
+        # Only a requested dark frame may interrupt an average.
         due = dark.wanted or (
             dark.age_us >= dark.every_us
             and not self._samples
@@ -236,7 +236,7 @@ class Strip:
         rests = uses.take(self.index, decode)
         if self.stream_touch:
             self._framer.touch(self.index, decode)
-        # Two fingers look like ambient light. Such readings have less weight in the detection,
+        # Readings of two fingers look like ambient light. They have less weight in the detection,
         # because a dark frame costs readings.
         odd_us = lasted_us >> 3 if uses.two else lasted_us
         if self._odd_light.take(flags, sums, samples, odd_us, self._dark.age_us):
@@ -309,7 +309,7 @@ class Strip:
         sensor.switch_led(True)
         sensor.check()
         self._state = _RISING
-        if self._on_dark and not self._dark.wanted:  # else it was requested meanwhile
+        if self._on_dark and not self._dark.wanted:  # a newer request needs a new frame
             if not self._dark.exposure_us:
                 frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
                 self.settings.values["dark"] = frame

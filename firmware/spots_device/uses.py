@@ -29,7 +29,7 @@ class Uses:
     settings : settings.BoardSettings
         Settings of the board; `apply` reads ``keys`` and ``gamepad``.
     framer : frame.Framer
-        Sends each key event as a KEY frame, and CONTACT frames.
+        Sends key events as KEY frames, and fingers as CONTACT frames.
     time : frame.Time32
         Board time; the caller updates it before each event.
     usb : object or None
@@ -59,7 +59,7 @@ class Uses:
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
-        self._contacts = None  # a tracker without a keypad, and fingers, while they are streamed
+        self._contacts = None  # (tracker without a keypad, `Fingers`) while contacts are streamed
         # The tracker in use (the keypad's, or that without a keypad), and the fingers in use.
         self._tracker = self._fingers = None
         self._keyboard = self._consumer = self._axes = None
@@ -189,7 +189,7 @@ class Uses:
                 self._fingers.send(sensor, decode)
             if decode.flags & TOUCHING and tracker.two:
                 self.two = True
-                # Both bits where this spectrum alone would fit one press, see contact.py.
+                # A spectrum that fits one press gets both bits, see contact.TWO_FIT.
                 decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
         if self._gamepad_on and not self.two:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
@@ -254,7 +254,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Choose what finds touches: the keypad's tracker, one for contacts only, or none."""
+        """Choose the tracker of touches: the keypad's, one for contacts only, or no tracker."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

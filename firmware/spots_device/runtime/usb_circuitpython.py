@@ -80,7 +80,7 @@ class _Endpoint:
         self._pause_ms = _PAUSE_MS
 
     def free(self):
-        if not supervisor.runtime.usb_connected:  # neither mounted nor awake
+        if not supervisor.runtime.usb_connected:  # not mounted, or suspended
             self._wait(0)
             self._pause_ms = _PAUSE_MS
             return False

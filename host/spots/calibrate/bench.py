@@ -17,10 +17,10 @@ from .spectra import Reading, SpectrumReader
 
 _TRIES = 5
 _WINDOW_S = 0.24
-_LONG_S = {"mark": 3.0, "hand": 0.75}  # of presses with a finger, by kind
+_LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a press with a finger, by kind
 _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
-# Of presses with a finger, whose tremor looks like slow drift in readings of 100 ms.
+# The same for presses with a finger, whose tremor looks like slow drift in readings of 100 ms.
 _FINGER_DRIFT_MAX = 0.05
 _TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
 _SIGMAS = 5.0
@@ -85,7 +85,7 @@ class Bench:
 
     @property
     def mark_samples(self) -> int:
-        """Number of samples in a reading of a mark; many, because its noise shifts whole tables."""
+        """Number of samples in a reading of a mark; many, because noise of marks shifts tables."""
         return samples_of("mark", self.reader.info["exposure_us"])
 
     def take(
@@ -106,7 +106,7 @@ class Bench:
         judge : callable
             ``judge(reading)`` raises `BadPressError` if the reading does not fit the press.
         given_up : str
-            End of the error message after the last attempt.
+            End of the error message that follows the last failed attempt.
 
         Returns
         -------

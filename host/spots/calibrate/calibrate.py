@@ -47,12 +47,12 @@ def calibrate_command(options: argparse.Namespace) -> None:
 def opened(
     options: argparse.Namespace, made: Session | CalibrationFile, path: Path
 ) -> Iterator[Bench]:
-    """Open the board that the options name, with the person or machine that presses its strip.
+    """Open the board that `options` selects, for the person or machine that presses its strip.
 
     Parameters
     ----------
     options : argparse.Namespace
-        ``port``; ``length_mm``: length of the strip, or None; options of a simulator.
+        ``port``, ``length_mm`` (length of the strip, or None), and options of a simulator.
     made : Session or CalibrationFile
         Session or calibration of the strip.
     path : Path

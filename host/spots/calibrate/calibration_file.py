@@ -85,7 +85,8 @@ class Joint(_Struct, kw_only=True):
         Mean difference between the two directions, in degrees.
     low, high : tuple of (float, float) or None
         Lowest and highest calibrated position in um, each with the standard deviation of a reading
-        there in degrees. The logarithm of that deviation is linear in the position between them.
+        at this position, in degrees. Between the two positions, the logarithm of the standard
+        deviation is linear in the position.
     """
 
     zero_deg: float
@@ -154,8 +155,8 @@ class CalibrationFile(_Struct, kw_only=True):
     original : tuple of str
         Lines before the first re-zero; empty without a re-zero.
     relative_force : bool
-        Whether the forces of the presses were unknown. A force in mN then is 3000 times the light
-        over the mean light of the presses.
+        Whether the forces of the presses were unknown. A force in mN is then 3000 times the ratio
+        of the light to the mean light of the presses.
     residuals : list of Residual
         Errors at the presses of the calibration, one entry for each strain.
     joint : Joint or None

@@ -35,7 +35,7 @@ class Choice:
     sigma_um : float
         Least possible standard deviation of one sample's position in um, averaged over the strip.
     present_sigma_um : float
-        Standard deviation with the channels of the first pass; infinite if one is not usable.
+        Standard deviation with the channels of the first pass; infinite if a channel is unusable.
     """
 
     plan: tuple[str, ...]
@@ -61,8 +61,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     plans : pair of tuple of str
         Plans of the two passes, see `passes`.
     measured : pair of Presses
-        Readings of the two passes. Each has the same positions with one firm force, and one full
-        press.
+        Readings of the two passes. Both have firm presses with one force at the same positions,
+        and one full press.
     full_scale : float
         Largest count of a channel.
 

@@ -61,13 +61,13 @@ class Dialog(Protocol):
         """Begin a series of `total` presses of a strip, with the names of the channels."""
 
     def skip(self, count: int = 1) -> None:
-        """Count `count` more presses as taken in the progress display; it may be negative."""
+        """Add `count`, which may be negative, to the presses taken in the progress display."""
 
     def want(self, wanted: Wanted) -> None:
         """Show where to press next."""
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading, why it is not steady, and the share (0 to 1) of steady readings."""
+        """Show a reading, `trouble` if it is not steady, and progress to a steady press, 0 to 1."""
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
         """Show that a press was taken."""

@@ -12,9 +12,9 @@ from .choose import DIODES
 
 # DS000504, table of optical characteristics.
 _CENTRE_NM = dict(zip(DIODES, (415, 445, 480, 515, 555, 590, 630, 680)))
-_BLUE_NM = 500  # above it the light of a white LED comes from its phosphor
+_BLUE_NM = 500  # above it, the phosphor emits the light of a white LED
 _PHOSPHOR_FWHM_NM = 130.0  # of usual white LEDs
-# Smallest change that is named, and its name. It moves a press on 85 mm by about 0.1 mm.
+# Least change that is reported, and its text. This change moves a press on 85 mm by about 0.1 mm.
 _WORDS = (
     (0.25, "dye {:.1f} % paler", "dye {:.1f} % darker"),
     (0.05, "LED {:.2f} nm redder", "LED {:.2f} nm bluer"),
@@ -23,7 +23,7 @@ _WORDS = (
 
 
 def described(place_um, logs, shifts, plan) -> str:
-    """Return a drift in words.
+    """Describe a drift in words.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 At knots along the strip, the calibration lines have three weighted sums of the channels' logs: for
 the position, the force and the misfit. Three sums do not determine six channels at one position.
-But each segment has other weights, and one smooth curve per channel must match the sums of all
+But the weights differ between segments, and one smooth curve per channel must match the sums of all
 segments. Weak regularisation towards straight curves determines the rest.
 """
 
@@ -18,7 +18,7 @@ from spots_device.smux import CHANNELS
 _DEGREE = 7
 _PLACES = 65
 _ONE_Q12 = 1 << 12
-# Rounding errors of the sums, whose positions and values are integers; in log2 units.
+# Rounding errors of the sums in log2 units, because the lines have integers only.
 _SUM_SIGMA, _MISFIT_SIGMA = 5e-5, 1e-4
 # Expected size of the Chebyshev coefficient of degree n, times n squared.
 _COEFFICIENT_SIGMA = 3.0

@@ -19,19 +19,19 @@ from .monotone import monotone
 from .presses import Noise, Presses
 
 SEGMENTS = 5
-_KNOTS = 9  # of a segment
+_KNOTS = 9  # in the table of a segment
 _OVERLAP = 0.25  # share of a segment by which its table reaches into the next segments
 _FORCE_KNOTS = 72
-_FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # of the weights' absolute values
+_FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weights' absolute values
 PLACES_MIN = 12
 FORCES_MIN = 10
 _NOISE_PLACES = 21
-# A touch begins at the least force with this standard deviation of the position, at every place.
-# On a long strip it is a share of the length, like the width of a key.
+# A touch begins at the least force for which no position has a larger standard deviation. On a
+# long strip, this limit is a share of the length, like the width of a key.
 _TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 170
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
-_PRODUCT_MAX = 2.0**28  # a quarter of what fits 31 bits, for bends and for strain
+_PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; bends and strain need the rest
 _TOLERANCE_MIN = 12  # Q12; the LED cools by 1 or 2 K in a dark frame: 10 um on 85 mm
 _TOLERANCE_MAX = 600  # Q12; dimmer light cannot show a second press
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
@@ -60,7 +60,7 @@ def fit(
     conditions : Conditions
         Board and settings of the presses.
     misfit : numpy.ndarray, shape (n, 6), optional
-        Errors of the logs of presses that widen the tolerance; those of `along` if not given.
+        Errors of the logs of presses, which widen the tolerance. If not given, those of `along`.
 
     Returns
     -------
@@ -263,8 +263,8 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the brightness does not rise with the force: check strip, LED, gain")
-    # Half of the knots are even in the logarithm of the force, for the bend at large forces. The
-    # others are even in brightness, for the steep curve at small forces.
+    # Half of the knots are evenly spaced in the logarithm of the force, for the bend at large
+    # forces. The others are evenly spaced in brightness, for the steep curve at small forces.
     fine = np.geomspace(forces[0], forces[-1], 4000)
     curve = monotone(np.log(forces), means, np.log(fine))
     even = np.linspace(curve[0], curve[-1], _FORCE_KNOTS // 2)

@@ -77,7 +77,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Count `count` more presses as taken in the progress display; it may be negative."""
+        """Add `count`, which may be negative, to the presses taken in the progress display."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
@@ -100,7 +100,7 @@ class Guide:
         trouble : str or None
             Reason why the press is not steady; None for a steady press.
         steady : float
-            Steady readings so far as a share of the number needed, 0 to 1.
+            Number of steady readings divided by the number that a press needs, 0 to 1.
         """
         self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
         self._bars.add_row("held", "", Text(bar(steady), style="green"))

@@ -15,12 +15,12 @@ from .typed import grams
 _KINDS = ("hand", "position", "force", "mark")
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
-_FITTED_MIN = 6  # presses; fewer do not show the sizes of errors
+_FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
-_REMOVALS = 0.2  # largest share of removed presses; a strip with more is not the model's
+_REMOVALS = 0.2  # largest share of removed presses; with more, the strip does not follow the model
 _HARDER = 1.4
-_THIN = 1.5  # error at a place or force over the mean error
-_GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # an error below needs no more presses
+_THIN = 1.5  # ratio of the error at a place or force to the mean error
+_GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # with a smaller error, no more presses are needed
 _ALONG, _FORCES = 33, 30
 
 
@@ -116,7 +116,7 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
     if len(known) < len(first) or surface is None:
         share, force_mN = first[min(len(known), len(first) - 1)]
         place_um = share * length_um
-    elif rough:  # of unknown forces, only the place can be chosen
+    elif rough:  # without a scale, only the place can be chosen
         places_um, sigma_um = surface.errors()[0]
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
     else:
@@ -145,7 +145,7 @@ def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
         return False
     place_um, force_mN = surface.without(worst).find(taken.counts[worst])
     like = f"{place_um / 1000:.1f} mm" + (f" with {grams(force_mN)}" if at[1] else "")
-    guide.say(f"{found[-1]} is removed: its light is that of {like}; press there again")
+    guide.say(f"{found[-1]} is removed: its light is that of {like}; repeat this press")
     session.remove(found[-1])
     return True
 

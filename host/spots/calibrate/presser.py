@@ -72,7 +72,7 @@ class Presser:
         Parameters
         ----------
         wanted : Wanted
-            The press that was asked for. If its force is 0, only the place is asked.
+            The press that was asked for. If its force is 0, only the place is asked for.
         length_um : float
             Length of the strip in um.
 
@@ -100,7 +100,7 @@ class Presser:
             )
 
     def dark(self, board: Board) -> None:
-        """Take the dark frame of a board whose LED is always on. The strip is not pressed."""
+        """Take the dark frame of a board whose LED is always on. The strip must not be pressed."""
         take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
@@ -118,7 +118,7 @@ class Presser:
         float
             The least force in mN.
         """
-        # A scale may show grams. A strip that needs more than a firm press has no positions.
+        # The limits detect a number in grams, and a strip on which a firm press is too dark.
         return 1000 * self._number(
             f"press at {wanted.place_um / 1000:.1f} mm with the least force that lights every "
             "channel; what does the scale show, in N? ",
@@ -134,7 +134,7 @@ class Presser:
         direction : int
             Direction of the turn: 1 up, -1 down.
         share : float
-            Wanted angle as a share of the joint's travel, 0 to 1; ignored if a person turns it.
+            Wanted angle as a share of the joint's travel, 0 to 1; a person may turn to any angle.
 
         Returns
         -------

@@ -55,7 +55,7 @@ class Presses:
         return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
-        """Return the presses with those forces that light all channels at every position."""
+        """Return the presses whose force lights all channels at every position."""
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))
 
@@ -63,8 +63,8 @@ class Presses:
 def own_variance(samples: np.ndarray) -> np.ndarray:
     """Return the variance of each channel, without the noise that all channels share.
 
-    The logarithms of two channels differ by the noise of these channels only. Least squares over
-    all pairs of channels separates their variances.
+    The difference of the logarithms of two channels contains the noise of these two only. Least
+    squares over all pairs of channels separates the variances.
 
     Parameters
     ----------
@@ -111,10 +111,10 @@ class Noise:
         found = cls(ROUNDING_VARIANCE, 0.0)
         for _ in range(_REWEIGHTINGS):
             # The error of a measured variance is proportional to the true variance. Weights from
-            # the measured variances would favour low ones, so the last round gives the weights.
+            # measured variances would favour low ones, so the previous round gives the weights.
             weight = 1 / found.variance(counts)
             solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
-            # A held press hides part of the rounding, so its variance is the lower limit.
+            # A held press hides part of the rounding; the rounding variance is the lower limit.
             found = cls(max(float(solution[0]), ROUNDING_VARIANCE), max(float(solution[1]), 0.0))
         return found
 

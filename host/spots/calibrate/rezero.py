@@ -26,7 +26,7 @@ from .session import Wanted
 from .shift import shifted
 from .steps import DARK_S
 
-_STRAY_UM = 1500.0  # largest distance from the other presses of a mark; a finger reaches 300 um
+_STRAY_UM = 1500.0  # largest distance from the other presses of a mark; a person achieves 300 um
 _STRAY_SHARE = 0.5  # largest distance from the mark, as a share of the distance to the next mark
 _STRAYS = 5  # largest number of repeated presses of a mark
 
@@ -66,7 +66,7 @@ def rezero(
     force_mN : float, optional
         Force of each press in mN, read from a scale, to correct the force too.
     joint : bool
-        Whether a joint presses the strip at its stops.
+        Whether a joint presses the strip, at the stops of the joint.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def rezero(
         wanted = Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg)
         shifts.append(_shift(bench, wanted, log, marks, presses))
     shifts = np.array(shifts)
-    if force_mN is None:  # the mean of all channels is the force of the finger
+    if force_mN is None:  # the mean shift of all channels is due to the finger's force
         shifts -= shifts.mean(axis=1, keepdims=True)
     else:
         then_now_mN = [marks.force_mN, force_mN]

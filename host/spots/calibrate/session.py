@@ -244,7 +244,7 @@ class Session:
         known = [p.length_um for p in self.points if p.length_um is not None]
         if known:
             return known[-1]
-        # Older versions took forces after all places. The last place is the end of the strip.
+        # Older versions took ``force`` presses only after the last position, the strip's end.
         whole = self.of("position") if self.of("force") else []
         return max((p.place_um for p in whole), default=None)
 

@@ -1,9 +1,9 @@
 """Shifts the tables of a calibration by the drift of the channels at known positions.
 
-Drift changes log2 of channel i by c_i(x), a polynomial through the shifts at the marks. Each
-weighted sum of these logs in the tables then changes by the same weighted sum of the c_i. Such sums
-are the contrasts, the misfits, the brightness offsets, and the coarse contrast at the borders of
-segments. The weights do not change.
+Drift changes log2 of the counts of channel i by c_i(x), a polynomial through the shifts at the
+marks. Each weighted sum of these logs in the tables changes by the same weighted sum of the c_i.
+These sums are the contrasts, the misfits, the brightness offsets, and the coarse contrast at the
+borders of segments. The weights do not change.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from .session import Session, Wanted, point, presses
 from .spectra import Reading
 
 _RULER_UM = 100  # resolution of a ruler
-# By kind: usual and least number of presses by hand, places, forces, or angles in each direction.
+# By kind: default and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
     "fine": (34, PLACES_MIN),
     "rough": (10, 8),
@@ -37,14 +37,14 @@ COUNTS = {
     "joint": (11, ANGLES_MIN),
 }
 _JUDGES = {"position": judge_place, "strain": judge_place, "force": judge_force}
-_CHOOSE_PLACES = {"position": 9, "force": 9, "fine": 4}  # none: the present channels are used
-# The light begins a little below the least force that every channel sees, and grows steeply there.
-# The steps of force are even in the logarithm of what lies above this share of the least force.
+_CHOOSE_PLACES = {"position": 9, "force": 9, "fine": 4}  # other kinds use the present channels
+# The light begins a little below the least force that lights all channels, and grows steeply there.
+# So the forces of a series, minus this share of the least force, are spaced geometrically.
 _DARK_SHARE = 0.85
 _LEAST_MARGIN = 1.05  # the least force is increased by this factor
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARK_S = 2.5  # dark frames of the marks, whose noise shifts tables; longer, and the LED cools
+DARK_S = 2.5  # exposure of the marks' dark frames: less is noisier, more cools the LED
 
 
 def calibrate(
@@ -66,7 +66,7 @@ def calibrate(
     kind : str
         ``fine`` or ``rough`` by hand; ``position``, ``strain``, ``force`` or ``joint``.
     count : int
-        Number of presses by hand, positions, forces, or angles in each direction; 0 for the usual.
+        Presses by hand, positions, forces, or angles in each direction; 0 for the default.
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
@@ -162,7 +162,7 @@ class _Steps:
         if not session.points and not options.keep_settings:
             self._mains()
             self._auto()
-        # Of an LED that is always on, each plan would need a dark frame of its own.
+        # With an LED that is always on, each plan would need its own dark frame.
         if choose_places and not wanted_plan and reader.info.get("led") != "always":
             self._choose(choose_places)
 
@@ -173,7 +173,7 @@ class _Steps:
         guide.say("lamps: touch nothing")
         if mains_hz := lamps.mains_hz(reader.board):
             reader.set_up(f"mains_hz={mains_hz}")
-            reader.board.command("save")  # an exposure of a session can only be set again with it
+            reader.board.command("save")  # needed to set the session's exposure again later
             guide.say(f"lamps flicker at {2 * mains_hz} Hz: mains_hz={mains_hz}")
 
     def _auto(self) -> None:
@@ -181,7 +181,7 @@ class _Steps:
         self._begin("exposure", 1)
         bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN))
         found = bench.reader.board.command("auto", timeout_s=60)
-        kind = found.get("led", "ldr")  # older boards have no other kind
+        kind = found.get("led", "ldr")  # older firmware has no other kind
         if kind == "always":
             bench.presser.release()
             bench.presser.dark(bench.reader.board)
@@ -319,7 +319,7 @@ class _Steps:
         )
 
     def _turn(self, wanted: Wanted) -> None:
-        # Two presses with one angle and direction could not be fitted.
+        # Two presses with the same angle and direction cannot be fitted.
         taken = [(p.angle_deg, p.direction) for p in self.session.of("joint")]
         if (wanted.angle_deg, wanted.direction) in taken:
             self.bench.guide.skip()
@@ -370,8 +370,8 @@ class _Steps:
             return None
         read = presses(known)
         found = Noise.of(read)
-        # Few presses of one force do not separate the two parts; a constant that is too small would
-        # reject weak presses.
+        # Few presses with one force do not separate the two parts of the noise. A constant part
+        # that is too small would reject weak presses.
         return Noise(max(found.constant, float(np.median(read.variance))), found.per_count)
 
 

@@ -2,7 +2,7 @@
 
 The model of log2 of the counts of channel c is ``s_c(x) + g(F)``: by Eq. 1 of the paper, place and
 force act on the logarithm separately. `s_c` and `g` are Chebyshev series whose coefficients have a
-Gaussian prior, which is smaller for higher degrees. An error of the position shifts the channels
+Gaussian prior, which is narrower for higher degrees. An error of the position shifts the channels
 along the slopes of `s_c`; an error of the force shifts all channels alike. The sizes of these
 errors and of the coefficients are those with the largest evidence (Rasmussen and Williams, Gaussian
 Processes for Machine Learning, section 5.4.1).
@@ -21,16 +21,16 @@ from .fit import estimators
 from .presses import FIRM_MN, FULL_MN, Noise, Presses
 
 _PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
-_RATIO = 0.3  # of the expected coefficients of two successive degrees
+_RATIO = 0.3  # ratio of the expected coefficients of successive degrees
 _WIDE = 30.0  # log2; expected size of a coefficient about which nothing is known
 _STILL = 1 / 12  # counts**2; errors of dark frame and rounding, which more samples do not reduce
 _ROUNDS = 3
 _SWEEPS = 4
-_LIT = 1.0  # log2 of the counts of the dimmest channel of a press that a person is asked for
-_FAR = 0.9  # share of the length
-_LEAST_MN = 20.0  # that a kitchen scale shows
-_LEAST_RELATIVE_MN = 100.0  # of a calibration without forces
-_LOWER = 0.6  # least force to ask for, as a share of the least so far
+_LIT = 1.0  # log2; least counts of the dimmest channel in a press that a person is asked for
+_FAR = 0.9  # share of the length; a force that is asked for must light all channels here
+_LEAST_MN = 20.0  # least force that a kitchen scale shows
+_LEAST_RELATIVE_MN = 100.0  # least force of a calibration without a scale
+_LOWER = 0.6  # least force to ask for, as a share of the least force so far
 _ABOVE_DARK = 1.15
 
 
@@ -271,7 +271,7 @@ class Surface:
         return Presses(place_um, force_mN, counts, self._noise.variance(counts), saturated)
 
     def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions and forces with light in all channels, even below measured forces."""
+        """Return positions and forces that light all channels, even forces below measured ones."""
         low_mN = max(_LOWER * self.least_mN, _LEAST_MN, _ABOVE_DARK * dark_mN)
         forces_mN = np.geomspace(low_mN, FULL_MN, 12)
         far_um = np.full_like(forces_mN, _FAR * self.length_um)
@@ -282,7 +282,7 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows whose products with the coefficients are errors of place and of force."""
+        """Return matrices that convert errors of the coefficients to errors of place and force."""
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
         light = (rows * light[:, :, None]).sum(axis=1) / self._rises(force_mN)[:, None]
@@ -294,9 +294,9 @@ class Surface:
         Returns
         -------
         places : tuple of (numpy.ndarray, numpy.ndarray)
-            Places in um, and the standard deviation of the place there in um.
+            Places in um, and the standard deviation of each place in um.
         forces : tuple of (numpy.ndarray, numpy.ndarray)
-            Forces in mN, and the relative standard deviation of the force. Empty without forces.
+            Forces in mN, and the relative standard deviation of each force. Empty without forces.
         """
 
         def sigma(targets):

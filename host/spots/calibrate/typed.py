@@ -9,13 +9,13 @@ from ..errors import SpotsError
 _STANDARD_GRAVITY = 9.80665  # mN per g
 PLACES = {"mm": 1000.0, "cm": 10_000.0}
 FORCES = {"g": _STANDARD_GRAVITY, "kg": 1000 * _STANDARD_GRAVITY, "n": 1000.0, "mn": 1.0}
-_LEAST_MN, _MOST_MN = 98.0, 20_000.0  # a force outside has the wrong unit
-_BEYOND_UM = 1000.0  # a press may lie beyond the end of the strip by this
+_LEAST_MN, _MOST_MN = 98.0, 20_000.0  # a force outside this range has the wrong unit
+_BEYOND_UM = 1000.0  # largest distance of a press beyond the end of the strip
 _NUMBER = re.compile(r"\s*(\d+(?:[.,]\d+)?)\s*([a-z]+)[\s,;]*", re.IGNORECASE)
 
 
 def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
-    """Return the position and the force that a person typed, in any order.
+    """Parse a position and a force that a person typed in any order.
 
     Parameters
     ----------
@@ -60,5 +60,5 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
 
 
 def grams(force_mN: float) -> str:
-    """Return a force in mN as text, in g as on a kitchen scale and in N as on a force gauge."""
+    """Return a force in mN as text: in g as on a kitchen scale, and in N as on a force gauge."""
     return f"{force_mN / _STANDARD_GRAVITY:.0f} g ({force_mN / 1000:.3g} N)"

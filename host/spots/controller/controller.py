@@ -148,7 +148,7 @@ class ControllerView:
     Parameters
     ----------
     board : Board
-        Board whose readings are used, for the title and the link statistics.
+        Board that sends the readings. Its name and its link statistics are shown.
     controller : Controller
         Controller to draw.
     settings : ControllerSettings

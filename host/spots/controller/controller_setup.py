@@ -13,7 +13,7 @@ from ..link.calibrated import hello_calibrated
 from ..link.frames import Touch
 from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, PositionAxis, load, save
 
-_SETTLE_S = 0.3  # the begin of a touch is not used
+_SETTLE_S = 0.3  # the start of a touch is not used
 _HELD_S = 1.0  # duration of the measurement
 _WAIT_S = 60.0
 _LIFTED_S = 0.1

@@ -16,7 +16,7 @@ from .controller_settings import ControllerSettings, ForceAxis, PositionAxis, Pr
 from .one_euro import OneEuro
 from .shaping import deflection, shaped
 
-# A reading with one of these flags shows neither a touch nor the end of one.
+# A reading with one of these flags shows neither a touch nor the end of a touch.
 _BLIND = decode.SATURATED | decode.MISFIT | decode.LED_OFF | decode.NOT_CALIBRATED
 _TURN_US = 1 << 32  # the board's clock wraps
 _FORGET_S = 1.0  # after a longer pause a movement or a tap is stale
@@ -126,7 +126,7 @@ class Controller:
             self._touched = True
             self._began_us = self._last_us = touch.t_us
             for button in self._buttons:
-                # A button belongs to a touch that was seen from its beginning.
+                # Only a touch whose start was seen can press a button.
                 button.begin(self._lifted and button.has(touch.position_um))
         dt_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
         self._last_us = touch.t_us
@@ -141,7 +141,7 @@ class Controller:
         self._touched = self.held = False
         for axis in self._axes.values():
             axis.end()
-        # No tap without a lift, nor long after it (the process was stopped).
+        # A tap needs a lift that was seen, and recently: the process may have been stopped.
         tapped = self._lifted and now_s - self._until_s < _FORGET_S
         lasted_ms = (self._last_us - self._began_us) % _TURN_US / 1000 if tapped else math.inf
         for button in self._buttons:
@@ -274,7 +274,7 @@ class _Sender:
 
     def put(self, state: State) -> None:
         waiting = self._waiting
-        # With a full queue a short push may be lost, but never the newest state.
+        # If the queue is full, a short push may be lost, but the newest state never is.
         if waiting and (state.buttons == waiting[-1].buttons or len(waiting) == _WAITING_MAX):
             waiting[-1] = state
         else:

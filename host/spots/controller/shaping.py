@@ -1,4 +1,4 @@
-"""Converts a reading's value to the deflection of an axis, with pure functions of one number."""
+"""Pure functions that convert the value of a reading to the deflection of an axis."""
 
 
 def deflection(value: float, rest: float, low: float, high: float) -> float:

@@ -10,7 +10,7 @@ from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from .layout import KeyLayout
 
-_TYPICAL_DECAY = 289  # of boards that do not report it
+_TYPICAL_DECAY = 289  # for boards that do not report the decay
 
 
 class KeyEngine:
@@ -25,7 +25,7 @@ class KeyEngine:
     sink : KeySink
         Receiver of the key events.
     decay : int, optional
-        Decay of the strip's dye, from the same reply. If it is missing, that of a typical dye.
+        Decay of the strip's dye, from the same reply; a typical decay if not given.
 
     Attributes
     ----------

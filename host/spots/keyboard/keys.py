@@ -31,7 +31,7 @@ def show(name: str) -> None:
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Upload a layout to a board, turn the board's keys on, and store both on the board.
+    """Upload a layout to a board, switch keys and baseline on, and save layout and settings.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
 A file contains layers, and a layer contains keys. A key is the action of a tap, or a table of
-actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus``. The slides are
-towards the sensor and away from it. An action is the name of a computer's key with modifiers
-(``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names are those of
-`usages`.
+actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus``. A
+slide with ``minus`` is towards the sensor, one with ``plus`` away from it. An action is the name of
+a computer's key with modifiers (``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or
+``once NAME``. Key names are those of `usages`.
 """
 
 import re
@@ -72,7 +72,7 @@ class PlacedKey:
     Attributes
     ----------
     low, high : float
-        Begin and end of the zone, as shares (0 to 1) of the strip's length from the sensor.
+        Start and end of the zone, as shares (0 to 1) of the strip's length from the sensor.
     label : str
         Text on the key.
     actions : dict of str to int
@@ -215,7 +215,7 @@ class _Compiler:
 
 
 def _label(key: _Key) -> str:
-    """Return a key's label: what tap, firm press and hold type, or the name of the tap's key."""
+    """Return a key's label: the characters of tap, firm press and hold, or the tap's key name."""
     written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
     characters = [text for text in written if len(text) == 1]
     return " ".join(characters) if len(characters) > 1 else written[0] if written else ""

@@ -1,7 +1,8 @@
 """Keyboard for macOS and Windows, by pynput.
 
-Keys are identified by their characters, not by their positions. If a key types a character on an
-American keyboard, the key with that character in the computer's own keyboard layout is pressed.
+Keys are identified by their characters, not by their positions. A key that types a character on an
+American keyboard is replaced by the key that types this character in the computer's own keyboard
+layout.
 """
 
 from ..errors import SpotsError

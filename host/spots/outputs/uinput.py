@@ -26,7 +26,7 @@ class UInputKeyboard(Keyboard):
         super().__init__()
         self._evdev = evdev = _import_evdev()
         codes = sorted({evdev.ecodes.ecodes[one.linux] for one in USAGES.values()})
-        # With EV_REP the kernel repeats a held key, also without a desktop.
+        # With EV_REP the kernel repeats a held key, even without a desktop.
         self._device = _open(evdev, {evdev.ecodes.EV_KEY: codes, evdev.ecodes.EV_REP: ()}, "keys")
 
     def _set(self, one: Usage, pressed: bool) -> None:
