@@ -44,7 +44,7 @@ class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
-    """Return path and text of a TOML file of the user, or of one that is part of the package.
+    """Return path and text of a TOML file that belongs to the user or to the package.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def dumps(content: dict, prefix: str = "") -> str:
     Returns
     -------
     str
-        Lines of TOML, without an end of the last line.
+        Lines of TOML, without a newline after the last line.
     """
     lines, tables = [], []
     for key, value in content.items():

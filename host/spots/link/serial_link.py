@@ -84,8 +84,8 @@ class SerialLink(Link):
         If the port does not exist, is busy, or access is denied.
     """
 
-    # Timeout of a read on Windows: to change it sets up the port again, which takes milliseconds
-    # and may lose bytes that were just written.
+    # Timeout of a read on Windows. The timeout never changes, because a change sets up the port
+    # again, which takes milliseconds and may lose bytes that were just written.
     _STEP_S = 0.005
 
     def __init__(self, port: str):

@@ -17,8 +17,8 @@ from ..link.readers import Handle
 from .disk import Disk
 from .header import VERSION, Header, encoded
 
-# Data that arrives within this time shares a note of its time. A shorter step is more precise and
-# takes more bytes.
+# Data that arrives within this time shares one note of the arrival time. A shorter step is more
+# precise and takes more bytes.
 ARRIVAL_STEP_S = 0.005
 
 
@@ -81,7 +81,7 @@ class Recorder:
         self.bytes = 0
         self.handles: list[Handle] = []
         if rotate_bytes is not None and (parts := parts_beside(self._path)):
-            # Report it at the start, and not hours later when the first file is full.
+            # Report an existing file now, and not hours later when the first file is full.
             raise exists(part_path(self._path, parts[0]))
         self._begin()
 

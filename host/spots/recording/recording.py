@@ -52,7 +52,7 @@ class Recording:
     end_s : float
         Time of the last note, in seconds, on the same clock as the times of arrival.
     complete : bool
-        Whether the iteration has found the note that a recorder writes at its end.
+        Whether the iteration has found the note that ends a complete recording.
 
     Raises
     ------

@@ -32,7 +32,7 @@ class Publisher:
     Parameters
     ----------
     board : Board
-        The board, which nothing else may read.
+        The board; nothing else may read its frames.
     session : zenoh.Session
         An open session.
 
