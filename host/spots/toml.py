@@ -105,7 +105,7 @@ def dumps(content: dict, prefix: str = "") -> str:
     Parameters
     ----------
     content : dict
-        Numbers, strings, lists of them, dicts, and lists of dicts. The keys are bare keys.
+        Numbers, strings, lists of these, dicts, and lists of dicts. The keys are bare keys.
     prefix : str
         Name of the table that has this content, with a dot at its end; empty for a file.
 

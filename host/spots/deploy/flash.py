@@ -49,8 +49,8 @@ class Plan:
     need : int
         Number of free bytes that the copy needs on the board.
     claim : bytes
-        Manifest of old and new files, stored during the copy. After an interrupted flash, it shows
-        the next flash which files belong to the firmware.
+        Manifest of old and new files, stored during the copy. If the copy is interrupted,
+        the next flash finds the firmware's files in this manifest.
     """
 
     remove: list[str]

@@ -146,7 +146,7 @@ class LinkLoss:
         self.is_open, self.tries = True, 0
 
     def look_later(self, now_s: float, refused: bool) -> bool:
-        """Record a failed search for the board, and schedule the next one.
+        """Record a failed search for the board, and schedule the next search.
 
         Parameters
         ----------

@@ -263,7 +263,7 @@ class _Fit:
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
     def solve(self, scale, begin) -> np.ndarray:
-        """Return `found` of the best fit with the weights `scale`, which starts from `begin`."""
+        """Fit with the weights `scale`, starting from `begin`; return `found` of the best fit."""
         from scipy.optimize import least_squares
 
         def residuals(found):

@@ -35,7 +35,7 @@ class Recorder:
         ``describe()`` returns the present values of ``info``, ``clock``, ``calibration`` and
         ``restarts`` of a `header.Header`.
     begun : bytes
-        Bytes of an incomplete frame that have arrived before the recording.
+        Bytes of an incomplete frame that arrived before the recording began.
     rotate_bytes : int, optional
         Largest size of a file, in bytes. After FILE.spots the recording continues in
         FILE-001.spots, which must not exist yet. No limit if not given.
@@ -110,7 +110,7 @@ class Recorder:
             if data and self._disk is not None:
                 try:
                     self._keep(data, now_s)
-                except Exception:  # but not at a Ctrl-C: the file can still get its end
+                except Exception:  # not a Ctrl-C, after which `stop` can still write the end
                     self._release()
                     raise
 

@@ -40,7 +40,7 @@ class Recording:
     size : int
         Size of all files when they were opened, in bytes.
     stats : LinkStats
-        Statistics of the recorded link. This and the values below are of the present iteration.
+        Statistics of the recorded link. This and all attributes below are of the present iteration.
     notes : int
         Number of notes.
     restarts : int

@@ -65,9 +65,9 @@ class PageCalibration(Orders):
     Parameters
     ----------
     path : Path
-        Session file; the calibration file has its name with ``.toml``.
+        Session file; the calibration file has the same name with the suffix ``.toml``.
     state : PageState
-        State of the web UI; a session sets its parts ``calibration``, ``hold`` and ``spectrum``.
+        State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
 
     Raises
     ------
