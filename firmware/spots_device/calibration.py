@@ -334,7 +334,7 @@ def _between(strains, strain_ppm):
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:
         raise CalibrationError(
-            "the calibration covers strain_ppm=0 to %d: set it in this range" % strains[last][0]
+            "the calibration covers 0 to %d: set strain_ppm in this range" % strains[last][0]
         )
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:

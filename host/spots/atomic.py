@@ -153,7 +153,10 @@ def _place_new(part: Path, path: Path) -> None:
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:
-    """Return the permissions of the file to replace; None if `path` is free, as `new` requires."""
+    """Return the permissions of the file at `path`, or None if there is no file.
+
+    If `new` is true, an existing file is an error.
+    """
     if new and os.path.lexists(path):
         raise exists(path)
     try:

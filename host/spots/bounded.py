@@ -9,7 +9,7 @@ from .errors import SpotsError
 
 # Each limit is several times the longest useful file of its kind.
 TOML_MAX_BYTES = 256 << 10  # parsed by pure Python at about 1 MB/s
-POINTS_MAX_BYTES = 1 << 20  # about 15,000 places of a linkage
+POINTS_MAX_BYTES = 1 << 20  # about 15,000 points of a linkage
 SESSION_MAX_BYTES = 16 << 20  # about 30,000 presses
 ZENOH_MAX_BYTES = 1 << 20
 
@@ -94,6 +94,6 @@ def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES, encoding: str =
 
 
 def _check_regular(path: str | Path, mode: int) -> None:
-    # To open a folder raises an `OSError` that says so.
+    # Opening a folder raises an `OSError` that names the reason.
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise SpotsError(f"{path} is not a regular file: name another file")

@@ -1,7 +1,7 @@
 """Releases all keys and buttons of open outputs before a signal ends or stops the process.
 
-An output is open while it is in its ``with`` block. It applies each change in a ``with SECTION``
-block: a signal that arrives there is deferred to the end of the block, so no change is cut in two.
+An output is open inside its own ``with`` block. It applies each change inside a second block,
+``with SECTION``. A signal during this block is deferred to its end, so no change is cut in two.
 After a signal, outputs press nothing until the loop that feeds them has called `resumed`.
 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
@@ -59,7 +59,7 @@ class _Section:
         self._act()
 
     def handle(self, number: int, frame=None) -> None:
-        """Signal handler: act on the signal `number` now, or at the end of a ``with`` block."""
+        """Signal handler: act on the signal `number` now, or at the end of ``with SECTION``."""
         if self.ended_by is not None:
             return  # the process is ending: a SIGCONT now must not raise a second exception
         if number not in self._pending:

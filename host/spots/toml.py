@@ -44,7 +44,7 @@ class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
-    """Return path and text of a TOML file of the user, or of one that is part of the package.
+    """Return path and text of a TOML file that belongs to the user or to the package.
 
     Parameters
     ----------
@@ -105,14 +105,14 @@ def dumps(content: dict, prefix: str = "") -> str:
     Parameters
     ----------
     content : dict
-        Numbers, strings, lists of them, dicts, and lists of dicts. The keys are bare keys.
+        Numbers, strings, lists of these, dicts, and lists of dicts. The keys are bare keys.
     prefix : str
         Name of the table that has this content, with a dot at its end; empty for a file.
 
     Returns
     -------
     str
-        Lines of TOML, without an end of the last line.
+        Lines of TOML, without a newline after the last line.
     """
     lines, tables = [], []
     for key, value in content.items():

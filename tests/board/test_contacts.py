@@ -202,6 +202,6 @@ def test_an_old_firmware_is_named(rig):
         made.board.contacts()
     assert str(refused.value) == (
         "the board refuses 'stream contact touch': stream takes touch, spectrum, both, or off; "
-        f"if its firmware {version} is too old for contacts, update it with 'spots flash'"
+        f"the board's firmware {version} may be too old for contacts: update it with 'spots flash'"
     )
     assert next(made.board.touches(1.0))

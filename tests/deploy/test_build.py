@@ -107,7 +107,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     (tmp_path / "build").write_text("mine")
     assert main(["build", "virtual"]) == 2
-    sentence = "spots: build/virtual cannot be written (File exists): make room there"
+    sentence = "spots: build/virtual cannot be written (File exists): make room on its disk"
     assert capsys.readouterr().err.startswith(sentence)
     with pytest.raises(SpotsError, match=r"x/virtual cannot be written .Not a directory"):
         build("virtual", tmp_path / "build" / "x")

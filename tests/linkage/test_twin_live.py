@@ -353,7 +353,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
     [
         (["--port", "0"], "but --port was given 1 times"),
         (["--port", "0", "--port", "1", "--port", "0"], "but --port was given 3 times"),
-        (["--port", "0", "--port", "1", "--record", "a"], "name two, one for each board"),
+        (["--port", "0", "--port", "1", "--record", "a"], "give it once for each board"),
         (["--port", "recording:a", "--port", "1"], "only one --port is a recording"),
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
         (["--port", "recording:a", "--measure", "p.csv"], "--measure needs real boards"),

@@ -99,7 +99,7 @@ def test_a_clumsy_person_calibrates_roughly(table, open_page):
     assert abs(seen["finger"] - seen["share"]) < 0.06
     # A wrong unit, and a press that the person wants to repeat.
     person.go_on(lambda seen: seen["asks"])
-    page.get_by_label("Place in mm").fill("42 furlongs")
+    page.get_by_label("Position in mm").fill("42 furlongs")
     page.locator("#calibration .main").click()
     person.wait(lambda seen: "is not valid" in seen["note"])
     page.get_by_role("button", name="Press again").click()
@@ -149,7 +149,7 @@ def test_a_reload_continues_and_another_page_watches(table, open_page):
     assert watching["todo"] == seen["todo"]
     assert watching["share"] == pytest.approx(seen["share"], abs=0.01)
     assert not watching["may_stop"]
-    expect(watcher.get_by_text("You only watch")).to_be_visible()
+    expect(watcher.get_by_text("This browser only watches")).to_be_visible()
     page.reload()
     person.wait(pressing)
     assert look(page)["count"] == seen["count"]
@@ -322,7 +322,7 @@ def test_a_server_that_ends_stops_the_session(table, open_page):
     ("options", "says"),
     [
         (["--port", "recording:run.spots"], "--session works with one board"),
-        (["--record-to", "."], "--record-to, --session: name one"),
+        (["--record-to", "."], "--record-to and --session exclude each other"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, tmp_path, options, says):

@@ -65,7 +65,7 @@ def doctor(parser: Parser):
 
 
 def calibrate(parser: Parser):
-    """Calibrate a strip: a guided session asks for presses and fits them.
+    """Calibrate a strip: a guided session asks for presses and computes the calibration.
 
     examples:
       spots calibrate --rough
@@ -132,7 +132,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame of an LED that is always on, while it is unplugged.
+    """Take the dark frame with the LED unplugged, if the LED is always on.
 
     example:
       spots dark

@@ -141,9 +141,9 @@ class CommandList:
         ----------
         group : module
             Module with ``PURPOSE``, the title of its commands in the help, and the functions
-            ``COMMANDS``. Each function has a command's name and, as docstring, its help. The
-            function takes the command's parser, adds the options, and returns another function,
-            which takes the parsed options and runs the command.
+            ``COMMANDS``. Each function has the name of a command, and the command's help as
+            docstring. The function takes the command's parser, adds the options, and returns
+            another function, which takes the parsed options and runs the command.
         """
         self._parser.epilog += f"\n\n{group.PURPOSE}:"
         for command in group.COMMANDS:

@@ -18,8 +18,8 @@ ARCHITECTURES = (
     "xtensa", "xtensawin", "rv32imc", "rv64imc",
 )  # fmt: skip
 
-# Pure arithmetic, compiled without line numbers, which take 7 % of flash and heap. It depends on no
-# hardware, setting or command, so a maker needs no line of it in a traceback.
+# Modules of pure arithmetic, compiled without line numbers, which take 7 % of flash and heap. These
+# modules depend on no hardware, setting or command, so a maker needs no line numbers of them.
 _WITHOUT_LINES = {
     "calibration", "contact", "dark", "decode", "exposure", "fingers", "frame", "gamepad",
     "kernel", "keypad", "layout", "log2", "pacing", "rescale", "second",
@@ -75,7 +75,7 @@ def build(board: str, root: Path = Path("build")) -> Path:
     ------
     SpotsError
         If the board is unknown, mpy-cross is missing or cannot compile a module, or the folder
-        cannot be written or has other files than a build. On an error the folder is unchanged.
+        cannot be written or contains files that no build made. On an error the folder is unchanged.
     """
     device = device_of(board)
     target = root / board
@@ -90,7 +90,8 @@ def build(board: str, root: Path = Path("build")) -> Path:
         is_tree = isinstance(error, shutil.Error)
         reason = error.args[0][0][2] if is_tree else error.strerror
         raise SpotsError(
-            f"{target} cannot be written ({reason}): make room there, or build in another folder"
+            f"{target} cannot be written ({reason}): make room on its disk, or build in another "
+            "folder"
         ) from None
     return target
 

@@ -32,7 +32,7 @@ class Drive(Tree):
     folder : str
         Folder where the drive is mounted.
     console : str, optional
-        Serial port with the board's prompt, which restarts the board.
+        Serial port of the board's prompt, through which `reset` restarts the board.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def _is_removable(mounted) -> bool:
         return "removable" in mounted.opts.split(",")
     if sys.platform == "darwin":
         return mounted.mountpoint.startswith("/Volumes/")
-    # Only a whole disk has this file; the folder of a partition lies in that of its disk.
+    # Only a whole disk has this file; a partition's folder lies in the folder of its disk.
     device = (_BLOCK_DEVICES / Path(mounted.device).name).resolve()
     for folder in (device, device.parent):
         with suppress(OSError):

@@ -45,7 +45,7 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             }
             changed = sorted(known.listed & set(known.sizes) - ours)
             if changed:
-                # Without a manifest, their names alone would make them files of the firmware.
+                # Without the manifest, the names of the changed files would mark them as firmware.
                 ours.discard(MANIFEST)
             # The entry file first, since a partial firmware must not start. The manifest last,
             # since it lists the others.
@@ -67,4 +67,4 @@ def _ask(port: str) -> None:
     what = f"the firmware, the settings and the calibration from {printable(port)}"
     print(f"remove {what}? [y/N] ", end="", flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise SpotsError("nothing was removed, because the answer was not yes")
+        raise SpotsError("nothing was removed, because the answer was not 'y' or 'yes'")

@@ -49,8 +49,8 @@ class Plan:
     need : int
         Number of free bytes that the copy needs on the board.
     claim : bytes
-        Manifest of old and new files, stored during the copy. After an interrupted flash, it shows
-        the next flash which files belong to the firmware.
+        Manifest of old and new files, stored during the copy. If the copy is interrupted,
+        the next flash finds the firmware's files in this manifest.
     """
 
     remove: list[str]
@@ -114,12 +114,12 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
     runs = f"the board on {port} runs {facts['runtime']}"
     if facts["runtime"] != device.runtime:
         raise SpotsError(
-            f"{runs}, but {device.name} needs {device.runtime}: install {device.runtime} on it"
+            f"{runs}, but {device.name} needs {device.runtime}: install {device.runtime} first"
         )
     name, oldest = _OLDEST[device.runtime]
     if facts["version"] < oldest:
         version, needed = ".".join(map(str, facts["version"])), ".".join(map(str, oldest))
-        raise SpotsError(f"{runs} {version}: install {name} {needed} or newer on it")
+        raise SpotsError(f"{runs} {version}: install {name} {needed} or newer")
     if device.runtime == "circuitpython":
         pairs = [(facts["board_id"], device.board_id)]
     else:
@@ -128,8 +128,8 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         for header in headers:
             if header.version != version:
                 raise SpotsError(
-                    f"{runs} that loads .mpy version {version}, but mpy-cross makes version "
-                    f"{header.version}: install the newest MicroPython on it"
+                    f"{runs}, which loads .mpy version {version}, but mpy-cross makes version "
+                    f"{header.version}: install the newest MicroPython on the board"
                 )
         # Bytecode runs on any chip, but the pins would be those of another board.
         wanted = {_arch(header.arch) for header in headers if header.arch}
@@ -262,7 +262,7 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
     if free is not None and plan.need > free:
         raise SpotsError(
             f"the board on {target.port} has {free} bytes free, but the copy needs {plan.need}: "
-            "remove some of your files from it"
+            "remove some of your files from the board"
         )
     for path in plan.remove:
         target.remove(path)

@@ -17,7 +17,7 @@ def entries_of(files: dict[str, bytes]) -> set[tuple[str, str]]:
 
 
 def write(entries: set[tuple[str, str]]) -> bytes:
-    """Return the text of a manifest. A file that is being replaced has two hashes in it."""
+    """Return the text of a manifest. A file that is being replaced has two entries."""
     return "".join(f"{digest}  {path}\n" for path, digest in sorted(entries)).encode()
 
 

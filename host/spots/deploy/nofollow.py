@@ -14,7 +14,7 @@ from ..errors import SpotsError
 _BY_HANDLE = os.open in os.supports_dir_fd
 _PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | _PLAIN
-# Without O_NONBLOCK, opening a FIFO that somebody put there blocks for ever.
+# Without O_NONBLOCK, opening a FIFO that somebody put on the drive blocks for ever.
 _READ = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _PLAIN
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _PLAIN
 _NOT_PLAIN = (errno.ELOOP, errno.EMLINK, errno.ENOTDIR, errno.ENXIO)  # links, FIFOs, sockets
@@ -190,7 +190,7 @@ class Tree:
         return status
 
     def _check(self, path: str, is_kind, status: os.stat_result) -> None:
-        # On Windows a junction leads to another place, too; elsewhere a mount does.
+        # A junction (Windows) or a mount (other systems) also leads out of the folder.
         leads_away = getattr(status, "st_file_attributes", 0) & stat.FILE_ATTRIBUTE_REPARSE_POINT
         mounted = self._device not in (None, status.st_dev)
         if leads_away or mounted or not is_kind(status.st_mode):
@@ -198,8 +198,8 @@ class Tree:
 
     def _refuse(self, path: str) -> None:
         raise SpotsError(
-            f"{path} on {self.port} is a symbolic link or a special file, or lies on another "
-            "drive: remove it there, or name another drive"
+            f"{path} on {self.port} is a symbolic link or a special file, or leads to a different "
+            f"drive: remove {path} from {self.port}, or choose a drive other than {self.port}"
         )
 
     @contextlib.contextmanager

@@ -17,7 +17,7 @@ from ..link.serial_link import SerialLink
 _TIMEOUT_S = 10.0
 # Timeouts of the attempts to enter the prompt: a board that is starting misses the first.
 _ENTER_S = (2.0, 4.0, 8.0)
-_GARBLED = (SyntaxError, ValueError, TypeError)  # from parsing a reply that is not the facts
+_GARBLED = (SyntaxError, ValueError, TypeError)  # from parsing a reply without the facts
 _CHUNK = 512  # bytes of a file in one transfer: a file may be larger than the board's memory
 _PATHS = 50  # in one program: a longer list may not fit into the board's memory
 _DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
@@ -241,7 +241,7 @@ class Prompt:
                     serial_port.timeout = 1.0
                     self._transport.enter_raw_repl(soft_reset=False, timeout_overall=within_s)
                     serial_port.timeout = _TIMEOUT_S
-                    # This may be the late answer to an earlier attempt: only the facts prove it.
+                    # The prompt may answer an earlier attempt: only the facts prove a ready prompt.
                     return {**ast.literal_eval(self._transport.exec(_FACTS).decode())}
                 except (*self._failures, *_GARBLED):
                     if within_s == _ENTER_S[-1]:

@@ -25,7 +25,7 @@ BOARDS = _ROOT / "boards"
 # The files that a runtime runs at its start, in this order; the last one runs the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
 CONFIG = "board_config.py"
-# In a folder of its own: on this Python's path, code.py would hide a standard module.
+# code.py has a folder of its own: on this Python's path it would hide a standard module.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
 # Libraries that a runtime needs in `lib`, copied from this Python's packages.
 LIBRARIES = {
@@ -110,9 +110,10 @@ def device_of(board: str) -> Device:
 
 
 def names(runtime: str) -> set[str]:
-    """Return the paths that this version's files have on a board, as sources and compiled.
+    """Return the paths of this version's files on a board, both as sources and compiled.
 
-    They identify the firmware on boards without a manifest, after ``mip`` or a copy of the sources.
+    The paths identify the firmware on a board without a manifest, on which ``mip`` or a person
+    copied the files.
     """
     modules = [path.relative_to(_FIRMWARE.parent) for path in _FIRMWARE.rglob("*.py")]
     forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}

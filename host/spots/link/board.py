@@ -475,8 +475,8 @@ class Board:
                 if Contact not in kinds:
                     raise
                 raise SpotsError(
-                    f"{error}; if its firmware {self.info['firmware']} is too old for contacts, "
-                    "update it with 'spots flash'"
+                    f"{error}; the board's firmware {self.info['firmware']} may be too old for "
+                    "contacts: update it with 'spots flash'"
                 ) from None
 
     def _start(
@@ -491,7 +491,7 @@ class Board:
             left_s = end_s - self.now_s()
             if self.ended or left_s <= 0:
                 return False
-            # While another thread reads the link, it stores the frames of this one, too.
+            # While another thread reads the link, that thread stores this reader's frames, too.
             if self._turn.take(_POLL_S, lambda: reader.unread):
                 try:
                     if not reader.unread:
@@ -776,7 +776,7 @@ class Board:
 
     def _take_reading(self, frame: Reading) -> None:
         if self._loss.unplugged:
-            return  # it may be of another board
+            return  # the reading may be of another board
         self._resuming = False
         self._loss.expect(self.now_s())
         if isinstance(frame, Touch):

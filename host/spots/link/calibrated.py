@@ -70,7 +70,7 @@ def hello_often(
 
 
 def tell_rest(board: Board) -> None:
-    """Let the board take the present light as the untouched strip's; ignore a missing reply."""
+    """Let the board measure the baseline in the present light; ignore a missing reply."""
     if not board.read_only:
         with contextlib.suppress(SpotsError):
             board.command("rest")
@@ -90,7 +90,8 @@ def ticks(
     board : Board
         The board to read.
     seconds : float or None
-        Duration, in seconds of the link's clock; no limit if None. A recording has its own end.
+        Duration, in seconds of the link's clock; no limit if None. The end of a recording
+        also ends the iteration.
     tick_s : float
         Length of a tick, in seconds.
     forget : callable

@@ -25,8 +25,8 @@ class ClockMap:
     A question is sent at host time a, answered at board time t, and the answer arrives at host
     time b. So the host time of t lies between a and b: each round trip bounds the offset between
     the clocks from both sides. All bounds together are tighter than those of the shortest round
-    trip. Because clocks drift, the offset is a linear function of time. Its slope is the one for
-    which the upper and lower bounds of the latest round trips are farthest apart.
+    trip. Because clocks drift, the offset is a linear function of time. The slope is chosen so that
+    the upper and lower bounds of the latest round trips are farthest apart.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ class ClockMap:
         board_us = self.unwrap(t_us)
         if self.high_s != float("inf"):
             age_s = arrived_s - (board_us * 1e-6 + self._offset_s(board_us))
-            # Data from a buffer may be old, but not as old as a wrap.
+            # Data from a buffer may be old, but less than one wrap (71 minutes).
             self.last_us += max(0, int((age_s + _SURE_S) // _TURN_S)) * _WRAP
         return self.last_us
 

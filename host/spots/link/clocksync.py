@@ -11,7 +11,7 @@ TRIPS = 12
 _SPREAD_S = 0.01
 _GOLDEN = 0.618034
 _SOON_S = 0.03
-# Later questions measure the drift only. Each may cost the board a sample: it collects garbage.
+# Later questions measure only the drift. Each may cost a sample, as the board collects garbage.
 _FIRST_S = 5.0
 _EVERY_S = 60.0
 _NEVER = float("inf")

@@ -33,7 +33,7 @@ NOTE = 15
 def whole(data: bytes) -> int:
     """Return the number of bytes up to the last delimiter (a zero byte).
 
-    Without a delimiter it is 0, or all bytes if they are too many for one frame.
+    Without a delimiter the number is 0, or the length of `data` if this is too long for one frame.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
@@ -266,7 +266,7 @@ class LinkStats:
     lost : int
         Number of missing frames, computed from gaps in the sequence numbers.
     bad_crc : int
-        Number of damaged pieces between two delimiters.
+        Number of damaged pieces; a piece is the bytes between two delimiters.
     bytes : int
         Number of bytes received.
     restarts : int
@@ -339,8 +339,9 @@ class Decoder:
     def restarted(self, restarts: int) -> None:
         """Set the number of restarts of the board.
 
-        If the number has grown, the sequence numbers start from 0 again. Frames that seem lost
-        after the last reading do not count: a board sends no readings until its streams resume.
+        If the number has grown, the board's sequence numbers have started from 0 again. The gap in
+        the sequence numbers since the last reading is then no loss: a board sends no readings
+        until its streams resume.
         """
         if restarts > self.restarts:
             self.restarts = restarts

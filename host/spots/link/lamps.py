@@ -9,12 +9,12 @@ from spots_device.decode import LED_OFF
 
 from .board import Board
 
-# So short that no flicker of lamps averages out. A flicker of another frequency may look like 100
-# or 120 Hz at one of these rates of samples, but not at both.
+# Exposures so short that no flicker of lamps averages out. A flicker of another frequency may look
+# like 100 or 120 Hz at one of these sample rates (aliasing), but not at both.
 _EXPOSURES_US = 2_780, 3_200
 _SECONDS = 0.5  # at each exposure
 _MAINS_HZ = 50, 60
-_OFF_HZ = np.linspace(-1, 1, 5)  # twice the deviation of the mains, which is within 1 %
+_OFF_HZ = np.linspace(-1, 1, 5)  # deviation of the flicker's frequency, which is within 1 %
 # Power of the flicker over that of the noise. Noise alone exceeds it in one of 10^7 measurements.
 _LEAST = 20.0
 _SAMPLES_MIN = 30
@@ -25,7 +25,7 @@ def mains_hz(board: Board) -> int:
     """Measure the mains frequency of the lamps around a strip, for a second.
 
     The settings of the board are restored at the end. Meanwhile the LED is off, if the board can
-    set its current.
+    set the LED's current.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _light(
 
 
 def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
-    """Return the mains frequency in Hz whose lamps have the strongest flicker; 0 if none has."""
+    """Return the mains frequency in Hz of the strongest flicker; 0 if no lamp flickers."""
     if len(light) < _SAMPLES_MIN:
         return 0
     powers = {hz: max(_power(time_s, light, 2 * hz + off) for off in _OFF_HZ) for hz in _MAINS_HZ}

@@ -15,7 +15,7 @@ from ..errors import ClosedError
 from ..guarded import Guarded
 from .frames import Contact, Key, LinkStats, Reading
 
-# A reader that is more frames behind loses the oldest.
+# A reader that lags by more frames than this loses the oldest ones.
 FRAMES_MAX = 1 << 16
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
@@ -139,7 +139,7 @@ class FrameIterator(Generic[_ReadingT]):
 
     @property
     def unread(self) -> bool:
-        """Whether a frame has already arrived, so that `next` does not wait."""
+        """Whether a frame has already arrived; `next` then does not wait."""
         return self._log.unread(self)
 
     def wait(self) -> bool:

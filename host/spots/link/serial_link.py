@@ -84,8 +84,8 @@ class SerialLink(Link):
         If the port does not exist, is busy, or access is denied.
     """
 
-    # Timeout of a read on Windows: to change it sets up the port again, which takes milliseconds
-    # and may lose bytes that were just written.
+    # Timeout of a read on Windows. The timeout never changes, because a change sets up the port
+    # again, which takes milliseconds and may lose bytes that were just written.
     _STEP_S = 0.005
 
     def __init__(self, port: str):
@@ -215,7 +215,7 @@ def _why_not(port: str, error: Exception) -> str:
         return f"{port} is busy: close the other program that uses it"
     if not denied:
         return f"{port} cannot be opened as a serial port: {error}"
-    group = f"no permission to open {port}: join its group (ls -l {port}) and log in again"
+    group = f"no permission to open {port}: join the port's group (ls -l {port}) and log in again"
     vid = next((usb.vid for usb in usb_ports() if usb.device == port), None)
     if vid is None or not sys.platform.startswith("linux"):
         return group

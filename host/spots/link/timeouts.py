@@ -6,7 +6,7 @@ searches again after `SEARCH_S`. The search for an unplugged port has a growing 
 `Board.frames` raises an error after `PATIENCE_S`.
 """
 
-# States of a link. A program without a board is searching for one.
+# States of a link; a program that has not found a board yet is in the state SEARCHING.
 SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
 LOST, REFUSED = "lost", "refused"
 
@@ -146,7 +146,7 @@ class LinkLoss:
         self.is_open, self.tries = True, 0
 
     def look_later(self, now_s: float, refused: bool) -> bool:
-        """Record a failed search for the board, and schedule the next one.
+        """Record a failed search for the board, and schedule the next search.
 
         Parameters
         ----------

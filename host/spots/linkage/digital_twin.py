@@ -140,7 +140,7 @@ class Twin:
         self.encoders = tuple(encoders)
         self.trail: deque[Terminal] = deque(maxlen=_TRAIL)
         self._angles: list[deque[Angle]] = [deque(maxlen=_KEPT), deque(maxlen=_KEPT)]
-        self._done_s = -math.inf  # time up to which all terminals are returned
+        self._done_s = -math.inf  # time up to which all positions are returned
 
     def take(self, joint: int, touch: Touch) -> list[Terminal]:
         """Add a reading of a joint, and return the positions that are now complete.

@@ -18,7 +18,7 @@ _CLEAR = 10.0  # a velocity above this number of standard errors needs no more r
 _WINDOW_S = 2.0  # after a longer pause the readings before it are dropped
 _MEAN = 4  # number of readings that are averaged to detect a slow movement
 _SIGMAS = 4.0  # a movement must exceed the noise by this factor
-_MARGIN = 0.05  # share of the calibrated range that a joint may exceed it by
+_MARGIN = 0.05  # a joint may exceed its calibrated range by this share of the range
 
 
 class Angle(NamedTuple):
@@ -38,8 +38,8 @@ class Angle(NamedTuple):
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        Angular velocity and its standard error in rad/s, by the board's clock: the mean over the
-        last readings: 3 for a fast movement, up to 8 for a slow one. None before three readings.
+        Angular velocity and its standard error in rad/s, by the board's clock. The mean over the
+        last 3 readings of a fast movement, or up to 8 of a slow one. None before three readings.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.

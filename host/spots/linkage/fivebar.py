@@ -278,7 +278,7 @@ class Linkage:
         _, b1, b2, _ = self.bar_mm
         x, y, apart2, off2 = assembled(self.bar_mm, self.base_mm, self.side, theta1, theta2)
         limit = np.zeros(np.shape(x), np.int8)
-        # This one test is cheap. The exact limit costs as much as the solution.
+        # This test is cheap; to compute the exact limits takes as long as the solution itself.
         if not ((off2 >= 0) & (apart2 > _ROUNDING * b1 * b1)).all():
             apart = np.sqrt(apart2)
             codes = Limit.ELBOWS_APART, Limit.ELBOWS_CLOSE, Limit.ELBOWS_MEET
@@ -293,7 +293,7 @@ class Linkage:
         theta2, limit2 = _arm(self.base_mm - x, y, a2, b2)
         limit = np.where(limit1 != 0, limit1, np.where(limit2 != 0, limit2 + 1, 0))
         limit = np.where(np.isfinite(x) & np.isfinite(y), limit, Limit.NOT_FINITE)
-        # If the terminal is on the line through the elbows, both assemblies are the same.
+        # If the end point is on the line through the elbows, both assemblies are the same.
         *_, across = self._outer(theta1, theta2, x, y)
         other = self.side * across < -_ROUNDING * b1 * b2
         limit = np.where((limit == 0) & other, Limit.OTHER_ASSEMBLY, limit)
@@ -305,7 +305,7 @@ class Linkage:
         x, y, limit = self._forward(theta1, theta2)
         u1, u2, across = self._outer(theta1, theta2, x, y)
         limit = np.where((limit == 0) & (abs(across) < _IN_LINE * b1 * b2), Limit.SINGULAR, limit)
-        # The length of each outer bar u_i is constant: u_i . d(terminal) = u_i . d(elbow_i).
+        # The length of each outer bar u_i is constant: u_i . d(end point) = u_i . d(elbow_i).
         push1 = a1 * (u1[0] * np.cos(theta1) - u1[1] * np.sin(theta1))
         push2 = -a2 * (u2[0] * np.cos(theta2) + u2[1] * np.sin(theta2))
         rows = np.array([[u2[1] * push1, -u1[1] * push2], [-u2[0] * push1, u1[0] * push2]])
@@ -373,7 +373,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and its `Limit` codes, which name arm 1 for either arm.
+    """Return the angle of an arm in rad, and `Limit` codes; even for arm 2, these name arm 1.
 
     (`x`, `y`) is the end point relative to the arm's joint; `inner` and `outer` are the lengths of
     the arm's bars, all in mm.
@@ -438,7 +438,7 @@ def _answer(solve, what, first, second):
             raise LimitError(Limit(int(limit)), what.format(first, second))
         return tuple(one if one.ndim else one.item() for one in found)
     bad = limit != 0
-    # The last axes of a Jacobian are those of each of its matrices.
+    # Jacobians have two axes more than `bad`: row and column, which come last.
     masks = (np.broadcast_to(bad.T, one.T.shape).T for one in found)
     return tuple(
         np.ma.MaskedArray(np.where(mask, np.nan, one), mask) for one, mask in zip(found, masks)

@@ -13,7 +13,7 @@ from ..errors import SpotsError, missing
 from .fivebar import Linkage, assembled
 
 # Prior standard deviation of each parameter. It scales parameters of different units, and keeps a
-# parameter near its start value if the places do not determine it.
+# parameter near its start value if the points do not determine the parameter.
 _LENGTH_SHARE = 0.05
 _PRIORS = {
     "offset1_rad": 0.1,
@@ -31,10 +31,10 @@ FRAME = ("frame_x_mm", "frame_y_mm", "frame_rad")
 NAMES = LENGTHS + tuple(_PRIORS)
 STANDARD = LENGTHS + MOUNTING + FRAME
 _ROBUST = 2.0  # above this number of standard errors, a residual is weighted less
-_OUTLIER = 5.0  # standard errors beyond which a place is an outlier
+_OUTLIER = 5.0  # above this number of standard errors, a point is an outlier
 _KNOWN = 0.5  # a combination is determined if its error is below this share of its prior
-_NAMED = 0.3  # a parameter is part of a combination from this share of the largest one
-_ROUNDS = 4  # number of fits, each with weights and outliers from the fit before
+_NAMED = 0.3  # a combination's parameters: coefficients of at least this share of the largest
+_ROUNDS = 4  # number of fits; each uses weights and outliers of the previous fit
 _NONSENSE = 0.02  # a fit with residuals above this share of a bar length is refused
 
 
@@ -210,7 +210,7 @@ def calibrate(
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError(
             "the angles do not belong to the positions: measure both at the same moment, and give "
-            "positions in mm and angles in the unit of their name"
+            "positions in mm, and angles in the unit that ends their name (rad or deg)"
         )
     _check_enough(int((~outlier).sum()), names, f"without {outlier.sum()} outliers, ")
     jacobian = fit.jacobian(found, scale)[np.repeat(~outlier, 2)]
@@ -259,12 +259,12 @@ class _Fit:
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
     def solve(self, scale, begin) -> np.ndarray:
-        """Return `found` of the best fit with the weights `scale`, which starts from `begin`."""
+        """Fit with the weights `scale`, starting from `begin`; return `found` of the best fit."""
         from scipy.optimize import least_squares
 
         def residuals(found):
             white = np.einsum("nij,nj->ni", scale, self.residual_mm(found))
-            # Soft L1 loss for the places, squared loss for the priors.
+            # Soft L1 loss for the points, squared loss for the priors.
             square = (white**2).sum(axis=1, keepdims=True) / _ROBUST**2
             weaker = np.sqrt(2 / (np.sqrt(1 + square) + 1))
             return np.append((white * weaker).ravel(), found)

@@ -39,7 +39,7 @@ class Mounting(toml.Strict, kw_only=True):
 
     def __post_init__(self):
         if not 0.5 <= abs(self.gain) <= 2:
-            raise ValueError("gain must be about 1, or about -1 if the joint turns the other way")
+            raise ValueError("gain must be about 1, or about -1 if the angles have opposite signs")
 
 
 class Mounted(toml.Strict, kw_only=True):

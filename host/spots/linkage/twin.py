@@ -58,7 +58,7 @@ def twin_command(options: argparse.Namespace) -> None:
             count = show(source, options.seconds, options.json, played)
             if not count and all(board.ended for board in source.boards):
                 raise SpotsError(
-                    "the two recordings give no position: name two that were made at the same time"
+                    "the two recordings give no position: name two recordings made at the same time"
                 )
     else:
         run = offered("virtual", "run_linkage")

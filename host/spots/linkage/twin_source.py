@@ -147,7 +147,7 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return the function that makes a `DrivenLinkage` for the first port, or None without one."""
+    """Return a function that makes a `DrivenLinkage`; None if no port's scheme has one."""
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
@@ -169,7 +169,7 @@ def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
 def give(board: Board, strip: CalibrationFile, number: int) -> None:
     """Check that a board belongs to a joint's calibration file, and upload the calibration.
 
-    A recording or a read-only board takes no calibration; it must already use the right one.
+    A recording or a read-only board accepts no upload, and must already use this calibration.
 
     Parameters
     ----------
@@ -199,7 +199,8 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
     if used != needed:
         raise SpotsError(
             f"joint {number}, {board.port}: the board uses calibration {used}, but the linkage "
-            f"file names calibration {needed}: name the calibration file that was on the board"
+            f"file names calibration {needed}: name the file of calibration {used} in the linkage "
+            "file"
         )
 
 
@@ -216,7 +217,8 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     if missing:
         raise SpotsError(
             f"no board {' and no board '.join(missing)}, with which the joints were calibrated: "
-            f"plug it in, or name ports with --port; found: {', '.join(there) or 'no board'}"
+            "plug in each missing board, or name ports with --port; found: "
+            f"{', '.join(there) or 'no board'}"
         )
     for name in there.keys() - set(wanted):
         there[name].close()
@@ -241,6 +243,6 @@ def record_all(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
         If there are not as many paths as boards, or a file cannot be written.
     """
     if paths and len(paths) != len(boards):
-        raise SpotsError(f"--record names {len(paths)} file: name two, one for each board")
+        raise SpotsError(f"--record was given {len(paths)} times: give it once for each board")
     for board, path in zip(boards, paths):
         stack.enter_context(board.record(path))

@@ -16,7 +16,7 @@ from .columns import payloads
 from .header import Header
 from .recording import Recording
 
-# A block needs about twenty times as much working memory.
+# Decoding a block needs about twenty times this size as working memory.
 _BLOCK_BYTES = 1 << 18
 _COBS_SIZE = 1
 

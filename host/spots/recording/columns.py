@@ -12,8 +12,8 @@ from spots_device.kernel import CRC_SIZE
 
 # In a longer piece, a COBS group may end without a zero.
 SIZE_MAX = 254
-# CRC-32 is linear: it is the CRC of as many zeros, plus a table entry for each byte, which depends
-# on the byte's value and on the number of bytes after it.
+# CRC-32 is linear: the CRC of a piece is the CRC of as many zero bytes, plus (XOR) a table entry
+# for each byte, which depends on the byte's value and on the number of bytes after it.
 _POLYNOMIAL = 0xEDB88320
 
 

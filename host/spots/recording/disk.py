@@ -13,10 +13,10 @@ _SYNC_EVERY_S = 1.0
 
 
 class Disk:
-    """A new file, which the operating system gets at once, and the storage medium every second.
+    """A new file. Appended bytes reach the operating system at once, the medium within a second.
 
     If the process is killed, no appended byte is lost; a power cut loses about the last second.
-    `append` does not wait for the medium, because a thread does.
+    `append` does not wait for the medium; a thread waits.
 
     Parameters
     ----------

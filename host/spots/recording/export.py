@@ -53,7 +53,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     Notes
     -----
     Memory use does not grow with the length of the recording. While an NPZ file is written, the
-    export needs twice its room on disk.
+    export needs about twice the file's size on disk.
     """
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)

@@ -19,7 +19,7 @@ _COPIES = 2
 # Two headers with the longest calibration of a board, and some reserve.
 _SEARCHED_BYTES = 1 << 17
 
-# Seconds since the start of a clock: a float still resolves 1e-6 s.
+# Seconds since the start of a clock; at 1e9 s a float still resolves 1e-6 s.
 _Clock_s = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 _Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
 

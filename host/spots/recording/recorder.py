@@ -17,8 +17,8 @@ from ..link.readers import Handle
 from .disk import Disk
 from .header import VERSION, Header, encoded
 
-# Data that arrives within this time shares a note of its time. A shorter step is more precise and
-# takes more bytes.
+# Data that arrives within this time shares one note of the arrival time. A shorter step is more
+# precise and takes more bytes.
 ARRIVAL_STEP_S = 0.005
 
 
@@ -35,7 +35,7 @@ class Recorder:
         ``describe()`` returns the present values of ``info``, ``clock``, ``calibration`` and
         ``restarts`` of a `header.Header`.
     begun : bytes
-        Bytes of an incomplete frame that have arrived before the recording.
+        Bytes of an incomplete frame that arrived before the recording began.
     rotate_bytes : int, optional
         Largest size of a file, in bytes. After FILE.spots the recording continues in
         FILE-001.spots, which must not exist yet. No limit if not given.
@@ -81,7 +81,7 @@ class Recorder:
         self.bytes = 0
         self.handles: list[Handle] = []
         if rotate_bytes is not None and (parts := parts_beside(self._path)):
-            # Report it at the start, and not hours later when the first file is full.
+            # Report an existing file now, and not hours later when the first file is full.
             raise exists(part_path(self._path, parts[0]))
         self._begin()
 
@@ -110,7 +110,7 @@ class Recorder:
             if data and self._disk is not None:
                 try:
                     self._keep(data, now_s)
-                except Exception:  # but not at a Ctrl-C: the file can still get its end
+                except Exception:  # not a Ctrl-C, after which `stop` can still write the end
                     self._release()
                     raise
 

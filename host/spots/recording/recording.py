@@ -40,7 +40,7 @@ class Recording:
     size : int
         Size of all files when they were opened, in bytes.
     stats : LinkStats
-        Statistics of the recorded link. This and the values below are of the present iteration.
+        Statistics of the recorded link. This and all attributes below are of the present iteration.
     notes : int
         Number of notes.
     restarts : int
@@ -52,7 +52,7 @@ class Recording:
     end_s : float
         Time of the last note, in seconds, on the same clock as the times of arrival.
     complete : bool
-        Whether the iteration has found the note that a recorder writes at its end.
+        Whether the iteration has found the note that ends a complete recording.
 
     Raises
     ------

@@ -11,12 +11,14 @@ from .samples import encode
 from .zenoh_session import READ_ONLY, direct, key
 
 # Pause between two rounds of answers: at least this, and at least ten times the duration of the
-# last round. It is limited while the board replies, because a client that reconnects needs answers.
+# last round. The pause has a limit while the board replies, because a client that reconnects needs
+# answers.
 _EVERY_S = 0.05
 _PAUSE_SHARE = 10
 _PAUSE_MAX_S = 1.0
 _REPLY_S = 0.5
-# For so long a reply of the board serves for later queries. The reply to `sync` is the time.
+# A reply of the board also answers queries that arrive within this time; `sync` is always asked
+# again, because its reply is the time.
 _FRESH_S = {"hello": 1.0, "get": 1.0, "sync": 0.0}
 _WAITING = 256  # waiting queries of each kind; the oldest are dropped
 _PARAMETERS_MAX = 256  # characters; SPOTS itself sends none

@@ -22,7 +22,7 @@ from .zenoh_session import key, open_session
 
 FRAMES_ENCODING = "application/octet-stream;spots-frames"
 _JSON = zenoh.Encoding.APPLICATION_JSON
-_TURN_S = 0.05  # queries do not wait longer while the board is silent
+_TURN_S = 0.05  # longest wait of a query while the board is silent
 _HEALTH_PER_S = 1
 
 
@@ -32,7 +32,7 @@ class Publisher:
     Parameters
     ----------
     board : Board
-        The board, which nothing else may read.
+        The board; nothing else may read its frames.
     session : zenoh.Session
         An open session.
 

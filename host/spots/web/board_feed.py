@@ -32,9 +32,9 @@ _RATE_OVER_S = 2.0  # time over which rate and latency are computed
 # Cause and next step while the strip cannot be read.
 _NEXT = {
     SEARCHING: "no board found; next: plug a board in, or name its port with --port",
-    STALLED: "the board sends no readings; next: wait a moment, or press its reset button",
+    STALLED: "the board sends no readings; next: wait a moment, or press the board's reset button",
     LOST: "the board is disconnected; next: plug the board in again, and wait a moment",
-    REFUSED: "this is another board; next: plug the first board in, or restart 'spots serve'",
+    REFUSED: "this is another board; next: plug the previous board in, or restart 'spots serve'",
 }
 
 

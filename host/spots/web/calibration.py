@@ -22,10 +22,10 @@ from .orders import Orders
 from .state import PageState
 
 _LENGTH_UM = 85_000.0
-_SAID = 4  # messages that are shown
-_PLACES_MIN = 3  # that show how the colour changes along the strip
+_SAID = 4  # number of messages that are shown
+_PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
 _ALONG = "hand", "position", "force", "mark"
-_MORE = 6  # presses of another session of the same kind
+_MORE = 6  # presses that a further session of the same kind adds
 # Phases of a session: what the page shows.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
@@ -65,9 +65,9 @@ class PageCalibration(Orders):
     Parameters
     ----------
     path : Path
-        Session file; the calibration file has its name with ``.toml``.
+        Session file; the calibration file has the same name with the suffix ``.toml``.
     state : PageState
-        State of the web UI; a session sets its parts ``calibration``, ``hold`` and ``spectrum``.
+        State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
 
     Raises
     ------
@@ -89,7 +89,7 @@ class PageCalibration(Orders):
         return _DECODER.decode(body)
 
     def attend(self, board: Board) -> bool:
-        """If a browser has requested it, run a session to its end; return whether one ran."""
+        """Run a session to its end if a browser has requested one; return whether a session ran."""
         self._attended = True
         while asked := self._next():
             request, answer = asked
@@ -146,7 +146,7 @@ class PageCalibration(Orders):
         self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK)
 
     def skip(self, count: int = 1) -> None:
-        """Count `count` more presses as taken in the progress display; it may be negative."""
+        """Count `count` more presses as taken in the progress display; `count` may be negative."""
         self._show(done=self._shown["done"] + count)
 
     def want(self, wanted: Wanted) -> None:
@@ -164,7 +164,7 @@ class PageCalibration(Orders):
         place_um = self._place_um(reading.counts)
         self._state.put("hold", {"trouble": trouble, "steady": steady, "place_um": place_um})
         if self._board.stats.restarts != self._restarts:
-            raise SpotsError("the board has restarted: start again, and the session continues")
+            raise SpotsError("the board has restarted: start the session again, and it continues")
         self._listen()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
@@ -240,7 +240,7 @@ class PageCalibration(Orders):
 
 
 class _Person(Presser):
-    """A person who presses the strip, and is asked for it in the web UI."""
+    """A person who presses the strip; the web UI asks for each press."""
 
     def __init__(self, page: PageCalibration):
         super().__init__(page)

@@ -21,7 +21,7 @@ class Orders:
     Attributes
     ----------
     stopping : bool
-        Whether the thread must end, so that `attend` must return soon.
+        Whether the thread that runs `attend` must end; `attend` then returns soon.
     """
 
     def __init__(self, nobody: str):

@@ -17,7 +17,7 @@ class PagePace:
 
     On a busy processor, a higher rate only makes messages wait longer. So after a message that was
     drawn late, the interval grows by 25 %; after any other message it shrinks by 1 %. Windows that
-    share a processor thus find the rate that the processor can draw.
+    share a processor thus find the rate at which the processor can draw.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class Recordings(Orders):
         return False
 
     def leave(self) -> None:
-        """Handle the end of the board's connection, which ends its recording."""
+        """Handle the end of the board's connection, which also ends the recording."""
         self._recorder = None
         self._put({**self._shown, "on": False})
         super().leave()
@@ -77,7 +77,8 @@ class Recordings(Orders):
     def _start(self, board: Board) -> None:
         if self._recorder:
             raise SpotsError(
-                f"{self._recorder.paths[0].name} is being recorded already: stop it first"
+                f"{self._recorder.paths[0].name} is being recorded already: stop that recording "
+                "first"
             )
         date = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
         board_id = re.sub(r"[^0-9A-Za-z]", "", str(board.info["id"]))

@@ -122,7 +122,7 @@ def serve_command(options: argparse.Namespace) -> None:
             f"{option} works with one board: do not use it with --linkage or a recording"
         )
     if options.record_to and options.session:
-        raise SpotsError("--record-to, --session: name one of them; a session owns the board")
+        raise SpotsError("--record-to and --session exclude each other: use only one of them")
     if options.linkage is None:
         if len(ports) > 1:
             raise SpotsError(

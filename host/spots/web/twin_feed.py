@@ -102,7 +102,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """Receives the state of a board that the web UI does not show, and reports only its loss."""
+    """Receives the state of a board that the web UI does not show; reports the board's loss."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()

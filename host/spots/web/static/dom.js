@@ -11,7 +11,7 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
-// Whether a reading has a position. It is null without a calibration, and while the LED is off.
+// Whether a reading has a position; this is null without a calibration, and while the LED is off.
 export function placed(touch) {
   return Boolean(touch?.touching) && touch.position_um !== null;
 }
@@ -24,8 +24,7 @@ export function list(root, pairs) {
 }
 
 // A canvas with the resolution of the screen; `draw(context, width, height)` uses CSS pixels. With a
-// key it is drawn only if the key has changed. It is drawn again when its size or the colours
-// change.
+// key, the canvas is drawn only after a change of the key, of the canvas size or of the colours.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
   element.style.height = `${height}px`;

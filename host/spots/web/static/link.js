@@ -3,7 +3,7 @@
 const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 5000;
 
 // onNews(parts) for each message, onState("connecting" | "live") as the connection opens and closes.
-// Returns a function that notes the last message; its result acknowledges this message later.
+// Returns a function that stores the last message; its result acknowledges this message later.
 export function connect(onNews, onState) {
   let socket, wait = FIRST_WAIT_MS, number = 0, acknowledged = 0;
 

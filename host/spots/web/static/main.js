@@ -35,9 +35,10 @@ const PANELS = [
 // Waiting panels are drawn with the next messages, or this time after the last message.
 const QUIET_MS = 100;
 
-// A panel is a function of its element that returns its draw function: (state, news, now_s). `state`
-// has the newest value of every part. `news` has the parts that changed since its last drawing,
-// `events`, and `touches`, all readings since then. If it returns true, it is drawn again.
+// A panel is a function of its element that returns a draw function: (state, news, now_s). `state`
+// has the newest value of every part. `news` has the parts that changed since the panel's last
+// drawing, and all `events` and `touches` since then. If the draw function returns true, it is
+// called again.
 const panels = PANELS.map(([make, rate, ...parts]) => ({
   draw: make(document.getElementById(make.name)), parts,
   every_ms: 1000 / rate, due_ms: 0, news: null,
@@ -67,7 +68,7 @@ function clear() {
 function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
-  // All panels show the begin and the end of a press as soon as each is scheduled.
+  // When a press begins or ends, all panels are due at once.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;
   arrived = true;
@@ -92,7 +93,7 @@ function frame(now_ms) {
   asked = false;
   const due = panels.filter(({ news, due_ms }) => news && due_ms <= now_ms);
   // While messages arrive, a frame draws the panels that follow the finger, and one other panel,
-  // the one that waits longest. With more panels it would be late.
+  // the one that waits longest. With more panels the frame would be late.
   const [longest] = due.filter(({ every_ms }) => every_ms).sort((a, b) => a.due_ms - b.due_ms);
   for (const panel of due) {
     if (arrived && panel.every_ms && panel !== longest) continue;

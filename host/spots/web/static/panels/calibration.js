@@ -9,11 +9,11 @@ const KINDS = [
 ];
 const WAIT = "wait, and do not touch the strip";
 const OFFER = "Calibrate the strip by hand";
-const OWNED = "The session uses the board: position, keys and controller are shown again after it.";
-const AGAIN = "Press the strip: its position is shown below. Another session adds presses to this one.";
+const OWNED = "The session uses the board: position, keys and controller are shown again when the session ends.";
+const AGAIN = "Press the strip: the position of the press is shown below. Another session adds more presses to this calibration.";
 const ENDS = { done: "The board is calibrated", stopped: "The session is stopped", failed: "The session has ended early" };
 const N_PER_G = 0.00980665;
-// A question may end with its usual answer, and with others.
+// A question may end with the usual answer and other answers: (Enter: usual; other; other).
 const QUESTION = /^(.*?)\s*(?:\(Enter: (.*)\))?\s*:?\s*$/;
 
 export function calibration(root) {
@@ -40,7 +40,7 @@ export function calibration(root) {
   const stop = button("Stop", () => send({ do: "cancel" }));
   buttons.append(undo, stop);
   const said = make("ul", "said"), hint = make("p", "note"), watching = make("p", "note",
-    "You only watch. To take part, open the address with the token, which ‘spots serve’ printed.");
+    "This browser only watches. To take part, open the address with the token that ‘spots serve’ printed.");
   const picture = make("div", "residuals"), paint = residuals(picture);
   const begin = make("form", "begin"), length = make("input");
   length.type = "number";
@@ -83,8 +83,8 @@ export function calibration(root) {
     show();
   });
 
-  // A question that shows its usual answer gets a field for each of its values. An empty field
-  // accepts the value.
+  // A question with a usual answer gets a field for each value of this answer. An empty field
+  // accepts the usual value.
   function ask(words, offered) {
     const [usual, ...others] = offered.split("; ");
     const values = [...usual.matchAll(/([\d.,]+)\s*([^\d\s]+)/g)];
@@ -100,7 +100,7 @@ export function calibration(root) {
       send({ do: "answer", step: answered, text: words });
       show();
     };
-    // Other answers have a button; the undo has its own.
+    // Each other answer has a button, except `undo`, which has a permanent button.
     const rest = others.filter((one) => one !== "undo").map((one) =>
       button({ again: "Press again" }[one] ?? one, () => reply(one)));
     form.replaceChildren(...fields.map((one) => one.root), submit, ...rest);
@@ -110,7 +110,7 @@ export function calibration(root) {
       reply(answer());
     };
     label();
-    // On a phone, the focus of a field would cover the strip with the keyboard.
+    // On a phone, focusing a field would open the keyboard, which covers the strip.
     const first = form.querySelector("input");
     (matchMedia("(pointer: coarse)").matches || !first ? submit : first).focus({ preventScroll: true });
   }
@@ -200,7 +200,7 @@ function field(usual, unit) {
   input.inputMode = unit ? "decimal" : "text";
   input.autocomplete = "off";
   input.placeholder = usual;
-  input.ariaLabel = { mm: "Place in mm", g: "Force", N: "Force" }[unit] ?? "Answer";
+  input.ariaLabel = { mm: "Position in mm", g: "Force", N: "Force" }[unit] ?? "Answer";
   const isForce = unit === "g" || unit === "N";
   let chosen = unit;
   const root = make("div", "field", input);
@@ -226,7 +226,7 @@ function field(usual, unit) {
   } else {
     root.append(make("span", "", unit));
   }
-  // A unit that is typed wins over the chosen one.
+  // A typed unit takes precedence over the chosen unit.
   const answer = () => {
     const text = input.value.trim();
     return text && unit && /\d$/.test(text) ? `${text}${chosen}` : text;
@@ -234,11 +234,11 @@ function field(usual, unit) {
   return { root, answer };
 }
 
-// The error of each press as a stem: places along the strip, forces by force.
+// The error of each press as a stem: position errors by position, force errors by force.
 const HEIGHT = 132, TOP = 24, BOTTOM = 20, FORCES = [0.1, 20];
 function residuals(root) {
   const words = make("p", "note");
-  const charts = ["Place error of each press", "Force error of each press"].map((name) => {
+  const charts = ["Position error of each press", "Force error of each press"].map((name) => {
     const box = make("figure", "", make("figcaption", "", name));
     const draw = canvas(box, HEIGHT);
     box.lastChild.role = "img";

@@ -13,7 +13,7 @@ export function history(root) {
   let low = Infinity, high = -Infinity;
 
   function take(touch, now_s) {
-    // The shortest delay is the most accurate; a clock that restarts is followed.
+    // The shortest delay is the most accurate. A jump means that a clock has restarted.
     const offset = now_s - touch.time_s;
     if (ahead_s === null || Math.abs(offset - ahead_s) > STALE_S) {
       ahead_s = offset;

@@ -1,4 +1,4 @@
-// The strip and the press on it. No code here forces a layout, because it is drawn most often.
+// The strip and the press on it. No code here forces a layout: the strip is drawn most often.
 import { FULL_FORCE_MN, make, placed } from "../dom.js";
 
 const USUAL_LENGTH_UM = 85000;

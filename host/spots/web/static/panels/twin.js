@@ -1,4 +1,4 @@
-// A five-bar linkage: bars, terminal with its error ellipse, and path of the terminal.
+// A five-bar linkage: bars, end point with its error ellipse, and path of the end point.
 // The message is described in docs/page.md.
 import { canvas, colours, make } from "../dom.js";
 
@@ -7,7 +7,7 @@ const HEIGHT = 380, MARGIN = 24, ERRORS = 3;
 export function twin(root) {
   let paint = null;
   const words = root.appendChild(make("p", "remark"));
-  // Grows with the points that were drawn, so that the picture does not move.
+  // The range of all points drawn so far: it only grows, so that the picture does not move.
   const box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
 
   return (state, news) => {
@@ -73,8 +73,8 @@ function draw(c, width, height, it, box) {
   c.fill();
 }
 
-// Corners from joint 1 over the elbows to joint 2, if the lengths are known. Angles count from +y
-// towards the other joint.
+// Corners from joint 1 over the elbows to joint 2, if the lengths are known. Angles are measured
+// from +y towards the other joint.
 function outline({ x_mm, y_mm, theta1_rad: a, theta2_rad: b, base_mm, bar_mm }) {
   if (!base_mm || !bar_mm || x_mm === null) return [];
   const [inner1, , , inner2] = bar_mm;
