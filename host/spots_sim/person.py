@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from spots.guarded import Guarded
+
 from .scenario import Held, Press
 
 _PRESS = re.compile(r"press at ([\d.]+) mm with (?:(?:about )?(\d+) g|(a firm finger)|([\d.]+) N)")
@@ -171,10 +173,15 @@ def follow_pipe(held: Held, pipe: Path) -> None:
         Named pipe with a line for each path, see `line_of`.
     """
 
+    def take(line: str) -> None:
+        rows = json.loads(line)
+        follow(held, [(start_s, end_s, Press(*press)) for start_s, end_s, *press in rows])
+
+    guarded = Guarded(take, "the simulated finger")
+
     def read() -> None:
         with pipe.open() as lines:
             for line in lines:
-                rows = json.loads(line)
-                follow(held, [(start_s, end_s, Press(*press)) for start_s, end_s, *press in rows])
+                guarded(line)
 
     threading.Thread(target=read, daemon=True).start()

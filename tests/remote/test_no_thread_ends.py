@@ -32,6 +32,8 @@ from spots.web.board_feed import BoardReader
 from spots.web.recordings import START, Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
+from spots_sim import person
+from spots_sim.scenario import Held, Press
 
 HOST = Path(spots.__file__).parents[1]
 ERRORS = ValueError, RecursionError, MemoryError
@@ -239,6 +241,19 @@ def test_a_board_that_is_published_in_a_measurement(fault):
     assert closed.done()
 
 
+def test_a_finger_that_another_process_moves(fault, monkeypatch, tmp_path):
+    fault.patch(monkeypatch, person.json, "loads")
+    held, pipe = Held(), tmp_path / "finger"
+    os.mkfifo(pipe)
+    person.follow_pipe(held, pipe)
+    line = person.line_of([(0.0, 60.0, Press(42.5, 3000.0, 8.0))])
+    with pipe.open("w") as moves:
+        moves.write(2 * line)
+    wait_until(lambda: "presses" in vars(held))
+    assert fault.raised
+    assert held.presses(0.0)[0].position_mm == 42.5
+
+
 @pytest.mark.parametrize(
     ("platform", "call"), [(sys.platform, "select.select"), ("win32", "os.read")]
 )
@@ -266,6 +281,7 @@ time.sleep(10)
                 "spots/link/readers.py",
                 "spots/web/board_feed.py",
                 "spots/recording/disk.py",
+                "spots_sim/person.py",
                 "spots_sim/starting.py",
             },
         ),
