@@ -245,10 +245,7 @@ class RecordingBlocks(Recording):
                     self._note(path, header, found)
                 elif isinstance(found, Text):
                     texts.append((self.end_s, found))
-            tables = (
-                np.concatenate(rows or [np.empty(0, _TABLES[kind].dtype)])
-                for kind, rows in parts.items()
-            )
+            tables = (_joined(rows, _TABLES[kind].dtype) for kind, rows in parts.items())
             yield Arrays(*tables, texts=texts, stats=replace(self.stats))
 
     def _add(self, run: _Run, header: Header, parts: dict[int, list[np.ndarray]]) -> None:
@@ -266,6 +263,13 @@ class RecordingBlocks(Recording):
     def _restart(self) -> None:
         super()._restart()
         self._decoder = _BlockDecoder()
+
+
+def _joined(parts: list[np.ndarray], dtype: np.dtype) -> np.ndarray:
+    # Usually a block has one part, and copying it costs a tenth of the decoding.
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else np.empty(0, dtype)
 
 
 class _Growing:
