@@ -30,10 +30,10 @@ after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures
 of 10 ms. The sources for the statistics of the touches are in
-[typist.py](../host/spots_sim/typist.py). Errors are wrong, missed and extra keys. "No finger" is
-the number of key presses without a finger on the key. Both are shares of the touches. Latency is
-from the first light to the press of a right key; p50 and p99 are those of the worst seed. The
-controller follows the fingers of the demo for {seconds:g} s;
+[typist.py](../host/spots_sim/typist.py). "Errors" are wrong, missed and extra keys, and "no
+finger" are key presses without a finger on the key, both in per cent of the touches. Latency is
+from the first light of a touch to the press of the correct key; p50 and p99 are those of the worst
+seed. The controller follows the fingers of the demo for {seconds:g} s;
 [controller.md](controller.md) explains its values. These commands measure the real strip:
 
 ```sh

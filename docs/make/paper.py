@@ -96,7 +96,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "The bound assumes the simulated noise, which is independent in each channel.",
         ),
         (
-            f"The same from one pair of channels (Eq. 2; here {pair[1]} over {pair[0]}, the best)",
+            "Scatter of one pair of channels divided by the same bound (Eq. 2; here the best, "
+            f"{pair[1]} over {pair[0]})",
             "III.A",
             "",
             each("{:.2f}", lambda s: s["position"]["one_pair"]["crb_ratio"]),

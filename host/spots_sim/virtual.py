@@ -256,8 +256,8 @@ def start_simulator(
     seed : int
         Random seed of the noise.
     folder : str
-        File system of the board, to which no firmware is copied; this needs MicroPython. With an
-        empty string, the file system is a temporary folder with the firmware.
+        Folder that is the board's file system; no firmware is copied into it. Only possible with
+        MicroPython. If empty, a temporary folder with the firmware is used.
     board : str
         Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
 

@@ -127,8 +127,8 @@ def _merge(plans, measured, full_scale):
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return the smallest possible standard deviation of n positions in um, shape (n,).
 
-    `slopes` are the derivatives of the channels' logarithms by position in 1/um, and `variance`
-    their variances, both of shape (n, c).
+    `slopes` are the derivatives of the logarithms of the channels with respect to position, in
+    1/um; `variance` holds the variances of these logarithms. Both have shape (n, c).
     """
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)

@@ -27,9 +27,9 @@ _CAUSES = {
 class Untrusted:
     """Detects that all readings of a strip have been untrusted for most of a second.
 
-    Key presses are shorter than that. So the durations of presses whose spectrum does not fit the
-    calibration are added up, and their warning ends with the next trusted press. Any other warning
-    ends with the next trusted reading.
+    A key press is shorter than that. So where the spectrum of presses does not fit the calibration,
+    the durations of successive presses are summed, and the next trusted press ends the warning.
+    With any other cause, the next trusted reading ends the warning.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ class Answer(msgspec.Struct, tag_field="do", tag="answer", forbid_unknown_fields
 
 
 class Undo(msgspec.Struct, tag_field="do", tag="undo", forbid_unknown_fields=True):
-    """Request of a browser: drop the last press, if the session is still at this step."""
+    """Request of a browser: drop the last press, if the session is still at step `step`."""
 
     step: int
 
