@@ -177,7 +177,7 @@ class Upload:
 
     def _keep(self, line):
         if not line:
-            raise ValueError("write a line of the %s after '%s'" % (self._what, self._command))
+            raise ValueError("'%s' needs a line of the %s after it" % (self._command, self._what))
         self._bytes += len(line) + 1
         if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
             self.forget()
