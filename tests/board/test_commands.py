@@ -144,7 +144,7 @@ def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibra
 def test_an_empty_statement_is_refused(rig):
     made = rig()
     made.board.command("cal begin")
-    with pytest.raises(SpotsError, match="write a line"):
+    with pytest.raises(SpotsError, match="needs a line"):
         made.board.command("cal")
 
 
