@@ -238,8 +238,9 @@ class Surface:
         rows = self._rows(p.position_um, p.force_mN)
         own = self._own(p.position_um, p.force_mN, p.counts)
         rest = own - rows @ self._cov @ rows.transpose(0, 2, 1)
-        solved = np.linalg.solve(rest, (p.logs - rows @ self._mean)[:, :, None])
-        misfit = ((p.logs - rows @ self._mean)[:, None] @ solved)[:, 0, 0]
+        residual = p.logs - rows @ self._mean
+        solved = np.linalg.solve(rest, residual[:, :, None])
+        misfit = (residual[:, None] @ solved)[:, 0, 0]
         off = (own @ solved)[:, :, 0]
         force, place = self._estimators(p.position_um, p.counts)
         light = (off * force).sum(axis=1) / self._rises(p.force_mN)
