@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
@@ -276,24 +274,13 @@ def test_a_flood_of_messages_is_bounded(tmp_path):
     assert all("busy" in str(one.exception()) for one in refused)
 
 
-def test_a_page_of_another_site_starts_no_session(table, open_page, browser):
-    class Other(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><title>other</title>")
-
-        def log_message(self, *arguments):
-            pass
-
-    other = ThreadingHTTPServer(("127.0.0.1", 0), Other)
-    threading.Thread(target=other.serve_forever, daemon=True).start()
+def test_a_page_of_another_site_starts_no_session(table, browser, other_site):
     context = browser.new_context()
     try:
         context.new_page().goto(table.server.url)  # this browser has the token
         page = context.new_page()
         for host in ("localhost", "127.0.0.1"):
-            page.goto(f"http://{host}:{other.server_port}/")
+            page.goto(f"http://{host}:{other_site}/")
             page.evaluate(
                 """([url, body]) => fetch(url, {
                   method: "POST", mode: "no-cors", credentials: "include", body,
@@ -304,7 +291,6 @@ def test_a_page_of_another_site_starts_no_session(table, open_page, browser):
         assert not table.path.exists()
     finally:
         context.close()
-        other.shutdown()
 
 
 def test_a_server_that_ends_stops_the_session(table, open_page):

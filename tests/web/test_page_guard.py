@@ -7,8 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import aiohttp
@@ -186,20 +184,8 @@ def test_a_foreign_origin_is_refused(serve, path):
         assert status(server.url, path, Origin=origin, **UPGRADE)[0] == 403
 
 
-def test_a_page_of_another_site_gets_nothing_in_a_real_browser(serve, browser):
+def test_a_page_of_another_site_gets_nothing_in_a_real_browser(serve, browser, other_site):
     server = serve(PageState())
-
-    class Other(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><title>other</title>")
-
-        def log_message(self, *arguments):
-            pass
-
-    other = ThreadingHTTPServer(("127.0.0.1", 0), Other)
-    threading.Thread(target=other.serve_forever, daemon=True).start()
     page = browser.new_page()
     try:
         connect = """(url) => new Promise((done) => {
@@ -208,7 +194,7 @@ def test_a_page_of_another_site_gets_nothing_in_a_real_browser(serve, browser):
           socket.onerror = () => done("refused");
         })"""
         live = f"ws://127.0.0.1:{server.port}/live"
-        page.goto(f"http://127.0.0.1:{other.server_port}/")
+        page.goto(f"http://127.0.0.1:{other_site}/")
         assert page.evaluate(connect, live) == "refused"
         read = "(url) => fetch(url).then((answer) => answer.text(), () => 'refused')"
         assert page.evaluate(read, server.url) == "refused"
@@ -216,7 +202,6 @@ def test_a_page_of_another_site_gets_nothing_in_a_real_browser(serve, browser):
         assert page.evaluate(connect, live) == "open"
     finally:
         page.close()
-        other.shutdown()
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
