@@ -11,7 +11,7 @@ from .dialog import Dialog
 from .presses import FIRM_MN
 from .session import Wanted
 from .spectra import SpectrumReader
-from .typed import grams, typed
+from .typed import FORCES, grams, typed
 
 _ANGLE_MAX_DEG = 3600.0
 
@@ -83,7 +83,7 @@ class Presser:
         """
         default, what = f"{wanted.place_um / 1000:.1f} mm", "does the ruler"
         if wanted.force_mN:
-            default, what = f"{default} {wanted.force_mN / 9.80665:.0f} g", "do ruler and scale"
+            default, what = f"{default} {wanted.force_mN / FORCES['g']:.0f} g", "do ruler and scale"
         while True:
             answer = self._guide.ask(f"what {what} show? (Enter: {default}; again; undo) ")
             if answer.lower() == "again":
