@@ -74,7 +74,7 @@ class BoardReader:
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
-        self._said: tuple = ()
+        self._said: dict = {}
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
@@ -112,8 +112,10 @@ class BoardReader:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
     def _read(self, board: Board) -> None:
-        """Read a board until it restarts; then its settings are lost."""
+        """Read a board until it restarts, and its settings are lost, or until a request ends."""
         restarts = board.stats.restarts
+        for one in self._orders:
+            self._layout = one.layout or self._layout
         board.command("stream touch spectrum")
         info = board.command("hello")
         if self._id not in (None, info["id"]):
@@ -130,6 +132,7 @@ class BoardReader:
         self._say(CONNECTED, "")
         feel = Feel(board, info, self._layout, self._state)
         health = _Health(board, self._state)
+        left = self._orders
         try:
             while not self._stopping.is_set():
                 for frame in board.frames(_TICK_S):
@@ -141,6 +144,7 @@ class BoardReader:
                 feel.tick(board.now_s())
                 health.show()
                 if any(one.attend(board) for one in self._orders):
+                    left = ()  # the board is still there
                     return
                 # A pause in a recording is part of the recording.
                 paused = isinstance(board, Replay) and not board.ended
@@ -150,7 +154,7 @@ class BoardReader:
                     return
         finally:
             feel.release()
-            for one in self._orders:
+            for one in left:
                 one.leave()
 
     def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
@@ -159,7 +163,7 @@ class BoardReader:
         if frame.sensor != 0:
             return
         if isinstance(frame, Touch):
-            if self._said[0] != CONNECTED:
+            if self._said["state"] != CONNECTED:
                 feel.release()
                 self._say(CONNECTED, "")
             now_s = board.now_s()
@@ -175,12 +179,10 @@ class BoardReader:
             self._say(state, "")
 
     def _say(self, state: str, message: str) -> None:
-        said = state, message, self._known.get("port")
-        if said != self._said:
-            step = _NEXT.get(state, "")
-            board = {"state": state, "message": message, "next": step, **self._known}
+        board = {"state": state, "message": message, "next": _NEXT.get(state, ""), **self._known}
+        if board != self._said:
             self._state.put("board", board)
-            self._said = said  # last: after an error the next attempt shows it again
+            self._said = board  # last: after an error the next attempt shows it again
 
 
 def _settings(board: Board) -> dict:

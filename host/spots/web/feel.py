@@ -1,8 +1,10 @@
 """Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
 
 import contextlib
+from types import SimpleNamespace
 
 from spots_device.layout import action
+from spots_device.settings import checksum
 
 from ..controller.controller import controller_for
 from ..controller.controller_settings import load as load_controller
@@ -39,6 +41,7 @@ class Feel:
     def __init__(self, board: Board, info: dict, layout: KeyLayout, state: PageState):
         self._state, self._layout = state, layout
         self._engine = self._gestures = self._controller = None
+        self._own = info.get("keys")  # the engine then only follows the layers
         self._untrusted = Untrusted()
         self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
@@ -47,8 +50,9 @@ class Feel:
             self._gestures = Gestures()
             with contextlib.suppress(SpotsError):  # too slow for a gamepad
                 self._controller = controller_for(board, load_controller())
-            if not info["keys"]:
-                self._engine = KeyEngine(layout, length_um, self, info.get("decay"))
+            if not info["keys"] or info.get("layout") == checksum(layout.lines):
+                sink = SimpleNamespace(key=_ignored) if info["keys"] else self
+                self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
         self._engines = [one for one in engines if one is not None]
         self.release()
@@ -74,7 +78,7 @@ class Feel:
 
     def take_key(self, key: Key) -> None:
         """Show a key event of a board that is a keyboard itself."""
-        if self._engine is None:
+        if self._own:
             self.key(key.page, key.usage, key.modifiers, key.pressed)
 
     def tick(self, now_s: float) -> None:
@@ -87,6 +91,8 @@ class Feel:
         """Release all keys and the gamepad, because the touch is unknown."""
         if self._engine:
             self._engine.release()
+        if self._own:
+            self._down.clear()
         self._shown.clear()
         for name in ("touch", "keys", "stick", "untrusted"):
             self._state.put(name, None)
@@ -148,6 +154,10 @@ class Feel:
             "buttons": [bool(buttons >> i & 1) for i in range(_BUTTONS)],
             "held": self._controller.held,
         }
+
+
+def _ignored(*event) -> None:
+    pass
 
 
 def layout_shown(layout: KeyLayout) -> dict:

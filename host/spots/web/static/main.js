@@ -5,6 +5,7 @@ import { connect } from "./link.js";
 import { board } from "./panels/board.js";
 import { figures } from "./panels/figures.js";
 import { calibration } from "./panels/calibration.js";
+import { editor } from "./panels/editor.js";
 import { strip } from "./panels/strip.js";
 import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
@@ -21,6 +22,7 @@ const ANSWER = Infinity, LOOK = 15, READ = 5;
 const PANELS = [
   [strip, ANSWER, "board", "touch"],
   [keyboard, ANSWER, "board", "touch", "keys"],
+  [editor, ANSWER, "editor", "may_command", "board", "touch", "keys"],
   [calibration, LOOK, "calibration", "hold", "may_command", "board"],
   [figures, READ, "touch"],
   [board, READ, "board", "connection"],
