@@ -15,7 +15,7 @@ from ..guarded import Guarded
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 from ..link.connect import find, open
-from ..link.frames import Key, Spectrum, Touch
+from ..link.frames import Contact, Key, Spectrum, Touch
 from ..link.ports import scheme
 from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED
 from ..recording.replay import Replay
@@ -71,6 +71,7 @@ class BoardReader:
         self._open_board, self._layout, self._state = open_board, layout, state
         self._search_every_s = search_every_s
         self._on_touch, self._orders = on_touch, orders
+        self._fingers: list[float] = []  # positions in the next reading, in um
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
@@ -116,7 +117,10 @@ class BoardReader:
         restarts = board.stats.restarts
         for one in self._orders:
             self._layout = one.layout or self._layout
-        board.command("stream touch spectrum")
+        try:
+            board.command("stream contact touch spectrum")
+        except SpotsError:  # the firmware is too old for contacts
+            board.command("stream touch spectrum")
         info = board.command("hello")
         if self._id not in (None, info["id"]):
             raise SpotsError(f"the board on {board.port} is {info['id']} instead of {self._id}")
@@ -167,10 +171,13 @@ class BoardReader:
                 feel.release()
                 self._say(CONNECTED, "")
             now_s = board.now_s()
-            feel.take(frame, now_s)
+            feel.take(frame, now_s, self._fingers)
+            self._fingers = []
             health.took(now_s, now_s - frame.time_s)
         elif isinstance(frame, Spectrum):
             self._state.put("spectrum", {"counts": frame.counts})
+        elif isinstance(frame, Contact):
+            self._fingers += [] if frame.ended else [frame.position_um]
         elif isinstance(frame, Key):
             feel.take_key(frame)
 

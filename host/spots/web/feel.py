@@ -1,6 +1,7 @@
 """Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
 
 import contextlib
+from collections.abc import Sequence
 from types import SimpleNamespace
 
 from spots_device.layout import action
@@ -58,7 +59,7 @@ class Feel:
         self.release()
         self._show()
 
-    def take(self, touch: Touch, now_s: float) -> None:
+    def take(self, touch: Touch, now_s: float, fingers: Sequence[float] = ()) -> None:
         """Process a reading, and show the result in the web UI.
 
         Parameters
@@ -67,8 +68,10 @@ class Feel:
             The next reading of the strip.
         now_s : float
             Time at which the reading arrived, in seconds by the link's clock.
+        fingers : sequence of float, optional
+            Positions of all fingers in this reading, in um, as far as the board computes them.
         """
-        self._state.put("touch", _message(touch, now_s))
+        self._state.put("touch", _message(touch, now_s, fingers))
         self._untrusted.take(touch, now_s)
         for engine in self._engines:
             found = engine.take(touch, now_s)
@@ -171,7 +174,7 @@ def layout_shown(layout: KeyLayout) -> dict:
     }
 
 
-def _message(touch: Touch, now_s: float) -> dict:
+def _message(touch: Touch, now_s: float, fingers: Sequence[float] = ()) -> dict:
     names = "time_s", "contrast", "brightness", "position_um", "force_mN", "touching", "trusted"
     shown = {name: getattr(touch, name) for name in names}
-    return {**shown, "arrived_s": now_s, "flags": flag_words(touch)}
+    return {**shown, "arrived_s": now_s, "flags": flag_words(touch), "fingers": fingers}

@@ -29,10 +29,10 @@ const PANELS = [
   [stick, LOOK, "stick"],
   [twin, LOOK, "twin"],
   [spectrum, LOOK, "board", "touch", "spectrum"],
-  [history, LOOK, "touch"],
+  [history, LOOK, "touch", "board"],
   [recording, READ, "recording", "may_command"],
   [link, READ, "link"],
-  [next, READ, "board", "untrusted", "connection"],
+  [next, READ, "board", "touch", "untrusted", "connection"],
 ];
 // Waiting panels are drawn with the next messages, or this time after the last message.
 const QUIET_MS = 100;
