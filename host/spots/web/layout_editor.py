@@ -130,9 +130,9 @@ class LayoutEditor(Orders):
         if not set(loses) <= set(request.loses):
             return {"loses": loses, "note": None}
         note = keys.push(board, layout)
-        write_text(layout.text, self._path)
         self.layout = layout
         self._show(board.command("hello"))
+        write_text(layout.text, self._path)  # last: an error must not hide what the board has
         return {"loses": [], "note": note}
 
     def _clear(self, request: Clear, board: Board) -> None:
