@@ -57,7 +57,7 @@ async def _client(port: int, token: str, seed: int, count: int, found: Counter) 
             try:
                 async with session.post(url, data=_mutated(choice), headers=headers) as answer:
                     await answer.read()
-            except aiohttp.ServerDisconnectedError:  # a connection ends after 30 s
+            except aiohttp.ClientConnectionError:  # a connection ends after 30 s
                 found["disconnected"] += 1
                 continue
             found[answer.status] += 1

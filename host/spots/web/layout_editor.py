@@ -1,6 +1,5 @@
 """The key layout that browsers with the token edit: checks it, stores it on board and disk."""
 
-import sys
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,6 @@ from spots_device.settings import checksum
 
 from ..atomic import write_text
 from ..errors import SpotsError
-from ..guarded import sentence_of
 from ..keyboard import keys
 from ..keyboard.layout import FLAVOURS, KeyLayout, compiled, load
 from ..link.board import Board
@@ -66,6 +64,7 @@ class LayoutEditor(Orders):
         If the name of the file does not end in ``.toml``, or the file is invalid.
     """
 
+    what = "the layout editor"
     request_max = 2 * _TEXT_MAX
 
     def __init__(self, path: Path, usual: KeyLayout, state: PageState):
@@ -105,16 +104,6 @@ class LayoutEditor(Orders):
         """Handle the loss of the board: refuse all waiting requests."""
         super().leave()
         self._show(None)
-
-    def _answer(self, answer: Future, handle, *arguments) -> None:
-        try:
-            answer.set_result(handle(*arguments))
-        except SpotsError as error:
-            answer.set_exception(error)
-        except Exception as error:
-            sentence = sentence_of("the layout editor", error)
-            print(f"spots: {sentence}", file=sys.stderr, flush=True)
-            answer.set_exception(SpotsError(sentence))
 
     def _check(self, request: Check) -> dict[str, Any]:
         layout = compiled(Path(self._path.name), request.text)
