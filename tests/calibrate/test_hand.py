@@ -79,6 +79,7 @@ def rough(sensor, tmp_path_factory):
     with Stage(sensor, seed=3) as stage:
         room = Room(stage, Habits())
         made = calibrate(room, path, "rough", steps.COUNTS["rough"][0], plan=None)
+        assert stage.board.command("hello")["relative_force"] is True
         return path, made, room, errors_um(stage, made)
 
 
@@ -86,7 +87,7 @@ def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(ro
     _, made, room, errors = rough
     assert room.person.presses <= 12
     assert np.abs(errors).mean() < 1000
-    assert made.relative_force
+    assert "relative" in made.lines
     assert not any("scale" in question for question, _ in room.asked)
     assert not re.search(r"press at .*\d (g|N)\b", room.getvalue())
     assert made.residuals[0].force_rms_mN is None
@@ -101,7 +102,8 @@ def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough
         stage.reader.set_up()
         room = Room(stage, Habits(place_mm=0.1, force_share=0.01, slips=0))
         made = calibrate(room, path, "fine", 22)
-        assert not made.relative_force
+        assert "relative" not in made.lines
+        assert stage.board.command("hello")["relative_force"] is False
         assert np.abs(errors_um(stage, made)).mean() < 200
     assert len(Session(path).of("hand")) == 22
     assert made.residuals[0].force_rms_mN < 300
