@@ -55,7 +55,7 @@ class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields
     """Request of a browser: end the session; its presses are stored."""
 
 
-_DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
+DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
 
 
 class PageCalibration(Orders):
@@ -85,7 +85,7 @@ class PageCalibration(Orders):
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
         """Return the request in a browser's message; raise a ValueError if it is invalid."""
-        return _DECODER.decode(body)
+        return DECODER.decode(body)
 
     def attend(self, board: Board) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""
