@@ -86,11 +86,6 @@ class Bench:
         """Number of samples in a reading of a press."""
         return samples_of("", self.reader.info["exposure_us"])
 
-    @property
-    def mark_samples(self) -> int:
-        """Number of samples in a reading of a mark; many, because noise of marks shifts tables."""
-        return samples_of("mark", self.reader.info["exposure_us"])
-
     def take(
         self,
         wanted: Wanted,

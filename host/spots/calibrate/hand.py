@@ -160,21 +160,13 @@ def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
 
 
 def _progress(surface: Surface, done: int, total: int) -> Progress:
-    _, off_um, off_share = surface.misfits
     (places_um, sigma_um), (forces_mN, sigma_share) = surface.errors()
     thin = []
     if sigma_um.max() > max(_THIN * sigma_um.mean(), _GOOD_UM):
         thin.append(f"near {places_um[np.argmax(sigma_um)] / 1000:.0f} mm")
     if len(sigma_share) and sigma_share.max() > max(_THIN * sigma_share.mean(), _GOOD_SHARE):
         thin.append(f"near {grams(forces_mN[np.argmax(sigma_share)])}")
-    return Progress(
-        place_um=surface.taken.position_um,
-        force_mN=surface.taken.force_mN,
-        off_um=off_um,
-        off_share=off_share,
-        sigma_um=float(sigma_um.mean()),
-        sigma_share=float(sigma_share.mean()) if len(sigma_share) else float("nan"),
-        thin=tuple(thin),
-        done=done,
-        total=total,
-    )
+    sigmas = float(sigma_um.mean()), float(sigma_share.mean()) if len(sigma_share) else np.nan
+    places_um, forces_mN = surface.taken.position_um, surface.taken.force_mN
+    errors = surface.misfits[1:]
+    return Progress(places_um, forces_mN, *errors, *sigmas, tuple(thin), done, total)
