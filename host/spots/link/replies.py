@@ -133,10 +133,10 @@ def decoded(data: Any) -> dict[str, Any]:
         If the data is not a JSON object, is too long, or is nested too deep.
     """
     if len(data) > JSON_BYTES_MAX:
-        raise ValueError(f"a message has at most {JSON_BYTES_MAX} bytes")
+        raise ValueError(f"a message must have at most {JSON_BYTES_MAX} bytes")
     data = bytes(data)
     if data.count(b"[") + data.count(b"{") > _NESTING_MAX:
-        raise ValueError(f"a message has at most {_NESTING_MAX} lists and objects")
+        raise ValueError(f"a message must have at most {_NESTING_MAX} lists and objects")
     return msgspec.json.decode(data, type=dict[str, Any])
 
 
