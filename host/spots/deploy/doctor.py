@@ -151,10 +151,10 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 
 
 def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
-    """Measure the light of the LED in lit samples between two dark frames.
+    """Measure the light of the LED: take a dark frame, samples with the LED on, and a dark frame.
 
     A press also couples ambient light into the strip, and ambient light changes. So for each
-    channel, the larger one of two dark counts is subtracted from the smallest lit count.
+    channel, the larger dark count is subtracted from the smallest count with the LED on.
 
     Parameters
     ----------

@@ -42,8 +42,8 @@ class Tree:
     OSError
         If the folder cannot be opened.
     SpotsError
-        From every method: if the file system fails, or if the path contains a link or a device, or
-        a folder instead of a file.
+        From every method: if the file system reports an error, a part of the path is a link or a
+        device, or the path names a folder in place of a file.
     """
 
     def __init__(self, folder: str):
@@ -211,9 +211,9 @@ class Tree:
                 what = "is full: remove some of your files from it and flash again"
             elif error.errno in _READ_ONLY:
                 what = (
-                    "is read-only, because the board itself may write to it: reset the board, "
-                    "right after that hold its button for two seconds, and flash again when the "
-                    "drive is mounted again"
+                    "is read-only, because the board itself may write to it: reset the board and "
+                    "at once hold its button for two seconds; then wait until the drive is mounted "
+                    "again, and flash again"
                 )
             else:
                 what = f"fails ({error.strerror}): replug the board and flash again"
@@ -221,6 +221,6 @@ class Tree:
 
 
 def settle(folder: int | None) -> None:
-    """Wait until all renames in a folder (an open descriptor, or None) are on the medium."""
+    """Wait until the medium has stored all renames in `folder`: an open descriptor, or None."""
     if folder is not None:  # Windows writes to a removable drive at once
         os.fsync(folder)

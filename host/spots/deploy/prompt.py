@@ -82,14 +82,14 @@ class Prompt:
     Attributes
     ----------
     facts : dict
-        ``runtime``, ``version``, ``mpy`` (format version, architecture), ``block`` and ``free``
-        (bytes).
+        Facts about the board: ``runtime``, ``version``, ``mpy`` (format version and architecture
+        of .mpy files); of its file system, in bytes: ``block`` (size of a block) and ``free``.
 
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers. From every method:
-        if a program on the board fails, the file system is full, or the board is disconnected.
+        If mpremote is missing, the port cannot be opened, or no prompt answers. Every method raises
+        it if a program on the board fails, the file system is full, or the board is disconnected.
     """
 
     def __init__(self, port: str):

@@ -25,7 +25,7 @@ class KeyEngine:
     sink : KeySink
         Receiver of the key events.
     decay : int, optional
-        Decay of the strip's dye, from the same reply; a typical decay if not given.
+        Decay of the strip's dye, from the board's reply to ``hello``; a typical decay if not given.
 
     Attributes
     ----------

@@ -182,7 +182,7 @@ class Twin:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a warning that names each joint without an angle for 3 s, or an empty text."""
+        """Return a warning that names each joint without a new angle for 3 s; empty if none."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -233,7 +233,7 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return a joint's angle at `time_s`, interpolated between `angles`, or None."""
+    """Return a joint's angle at `time_s`, interpolated between `angles`; None in a long gap."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
@@ -287,8 +287,8 @@ def readings(
     boards : list of Board
         Board of joint 1 and board of joint 2.
     seconds : float, optional
-        Time after which to end, in seconds by the clock of the boards' links. If not given, boards
-        have no limit, and recordings end when all of them have ended.
+        Time after which to end, in seconds by the clock of `Board.now_s`. If not given, boards are
+        read without a limit, and recordings until all of them have ended.
     restarted : callable, optional
         Called with a board that has restarted and streams again. The board has lost everything
         that it had not stored. If the function raises SpotsError, the call is repeated for 10 s.

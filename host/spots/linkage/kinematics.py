@@ -184,7 +184,7 @@ def calibrate(
         raise missing("kinematic calibration needs", "scipy", "kinematics")
     angles, x_mm, y_mm = (np.asarray(one, dtype=float) for one in (angles_rad, x_mm, y_mm))
     if not (x_mm.ndim == 1 and x_mm.shape == y_mm.shape and angles.shape == (2, len(x_mm))):
-        raise SpotsError("angles_rad must have shape (2, n), x_mm and y_mm must have shape (n,)")
+        raise SpotsError("angles_rad must have shape (2, n), and x_mm and y_mm shape (n,)")
     places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
         raise SpotsError("the angles and positions of a kinematic calibration must be finite")
@@ -297,7 +297,10 @@ class _Fit:
 
 
 def _slopes(function, at, step):
-    """Return the central differences of a function of an array, one for each of its elements."""
+    """Return the derivatives of `function` by each element of the array `at`, for steps `step`.
+
+    They are computed as central differences.
+    """
     shifts = step * np.eye(len(at))
     return [(function(at + shift) - function(at - shift)) / (2 * step) for shift in shifts]
 

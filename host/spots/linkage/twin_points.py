@@ -81,9 +81,9 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
 
 
 def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say=print) -> int:
-    """Measure points: ask for the position of the end point, read the joints, append to a table.
+    """Measure points: ask for the end point's position, read the joints, append both to a table.
 
-    An empty answer ends the measurement.
+    This repeats until the answer is empty.
 
     Parameters
     ----------

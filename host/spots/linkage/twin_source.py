@@ -40,7 +40,7 @@ class Source(NamedTuple):
     restarted: Callable[[Board], None] = lambda board: None
 
     def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
-        """Yield pairs of joint (0 or 1) and reading; end after `seconds` if given."""
+        """Yield pairs of joint index (0 or 1) and reading; end after `seconds` if given."""
         return readings(self.boards, seconds, self.restarted)
 
     def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
@@ -147,7 +147,10 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return a function that makes a `DrivenLinkage`; None if no port's scheme has one."""
+    """Return the first function `linkage` that a port's scheme offers; None if there is none.
+
+    The function makes a `DrivenLinkage`, see `link.ports`.
+    """
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
@@ -157,7 +160,7 @@ def is_recording(port: str) -> bool:
 
 
 def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
-    """Yield pairs of joint and reading, which come from recordings, at their original pace."""
+    """Yield pairs of joint index and reading from recordings, at the original pace."""
     ahead_s = None
     for joint, touch in pairs:
         if ahead_s is None:

@@ -50,11 +50,14 @@ class Judge(Protocol):
         touch : Touch
             The reading.
         arrived_s : float
-            Time of the reading's arrival, in seconds of the link's clock.
+            Time of the reading's arrival, in seconds by the clock of `Board.now_s`.
         """
 
     def facts(self) -> dict:
-        """Return texts to show: ``link`` in the row of the link, and ``rows``: further rows."""
+        """Return texts to show by their names: dict ``link`` for the link's row, list ``rows``.
+
+        ``rows`` contains a dict for each further row.
+        """
 
 
 class StripView:
@@ -176,7 +179,7 @@ def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int 
     title : str
         Title in the frame.
     columns : int
-        Width of the frame.
+        Width of the frame, in characters.
     rows : int
         Number of empty rows below and above the parts.
 
@@ -212,7 +215,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
 
 
 def strip_columns() -> int:
-    """Return the width of a strip in columns, which depends on the width of the terminal."""
+    """Return the width of a strip's picture in characters, which the terminal's width limits."""
     return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
 
 
