@@ -1,1 +1,1 @@
-"""The simulated sensor and the virtual board; shares no code with driver or decoder."""
+"""The simulated sensor and the virtual board; shares no code with the sensor's driver or the decoder."""

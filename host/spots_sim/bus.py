@@ -9,13 +9,13 @@ from typing import Protocol
 
 
 class SimulationClock(Protocol):
-    """Interface of a simulation's clock, which counts simulated or real time."""
+    """Interface of the clock of a simulation, which counts simulated time or real time."""
 
     def now_us(self) -> float:
         """Return the time since power-on, in us."""
 
     def spend_us(self, duration_us: float) -> None:
-        """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
+        """Advance simulated time by a transfer's duration in us; do nothing in real time."""
 
     def pause_us(self, duration_us: float) -> None:
         """Wait for a time in us while the board does nothing."""
@@ -80,7 +80,7 @@ class I2CBus:
     chip : chip.AS7341
         The chip on the bus.
     clock : SimulationClock
-        Advanced by each transfer.
+        Clock that each transfer advances.
     frequency_hz : int
         Frequency of the bus in Hz.
     ledger : BusCost

@@ -75,7 +75,7 @@ class ControllerScore:
         state : State
             Gamepad state that was sent.
         now_s : float
-            Time of sending in seconds, on the link's clock.
+            Host time at which the state was sent, in seconds.
         """
         start_s = max(self._last_s, now_s - 1) - _BACK_S
         end_s = now_s + (_LIFT_S if state[:3] == REST[:3] else 0)

@@ -1,7 +1,7 @@
 """Runs the firmware in CPython on a simulated bus, for computers without MicroPython.
 
-It runs one pass of the firmware's loop at a time. Limits: it has no prompt, so it cannot be
-flashed; it has no watchdog; and memory and integers are not limited.
+Each call of `CPythonBoard.step` runs one pass of the firmware's loop. Limits: the board has no
+prompt, so it cannot be flashed; it has no watchdog; its memory and integers are not limited.
 """
 
 from __future__ import annotations
@@ -199,7 +199,10 @@ def _load(folder: Path) -> str:
 
 
 class _Requests:
-    """The board's clock, transfers, waits and LED pin; a power failure stops all but the clock."""
+    """Handles the board's requests: clock, transfers, waits, LED pin.
+
+    After a power failure begins, all requests except those for the clock raise PowerLostError.
+    """
 
     def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):
         self.bus = bus
@@ -230,7 +233,7 @@ class _Requests:
 
 
 class _Sensor:
-    """The I2C bus for the driver `spots_device.as7341`; it accesses the registers of the sensor."""
+    """Accesses the sensor's registers over I2C, for the driver `spots_device.as7341`."""
 
     def __init__(self, requests: _Requests):
         self._requests = requests

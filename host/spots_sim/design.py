@@ -1,4 +1,4 @@
-"""``spots design``: finds dye and exposure with the best resolution for a strip of some length.
+"""``spots design``: finds dye and exposure with the best resolution for a strip of given length.
 
 With ``--out`` it also writes moulds, drawings and instructions for the strip, see `strip_shape`.
 
@@ -176,7 +176,10 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return gain code, exposure in us and LED current in mA that ``auto`` sets; None if dark."""
+    """Return gain code, exposure in us and LED current in mA that the command ``auto`` would set.
+
+    None if the light is too weak at every setting.
+    """
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
     outcome = AGAIN

@@ -83,7 +83,7 @@ def characterize(
     change : Change
         Change of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        How the calibration is corrected after that change (re-zero).
+        Options of the re-zero: a few presses that correct the calibration after that change.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def characterize(
 
 
 def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
-    """Return the standard deviation of the position divided by its Cramer-Rao bound.
+    """Return the standard deviation of the measured position divided by its Cramer-Rao bound.
 
     Parameters
     ----------
@@ -190,16 +190,16 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 
 
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
-    """Press `count` times around a position; return errors of the position and their bound.
+    """Press `count` times around `place_um`; compare the errors of the position with their bound.
 
     Returns
     -------
     errors : numpy.ndarray, shape (count,)
-        Errors of the position, in um.
+        Errors of the board's position, in um.
     scatter : float
         Standard deviation of these errors, in um.
     pair_scatter : float
-        Standard deviation of the errors of the estimate by `pair`, in um.
+        Standard deviation of the errors of `pair`, the estimate from two channels, in um.
     least : float
         Cramer-Rao bound of the standard deviation, in um.
     untrusted : float
@@ -270,7 +270,7 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return the noise of `pair` divided by its bound, and signal-to-noise ratios, at `x_um`.
+    """Return, at each of `x_um`, the noise of `pair` divided by the bound; and signal-to-noise.
 
     Readings are single samples here: the board rounds the mean counts of averaged readings, and
     this rounding would change the noise.

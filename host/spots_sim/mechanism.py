@@ -1,7 +1,7 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-It gives the true positions, with which a digital twin is compared. It shares no formula with
-`linkage.fivebar`.
+It returns the true positions, with which a digital twin is compared. This module shares no formula
+with `linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class JointScenario:
         self._period_s = float(time_s[-1] - time_s[0]) if again else math.inf
 
     def pose(self, time_s: float) -> Pose:
-        """Return the bend of the strip at a time in seconds."""
+        """Return strain (0), bend and leak (0) of the strip at a time in seconds."""
         return Pose(bend_deg=float(self._at(time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:

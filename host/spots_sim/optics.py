@@ -147,7 +147,10 @@ class Optics:
     def _spread(
         self, width_mm: float, strain: float, tilt_percent: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the decay per mm, and the mean of exp(-k x) over a contact centred at x = 0."""
+        """Return, per wavelength, the decay k per mm, and the mean of exp(-k x) over a contact.
+
+        The contact is centred at x = 0.
+        """
         volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
         decay = self._clear + self._dyed / volume
         half = decay * width_mm / 2

@@ -299,9 +299,10 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Return positions `places` (x, y in mm), angles and their standard errors, see `visited`.
+    """Stop at the positions `places` (x, y in mm) and read both joints, see `visited`.
 
-    Positions without a reading are left out: there, the LED was off for a dark frame.
+    Returns positions, joint angles, and their standard errors. A position is left out if its
+    reading fell into a dark frame, during which the LED is off.
     """
     angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
     read = np.isfinite(angles).all(axis=0)
