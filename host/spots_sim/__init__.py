@@ -1,1 +1,1 @@
-"""The simulated sensor and the virtual board; shares no code with the sensor's driver or the decoder."""
+"""The simulated sensor and the virtual board, without code of the firmware's driver and decoder."""

@@ -18,9 +18,9 @@ _STEP_MM = 1e-3
 
 
 class Bound:
-    """Smallest standard deviations with which the six counts of a reading determine a press.
+    """The Cramer-Rao bound of a simulated sensor, for readings with six counts.
 
-    They are those of its position, and of the logarithm of the light that it couples.
+    The bound limits the estimates of a press's position, and of the light that the press couples.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class ControllerScore:
         self.states = 0
 
     def read(self, touch: Touch, state: State) -> None:
-        """Compare a state with the true X at the time of its reading.
+        """Compare the axis X of a gamepad state with the true X at the time of the reading.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class ControllerScore:
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare the change of X since the last state with the finger's movement.
+        """Compare the change of X since the last sent state with the finger's movement.
 
         Parameters
         ----------

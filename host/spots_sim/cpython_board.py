@@ -115,7 +115,7 @@ class CPythonBoard:
         self._requests.bus = bus
 
     def step(self) -> None:
-        """Run one pass of the firmware's loop; boot after a reboot, a crash or a power failure."""
+        """Run one pass of the firmware's loop; boot again if it reboots, crashes or loses power."""
         try:
             if self._app.reboot:
                 self._app.run()  # ends at once, and cleanly
@@ -163,7 +163,7 @@ class CPythonBoard:
 
 
 def _load(folder: Path) -> str:
-    """Import a new copy of the firmware with a folder as file system; return the package's name.
+    """Import a new copy of the firmware whose file system is `folder`; return its package name.
 
     Each boot needs a new copy, so that a reset loses all state and boards share no state.
     """

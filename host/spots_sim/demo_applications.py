@@ -34,7 +34,7 @@ _PLAIN_LINES_PER_S = 4
 def play_controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    """Show a controller that moves no gamepad of this computer; return the results of the run.
+    """Run and show a controller without a gamepad device, and return the results of the run.
 
     Parameters
     ----------

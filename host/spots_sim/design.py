@@ -114,7 +114,7 @@ class Design:
 
 
 def timing(rate_hz: float) -> tuple[int, int]:
-    """Return the exposure in us and the samples per reading that give a rate of readings in Hz."""
+    """Return exposure in us and samples per reading that give `rate_hz` readings per second."""
     reading_us = 1e6 / rate_hz
     average = min(AVERAGE_MAX, max(1, math.ceil(reading_us / _LONGEST_US)))
     exposure_us = min(MAX_US, max(MIN_US, int(reading_us / average)))
@@ -261,7 +261,7 @@ def design_command(options: argparse.Namespace) -> None:
     """Run ``spots design`` with the options that `cli` parsed.
 
     ``options.out`` is a folder for the sensor file and a figure; if moulds can be made for the
-    length, also for moulds, drawings and recipe. With None, no files are written.
+    length, also for moulds, drawings and recipe. If it is None, no files are written.
     """
     out, shape = options.out, None
     recipe = strip_recipe.checked(options.strips)

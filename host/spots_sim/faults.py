@@ -331,7 +331,7 @@ class FaultyBus:
 
 
 class BoardFaults:
-    """Faults of the power and the clock of a board; call `step` before each of its requests.
+    """Faults of a board's power and clock; call `step` before each request of the board.
 
     Parameters
     ----------

@@ -204,11 +204,11 @@ class JointScenario:
         self._period_s = float(time_s[-1] - time_s[0]) if again else math.inf
 
     def pose(self, time_s: float) -> Pose:
-        """Return strain (0), bend and leak (0) of the strip at a time in seconds."""
+        """Return the bend of the strip at `time_s` seconds; strain and leak are 0."""
         return Pose(bend_deg=float(self._at(time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return a list with the press of the joint's indenter at a time in seconds."""
+        """Return a list of one press: that of the joint's indenter at `time_s` seconds."""
         place_mm = float(self._at(time_s, self._place_mm))
         return [Press(place_mm, self._force_mN, _WIDTH_MM)]
 

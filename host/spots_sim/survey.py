@@ -86,7 +86,7 @@ def survey(
     pitch_mm: float = 10.0,
     **condition: bool,
 ) -> Survey:
-    """Calibrate a linkage at some positions, then measure its error on a grid over its workspace.
+    """Calibrate a linkage, then measure its digital twin's error on a grid over the workspace.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def survey(
     exposure_us : int
         Integration time in us; a reading is one exposure.
     pitch_mm : float
-        Distance between two positions of the grid, in mm.
+        Distance between neighbouring positions of the grid, in mm.
     **condition : bool
         ``rezeroed`` and ``misfits``, see `simulated_linkage.Simulation`.
 
@@ -204,7 +204,7 @@ def follow(
     report=lambda terminal: None,
     **condition: bool,
 ) -> PathRun:
-    """Move the end point of a simulated linkage along a path; compare it with a digital twin.
+    """Move the end point of a simulated linkage along a path; compare path and digital twin.
 
     Parameters
     ----------
@@ -280,8 +280,8 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
     """Return x and y in mm of a grid that covers the workspace, in random order.
 
-    `pitch_mm` is the distance between two positions. Each is moved by up to `jitter_mm`; `rng` is
-    the random generator.
+    `pitch_mm` is the distance between neighbouring positions. Each position is then moved by up to
+    `jitter_mm`; `rng` is the random generator.
     """
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1

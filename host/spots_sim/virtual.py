@@ -67,7 +67,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
 
 
 def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
-    """Validate the files of the virtual board.
+    """Validate the sensor and scenario file of a virtual board.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def flash(parser: Parser):
 
 
 def doctor(parser: Parser):
-    """Check a board and its light, and print a remedy for each problem.
+    """Check a board, its LED and its calibration, and print a remedy for each problem.
 
     examples:
       spots doctor

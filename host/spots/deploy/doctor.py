@@ -94,7 +94,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
 
 
 def examine_board(board: Board) -> Iterator[Finding]:
-    """Yield the result of each check of a board that answers."""
+    """Check a board that answers, and yield the result of each check."""
     yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
     text = firmware = board.info["firmware"]
     if firmware != __version__:

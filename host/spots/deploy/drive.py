@@ -83,7 +83,7 @@ class Drive(Tree):
 
 
 def drives() -> list[str]:
-    """Return the folders of mounted CircuitPython drives: FAT, removable, with boot_out.txt.
+    """Return the folders of mounted CircuitPython drives: removable FAT drives with boot_out.txt.
 
     Raises
     ------

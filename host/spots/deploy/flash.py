@@ -60,7 +60,7 @@ class Plan:
 
 
 def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
-    """Copy the firmware to a board, start it, and check that it answers.
+    """Copy the firmware to a board, start the firmware, and check that the board answers.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ class Known:
 
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
-    """Remove and copy files on a board, as planned.
+    """Carry out a plan: remove files from a board, and copy files to the board.
 
     Parameters
     ----------

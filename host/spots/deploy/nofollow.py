@@ -150,7 +150,7 @@ class Tree:
 
     @contextlib.contextmanager
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Yield the descriptor of the folder that contains `path`, and the name of the file in it.
+        """Yield the descriptor of the folder that contains the file `path`, and the file's name.
 
         If `make` is true, a missing folder is created.
         """

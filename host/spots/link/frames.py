@@ -31,7 +31,7 @@ NOTE = 15
 
 
 def whole(data: bytes) -> int:
-    """Return the number of bytes up to the last delimiter (a zero byte).
+    """Return the number of bytes up to and including the last delimiter (a zero byte).
 
     Without a delimiter the number is 0, or the length of `data` if this is too long for one frame.
     """

@@ -36,7 +36,7 @@ _FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes a
 
 
 def known() -> str:
-    """Return the forms of all ports that are not serial, such as ``zenoh:ID``, for messages."""
+    """Return a text that lists the forms of all non-serial ports, such as ``zenoh:ID``."""
     names = sorted(entry.name for entry in entry_points(group=GROUP))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))

@@ -70,7 +70,7 @@ class Get(Settings):
 
 
 class DarkFrame(TypedDict):
-    """The reply to ``dark``: sums of counts without light."""
+    """The reply to ``dark``: for each channel, the sum of 64 counts without the LED."""
 
     dark: _Dark
 

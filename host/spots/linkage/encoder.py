@@ -111,7 +111,7 @@ class Encoder:
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Return the angle from a reading; None if the reading is untrusted."""
+        """Compute the joint's angle from a reading; return None if the reading is untrusted."""
         if not touch.trusted:
             return None
         joint = self.joint

@@ -254,7 +254,7 @@ class _Fit:
         return self._places - self._terminal(self.values(found), self._angles)
 
     def jacobian(self, found, scale) -> np.ndarray:
-        """Return the derivatives of the whitened residuals by `found`, shape (2n, p)."""
+        """Return the derivatives by `found` of the residuals whitened by `scale`, shape (2n, p)."""
         slopes = _slopes(self.residual_mm, found, 1e-5)
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 

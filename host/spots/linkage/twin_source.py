@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration is uploaded to its board, and must have been made with this board.
+    Each joint's calibration is uploaded to the joint's board, and must be made with this board.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
         Path of the linkage file.
     ports : list of str
         Port of joint 1 and port of joint 2; ``recording:FILE`` reads a recording as fast as
-        possible. If empty, the boards are found on USB by the ids in their calibration files.
+        possible. If empty, the boards are found on USB by the board ids in the calibration files.
     record : list of str
         Paths of two recordings to write, one for each board; if empty, nothing is recorded.
 

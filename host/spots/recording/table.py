@@ -61,7 +61,7 @@ Row = tuple[Table, tuple[Any, ...]]
 
 
 def rows(recording: RecordingBlocks) -> Iterator[Row]:
-    """Yield the table and the row of each frame in order of arrival; show the progress.
+    """Yield pairs (table, row) for all frames in order of arrival; show the progress.
 
     As in the frames, an unknown position or force is 0; the flags show which values are unknown.
     """

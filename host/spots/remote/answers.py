@@ -75,7 +75,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Answer the queries `asked`; return whether the board replied to `command`."""
+        """Answer the queries `asked` for `command`; return False if the board did not reply."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None

@@ -280,7 +280,7 @@ def live(console: Console) -> Live:
 
 @contextmanager
 def drawn(wanted: bool) -> Iterator[Live | None]:
-    """Yield the display from `live`; None if not wanted, or if the output is not a terminal."""
+    """Yield a display; None if `wanted` is false, or if the output is not a terminal."""
     console = Console()
     with live(console) if wanted and console.is_terminal else nullcontext() as display:
         yield display
