@@ -260,8 +260,8 @@ def sensor_toml(found: Design) -> str:
 def design_command(options: argparse.Namespace) -> None:
     """Run ``spots design`` with the options that `cli` parsed.
 
-    ``options.out`` is a folder for the sensor file and a figure; if moulds can be made for the
-    length, also for moulds, drawings and recipe. If it is None, no files are written.
+    The folder ``options.out`` gets the sensor file and a figure and, if moulds can be made for the
+    length, moulds, drawings and recipe. If ``options.out`` is None, no files are written.
     """
     out, shape = options.out, None
     recipe = strip_recipe.checked(options.strips)

@@ -128,11 +128,11 @@ class PortNoise:
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
-        """Send the host's bytes, damaged, to the board; only for a port that is not the console."""
+        """Damage the host's bytes and send them to the board; not for the port of the console."""
         self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:
-        """Send the board's bytes, damaged, to the host."""
+        """Damage the board's bytes and send them to the host."""
         data = os.read(self.from_board, 4096)
         self.to_host.write(self._faults.to_host(data, self._clock.now_us()))
 

@@ -37,7 +37,7 @@ class Rig:
     Attributes
     ----------
     along : dict of int to Presses
-        Presses of the calibration along the strip, by strain in ppm.
+        The calibration's presses along the strip, for each strain in ppm.
     noise : Noise
         Noise of the counts, measured from these presses.
     lines : tuple of str

@@ -151,7 +151,7 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Result of a digital twin with the true lengths, after a motion along a path.
+    """Positions that a digital twin with the true lengths estimated during a motion on a path.
 
     Attributes
     ----------
@@ -314,7 +314,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return the position errors in mm from random errors of the angles, shape (draws, n).
+    """Return position errors in mm that random errors of the angles cause, shape (draws, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
     positions. `rng` is the random generator.

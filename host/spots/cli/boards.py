@@ -42,7 +42,7 @@ def build(parser: Parser):
 
 
 def flash(parser: Parser):
-    """Copy the firmware to a board and start it.
+    """Copy the firmware to a board, and restart the board.
 
     examples:
       spots flash pico
@@ -132,7 +132,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame with the LED unplugged, if the LED is always on.
+    """Take the dark frame of a board whose LED is always on: you unplug the LED meanwhile.
 
     example:
       spots dark

@@ -45,7 +45,7 @@ class Finding(NamedTuple):
     check : str
         Name of the check.
     ok : bool
-        Whether the board passed it.
+        Whether the board passed the check.
     text : str
         What was found and, after a failure, what to do.
     """

@@ -563,7 +563,7 @@ class Board:
     def tap(self, look: Callable[[bytes, float], None]) -> Handle:
         """Register ``look(data, now_s)``, which is called with all bytes that arrive from now on.
 
-        It is called before the bytes are decoded.
+        The call comes before the bytes are decoded.
         """
         return Handle(self._on_data, look)
 
@@ -574,7 +574,7 @@ class Board:
     def when_state_changes(self, action: Callable[[str], None]) -> Handle:
         """Register ``action(state)``, which is called at each change of `state`.
 
-        It is called in the thread that waits for frames.
+        The call comes from the thread that waits for frames.
         """
         return Handle(self._on_state, action)
 

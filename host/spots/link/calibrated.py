@@ -32,7 +32,7 @@ def hello_calibrated(board: Board) -> Hello:
 
 
 def next_step(info: Hello) -> str | None:
-    """Return advice if a board's ``hello`` shows no calibration, else None."""
+    """Return advice for the user if a reply to ``hello`` shows no calibration, else None."""
     return None if info.get("length_um") else "next: spots calibrate"
 
 

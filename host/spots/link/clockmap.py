@@ -20,7 +20,7 @@ _OFF_S = 1.0  # a larger error of the board's time shows that the board restarte
 
 @dataclass(eq=False)
 class ClockMap:
-    """Unwraps a board's 32-bit microseconds and maps them to the host's clock.
+    """Unwraps a board's 32-bit time in microseconds, and maps this time to the host's clock.
 
     A question is sent at host time a, answered at board time t, and the answer arrives at host
     time b. So the host time of t lies between a and b: each round trip bounds the offset between

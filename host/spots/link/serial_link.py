@@ -138,7 +138,7 @@ class SerialLink(Link):
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
 
-        Raises PortLostError if the port disappeared, SpotsError if it is closed.
+        Raises PortLostError if the port disappeared, SpotsError if the program has closed it.
         """
         if not self._serial.is_open:
             raise SpotsError(f"the port {self.name} is closed: open the board again")
@@ -165,7 +165,7 @@ class SerialLink(Link):
     def write(self, data: bytes) -> None:
         """Send bytes.
 
-        Raises PortLostError if the port disappeared, SpotsError if it accepts no data.
+        Raises PortLostError if the port disappeared, SpotsError if the port accepts no data.
         """
         try:
             self._serial.write(data)

@@ -47,7 +47,7 @@ def silent_s(least_s: float, every_s: float) -> float:
     Returns
     -------
     float
-        The longer one of `least_s` and the time of three readings, in seconds.
+        The longer one of `least_s` and three times `every_s`, in seconds.
     """
     return max(least_s, _SILENT_READINGS * every_s)
 

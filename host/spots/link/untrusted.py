@@ -25,7 +25,7 @@ _CAUSES = {
 
 
 class Untrusted:
-    """Detects that all readings of a strip have been untrusted for most of a second.
+    """Detects that all readings of a strip have been untrusted for 0.7 s.
 
     Special case: the spectrum of each press does not fit the calibration. Since one press may be
     too short for a warning, the durations of successive presses are added up, and only a trusted

@@ -23,7 +23,9 @@ _FAILING_S = 10.0  # a restarted board may refuse its commands for so long
 
 
 class Terminal(NamedTuple):
-    """Position of a linkage's end point (the terminal of the paper) at one moment, and its error.
+    """Position, velocity and error of a linkage's end point at one moment.
+
+    The paper calls the end point "terminal".
 
     Attributes
     ----------
@@ -63,7 +65,7 @@ class Terminal(NamedTuple):
 
     @property
     def ellipse(self) -> tuple[float, float, float] | None:
-        """Error ellipse of one standard error: major and minor half axis in mm, angle in rad.
+        """Error ellipse of one standard error: both semi-axes in mm (major first), angle in rad.
 
         The angle is from +x to the major axis. For normally distributed errors, the ellipse
         contains 39 % of the positions; an ellipse twice as large contains 86 %.
@@ -106,7 +108,8 @@ class Twin:
     linkage : Linkage
         Geometry of the linkage.
     encoders : pair of Encoder
-        Encoder of joint 1 and encoder of joint 2. Their angles are those of Eqs. 3 and 4.
+        Encoder of joint 1 and encoder of joint 2. Their angles are the joint angles of Eqs. 3 and 4
+        of the paper.
 
     Attributes
     ----------
@@ -291,7 +294,7 @@ def readings(
         read without a limit, and recordings until all of them have ended.
     restarted : callable, optional
         Called with a board that has restarted and streams again. The board has lost everything
-        that it had not stored. If the function raises SpotsError, the call is repeated for 10 s.
+        that it had not stored. If the function raises SpotsError, it is called again for 10 s.
 
     Yields
     ------

@@ -65,7 +65,8 @@ class Encoder:
     Parameters
     ----------
     joint : str, Path or calibrate.calibration_file.Joint
-        Path of a calibration file that ``spots calibrate joint`` wrote, or the file's ``joint``.
+        Path of a calibration file that ``spots calibrate joint`` wrote, or the attribute ``joint``
+        of a loaded calibration file.
     offset_rad, gain : float
         Mounting of the strip: the returned angle is ``offset_rad + gain * angle``, where ``angle``
         is the calibrated angle. `kinematics.calibrate` can measure offset and gain.

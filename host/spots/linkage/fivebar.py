@@ -373,7 +373,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and `Limit` codes. The codes of arm 2 also name arm 1.
+    """Return the angle of an arm in rad, and `Limit` codes, which name arm 1 even for arm 2.
 
     (`x`, `y`) is the end point relative to the arm's base joint; `inner` and `outer` are the
     lengths of the arm's bars, all in mm.
@@ -416,7 +416,7 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Compute results. Without a solution, raise LimitError for scalars; mask results of arrays.
+    """Call `solve`. Where there is no solution, raise LimitError (scalars) or mask it (arrays).
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ class Kinematics:
     names : tuple of str
         Names of the fitted (free) parameters.
     values, standard_errors : dict of str to float
-        Value and standard error of each parameter, by name. The error of a fixed parameter is 0.
-        The error of a parameter that the points do not determine is its prior standard deviation.
+        Value and standard error of each parameter, by name. The error of a fixed parameter is 0. If
+        the measured points do not determine a parameter, its error is the prior standard deviation.
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
@@ -254,7 +254,7 @@ class _Fit:
         return self._places - self._terminal(self.values(found), self._angles)
 
     def jacobian(self, found, scale) -> np.ndarray:
-        """Return the derivatives by `found` of the residuals whitened by `scale`, shape (2n, p)."""
+        """Return d(whitened residuals)/d(found), shape (2n, p); `scale` whitens the residuals."""
         slopes = _slopes(self.residual_mm, found, 1e-5)
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
@@ -297,9 +297,9 @@ class _Fit:
 
 
 def _slopes(function, at, step):
-    """Return the derivatives of `function` by each element of the array `at`, for steps `step`.
+    """Return the derivatives of `function` at the array `at`, by each element of the array.
 
-    They are computed as central differences.
+    They are central differences with the step `step`.
     """
     shifts = step * np.eye(len(at))
     return [(function(at + shift) - function(at - shift)) / (2 * step) for shift in shifts]

@@ -170,7 +170,7 @@ def _append(path: Path, row: Iterable[float]) -> None:
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
-    """Return the points of a table, an array with one row per point, and their line numbers."""
+    """Read a table; return an array with a row for each point, and the line number of each."""
     try:
         text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
         table = csv.DictReader(io.StringIO(text))

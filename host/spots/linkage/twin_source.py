@@ -208,7 +208,7 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
 
 
 def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
-    """Find the boards of two strips on USB; `stack` closes the boards."""
+    """Find and open the boards of two calibrated strips on USB; `stack` closes the boards."""
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(

@@ -111,7 +111,7 @@ def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
 
 
 def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
-    """Return points in mm on the line between the two points `ends`: one for each dot to draw."""
+    """Return points in mm along the line between the points `ends`, one for each dot to draw."""
     return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 

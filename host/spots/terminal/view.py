@@ -54,9 +54,9 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return texts to show by their names: dict ``link`` for the link's row, list ``rows``.
+        """Return the results to show, as dicts of values by their names.
 
-        ``rows`` contains a dict for each further row.
+        Key ``link``: dict for the row of the link. Key ``rows``: list of dicts for further rows.
         """
 
 
@@ -226,7 +226,7 @@ def bar(share: float) -> str:
 
 
 def figures() -> Table:
-    """Return an empty table with the columns name, number and picture."""
+    """Return an empty table with three columns: name, number and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
     grid.add_column(justify="right", width=10)
