@@ -1,1 +1,1 @@
-"""The simulated sensor and the virtual board, without code of the firmware's driver and decoder."""
+"""Simulated sensor and virtual board, which share no code with the driver and the decoder."""

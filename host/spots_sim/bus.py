@@ -73,7 +73,7 @@ class BusCost:
 
 @dataclass
 class I2CBus:
-    """A simulated I2C controller: 9 clocks a byte, and START, STOP, repeated START.
+    """A simulated I2C controller: 9 clocks for a byte, 1 for START, STOP or repeated START.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class I2CBus:
         self.chip.switch_light(bool(level))
 
     def refuse(self) -> None:
-        """Spend the time of an address without acknowledgement, and raise OSError(ENODEV)."""
+        """Spend the bus time of an address that no chip acknowledges; raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

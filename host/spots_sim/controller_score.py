@@ -20,7 +20,7 @@ _STEP_S = 0.001
 
 
 class ControllerScore:
-    """Compares the axis X with its true value, computed from the scenario's only finger.
+    """Compares a controller's axis X with the true X, computed from the scenario's only finger.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class ControllerScore:
         self.states += 1
 
     def _wanted(self, time_s: float) -> int | None:
-        """Return the true axis X at a time; None if the number of fingers is not 1."""
+        """Return the true X at `time_s` (host time); None if the number of fingers is not 1."""
         presses = self._scenario.presses(time_s - self._started_s)
         if len(presses) != 1 or self._settings is None:
             return None

@@ -50,7 +50,7 @@ class BoardPort(Protocol):
 class PowerLostError(BaseException):
     """Interrupts the firmware at a power failure.
 
-    It is derived from `BaseException`, because the firmware may catch each `Exception`.
+    It is derived from `BaseException`, because the firmware may catch any `Exception`.
 
     Attributes
     ----------
@@ -294,7 +294,7 @@ class _UsbDevice:
 class InProcessBoard(CPythonBoard):
     """A `CPythonBoard` whose serial port is a pair of buffers in this process.
 
-    Its parameters are those of `CPythonBoard` without `port`.
+    Its parameters are those of `CPythonBoard` except `port`.
     """
 
     free_bytes = None

@@ -26,7 +26,9 @@ T = TypeVar("T")
 
 
 def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Return a decorator that caches a function's results in memory, and in the module's folder.
+    """Return a decorator that caches a function's results in memory, and as files in a folder.
+
+    The environment variable SPOTS_CALIBRATIONS names the folder; without it, no file is written.
 
     Parameters
     ----------

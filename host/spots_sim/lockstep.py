@@ -44,7 +44,7 @@ class LockstepLink:
     busy_us : float or callable, optional
         Processor time of one loop pass in us, added at each read of registers, on MicroPython only;
         0 by default. The argument of a function ``busy_us(free_bytes) -> float`` is the number of
-        free bytes of the heap. To report it with each transfer doubles the cost of a simulation.
+        free heap bytes, which the board reports at each transfer. This doubles the run time.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
 

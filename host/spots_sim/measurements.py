@@ -270,10 +270,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return, at each of `x_um`, the noise of `pair` divided by the bound; and signal-to-noise.
+    """Compare the noise of the estimate `pair` with its bound at the positions `x_um`.
 
-    Readings are single samples here: the board rounds the mean counts of averaged readings, and
-    this rounding would change the noise.
+    Returns the ratios of noise and bound, and signal-to-noise ratios. Readings are single samples
+    here: the board rounds the mean counts of averaged readings, which would change the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -325,7 +325,7 @@ def _force(rig: Rig, run: Run) -> None:
 
 
 def _threshold_mN(rig: Rig) -> float:
-    """Return the least force in mN that gives a position in the middle of the strip."""
+    """Return the least force in mN at which a press in the strip's middle gives a position."""
     low, high = 0.0, FORCE_MN
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2

@@ -49,7 +49,7 @@ class Motion:
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return the end point's x and y in mm at times in s; constant outside the motion."""
+        """Return the end point's x and y in mm at times in s; before and after, it rests."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
@@ -177,7 +177,7 @@ class Mechanism:
 
 
 class JointScenario:
-    """Scenario of a strip in a joint: an indenter slides on it while the joint bends it.
+    """Scenario of a strip in a joint: the joint bends the strip and slides an indenter on it.
 
     Like `scenario.Scenario`, it has ``pose``, ``presses``, ``change`` and ``ambient_uW_cm2``.
 

@@ -128,7 +128,7 @@ class PortNoise:
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
-        """Damage the host's bytes and send them to the board; not for the port of the console."""
+        """Damage the host's bytes and send them to the board, if the port is not the console."""
         self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:

@@ -64,7 +64,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, then its joint, then apply the change in its sensor file.
+    """Calibrate a simulated strip and its joint, then apply the change in the sensor file.
 
     Parameters
     ----------

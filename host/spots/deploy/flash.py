@@ -67,7 +67,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     board : str
         A name that ``spots boards`` lists.
     port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, search for it.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
     dry_run : bool
         Whether only to print the changes.
 
@@ -75,7 +75,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     ------
     SpotsError
         If no board or more than one board is found, or if the board is of another kind, has too
-        little room, or is disconnected. To complete a partial copy, call this again.
+        little room, or is disconnected. To complete a partial copy, call this function again.
     """
     device = device_of(board)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:

@@ -221,6 +221,9 @@ class Tree:
 
 
 def settle(folder: int | None) -> None:
-    """Wait until the medium has stored all renames in `folder`: an open descriptor, or None."""
+    """Wait until the medium has stored all renames in the folder whose descriptor is `folder`.
+
+    With None (on Windows, where folders have no descriptors), do nothing.
+    """
     if folder is not None:  # Windows writes to a removable drive at once
         os.fsync(folder)

@@ -72,7 +72,7 @@ machine.reset()
 
 
 class Prompt:
-    """The raw prompt of a board. Opening it interrupts a running program.
+    """The raw prompt of a board. Opening the prompt interrupts a running program.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt, run a program that prints facts about the board; return these."""
+        """Enter the raw prompt; return facts about the board, which a program there prints."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

@@ -313,7 +313,7 @@ def read_arrays(path: str | Path) -> Arrays:
     Raises
     ------
     SpotsError
-        If the file is not a recording or cannot be read, or a later file of it is missing.
+        If the file is not a recording or cannot be read, or a later file is missing.
 
     Examples
     --------

@@ -51,7 +51,10 @@ class Answers:
             self._queryables[command] = session.declare_queryable(key(board_id, name), note)
 
     def give(self) -> None:
-        """Answer the waiting queries if the rate limit allows; send each command only once."""
+        """Answer the waiting queries, if the rate limit allows.
+
+        Each command is sent to the board only once, for all queries together.
+        """
         began_s = self._board.now_s()
         if began_s < self._due_s or not any(self._waiting.values()):
             return
