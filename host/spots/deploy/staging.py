@@ -51,7 +51,8 @@ class Device(toml.Strict, kw_only=True):
     march : str or None
         Architecture for ``mpy-cross -march``; None if the board runs sources only.
     viper : bool
-        Whether MicroPython's viper compiles the kernel to machine code; requires `march`.
+        Whether MicroPython's viper compiles the firmware's module `kernel` to machine code;
+        requires `march`.
     board_id : str or None
         Board ID by which CircuitPython names the board.
     device : dict
