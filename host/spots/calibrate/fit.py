@@ -22,6 +22,7 @@ SEGMENTS = 5
 _KNOTS = 9  # in the table of a segment
 _OVERLAP = 0.25  # share of a segment by which its table reaches into the next segments
 _FORCE_KNOTS = 72
+_FORCE_STEPS = 4000  # points of the curve to which these knots are fitted
 _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weights' absolute values
 PLACES_MIN = 12
 FORCES_MIN = 10
@@ -263,14 +264,16 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the brightness does not rise with the force: check strip, LED, gain")
-    # Half of the knots are evenly spaced in the logarithm of the force, for the bend at large
-    # forces. The others are evenly spaced in brightness, for the steep curve at small forces.
-    fine = np.geomspace(forces[0], forces[-1], 4000)
+    # A least-squares spline of straight lines: its errors are balanced, but chords of a curve would
+    # all err to one side. Half of the knots are evenly spaced in brightness, for the touch; the
+    # density of the others suits the curvature, so that all spans have the same error.
+    fine = np.geomspace(forces[0], forces[-1], _FORCE_STEPS)
     curve = monotone(np.log(forces), means, np.log(fine))
-    even = np.linspace(curve[0], curve[-1], _FORCE_KNOTS // 2)
-    steps = np.geomspace(forces[0], forces[-1], _FORCE_KNOTS // 2)
-    wanted = np.concatenate([np.interp(even, curve, fine), steps])
-    knots = np.unique(np.round(wanted)).clip(forces[0], forces[-1])
-    values = np.round(monotone(np.log(forces), means, np.log(knots)))
-    rising = np.diff(values, prepend=-np.inf) > 0
-    return knots[rising], values[rising]
+    even = np.linspace(curve[0], curve[-1], _FORCE_STEPS // 10)
+    bend = np.sqrt(np.abs(np.gradient(np.gradient(np.interp(even, curve, fine)))))
+    share = np.cumsum(1 + bend / bend.mean())
+    values = np.interp(np.linspace(share[0], share[-1], _FORCE_KNOTS), share, even)
+    hats = np.stack([np.interp(curve, values, one) for one in np.eye(_FORCE_KNOTS)], axis=1)
+    knots = np.round(np.linalg.lstsq(hats, fine, rcond=None)[0])
+    rising = np.diff(knots, prepend=-np.inf) > 0
+    return knots[rising], np.round(values[rising])
