@@ -27,9 +27,10 @@ _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weig
 PLACES_MIN = 12
 FORCES_MIN = 10
 _NOISE_PLACES = 21
-# A touch begins at the least force for which no position has a larger standard deviation. On a
-# long strip, this limit is a share of the length, like the width of a key.
-_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 170
+# A touch begins at the least force for which no position has a larger standard deviation. The limit
+# is a share of the length: of ten keys in a row, each is then more than three deviations wide.
+_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 36
+_TOUCH_ABOVE_DARK = 1.15  # a touch begins at least at this multiple of the dead zone
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; bends and strain need the rest
@@ -96,9 +97,10 @@ def fit(
         raise SpotsError(
             "the position is too noisy at every force: raise exposure, gain or LED current"
         )
-    begin = round(float(forces[np.argmax(sigma_um <= limit_um)]))
-    end = max(round(_TOUCH_HYSTERESIS * begin), round(float(forces[0])) + 1)
-    lines.append(f"touch {max(begin, end)} {end}")
+    begin = max(forces[np.argmax(sigma_um <= limit_um)], _TOUCH_ABOVE_DARK * forces[0])
+    # At most half of the way back to the dead zone, so that weak other light does not hold a touch.
+    end = max(_TOUCH_HYSTERESIS * begin, (forces[0] + begin) / 2)
+    lines.append(_statement("touch", (begin, end)))
     # The largest misfit of a single press is added to the noise.
     if misfit is None:
         misfit = along[0].logs - rest.logs(along[0].position_um)
