@@ -158,7 +158,7 @@ def upload(board: Board, calibration: Sequence[str]) -> None:
     board.command("cal end " + name)
     board.calibration = list(calibration)
     board.info["calibration"], board.info["length_um"] = name, made.length_um
-    board.info["decay"] = made.decay
+    board.info["decay"], board.info["relative_force"] = made.decay, made.relative_force
 
 
 def _checked(calibration: Sequence[str]) -> Any:

@@ -72,7 +72,8 @@ class Touch(NamedTuple):
         Distance of the press from the sensor's end of the strip, in um; NaN without a touch, and
         while the LED is off.
     force_mN : float
-        Force of the press, in mN; NaN without a calibration, and while the LED is off.
+        Force of the press, in mN; NaN without a calibration, and while the LED is off. If
+        ``board.info["relative_force"]`` is true, the force has no unit.
     time_s : float or None
         Host time of the moment `t_us`, in seconds of the monotonic clock. None if the two clocks
         were never compared; a board compares them when it is opened, and regularly as it streams.

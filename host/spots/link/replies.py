@@ -46,7 +46,7 @@ class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
     A value is None if the board has no id, no calibration (``length_um``, ``decay``,
-    ``calibration``) or no layout.
+    ``relative_force``, ``calibration``) or no layout.
     """
 
     board: str
@@ -55,6 +55,7 @@ class Hello(Settings):
     id: str | None
     length_um: _Count | None
     decay: _Count | None
+    relative_force: bool | None
     calibration: str | None
     layout: str | None
 
@@ -94,7 +95,8 @@ _SETTINGS: dict[str, object] = {
 }
 _HELLO: dict[str, object] = {
     **dict.fromkeys(("board", "runtime", "firmware"), "?"),
-    **dict.fromkeys(("id", "length_um", "decay", "calibration", "layout")),
+    **dict.fromkeys(("id", "length_um", "decay", "relative_force")),
+    **dict.fromkeys(("calibration", "layout")),
 }
 # The full scale is unknown until the sensor answers.
 _GET: dict[str, object] = {

@@ -61,4 +61,4 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
             if display and pace.due(now_s):
                 display.update(view.picture(board.stats, judge), refresh=True)
             elif not display and not quiet and isinstance(frame, Touch) and pace.due(now_s):
-                print(plain(frame, started_s), flush=True)
+                print(plain(frame, started_s, view.unit), flush=True)

@@ -76,6 +76,8 @@ class StripView:
         State of the link, see `link.board.Board.state`. It is shown unless it is ``connected``.
     advice : str
         Sentence that is shown below the picture.
+    unit : str
+        Unit of a force divided by 1000: ``N``, or ``relative`` if no scale was used to calibrate.
     """
 
     def __init__(self, info: dict, port: str):
@@ -83,6 +85,7 @@ class StripView:
         self._info = info
         self._port = port
         self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
+        self.unit = "relative" if info.get("relative_force") else "N"
         self._touch: Touch | None = None
         self._counts: Sequence[float] = [0] * len(info["plan"])
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
@@ -149,7 +152,7 @@ class StripView:
         touch = self._touch
         held = touch is not None and _is_felt(touch)
         place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
-        force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
+        force = f"{touch.force_mN / 1000:.3f} {self.unit}" if held else "-"
         words = " ".join(flag_words(touch)) if touch is not None else ""
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
         grid = figures()
@@ -250,7 +253,7 @@ def flag_words(touch: Touch) -> list[str]:
     return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
 
 
-def plain(touch: Touch, started_s: float) -> str:
+def plain(touch: Touch, started_s: float, unit: str = "N") -> str:
     """Return a reading as a line of text.
 
     Parameters
@@ -259,18 +262,20 @@ def plain(touch: Touch, started_s: float) -> str:
         A reading with its host time.
     started_s : float
         Host time of the first reading, in seconds; the line shows the time since then.
+    unit : str
+        Unit of the force, see `StripView`.
 
     Returns
     -------
     str
-        Time in s, position in mm, force in N, and words for the flags.
+        Time in s, position in mm, force, and words for the flags.
     """
     time_s = touch.time_s - started_s
     words = " ".join(flag_words(touch))
     if not _is_felt(touch):
         return f"{time_s:8.3f} s  no touch  {words}".rstrip()
     place, force = touch.position_um / 1000, touch.force_mN / 1000
-    return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} N  {words}".rstrip()
+    return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} {unit}  {words}".rstrip()
 
 
 def live(console: Console) -> Live:
