@@ -14,6 +14,7 @@ from spots.deploy import staging as staging
 from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.deploy.staging import board_names, device_of, stage
 
+MACHINE_CODE = {"spots_device/kernel.mpy", "spots_device/locate.mpy"}
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -30,11 +31,11 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
     assert "spots_device/runtime/micropython.mpy" in files
     assert all(path.endswith(".mpy") for path in modules)
     assert "spots_device/kernel.mpy" in files
-    assert "spots_device/kernel_viper.mpy" not in files
+    assert not any(path.endswith("_viper.mpy") for path in modules)
     for path in modules:
         header = mpy_header(files[path])
         assert header.version == 6
-        machine_code = device.viper and path == "spots_device/kernel.mpy"
+        machine_code = device.viper and path in MACHINE_CODE
         assert ARCHITECTURES[header.arch] == (device.march if machine_code else None), path
 
 
@@ -42,12 +43,13 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
     ("board", "viper"),
     [("pico", True), ("pico2", True), ("xiao_esp32s3", True), ("virtual", False)],
 )
-def test_a_board_has_one_kernel_by_one_name(board, viper, tmp_path):
+@pytest.mark.parametrize("module", ["kernel", "locate"])
+def test_a_board_has_one_form_of_a_module_by_one_name(board, viper, module, tmp_path):
     assert device_of(board).viper is viper
     stage(board, tmp_path)
-    kernels = list((tmp_path / "spots_device").glob("kernel*"))
-    assert [path.name for path in kernels] == ["kernel.py"]
-    assert ("@micropython.viper" in kernels[0].read_text()) is viper
+    forms = list((tmp_path / "spots_device").glob(f"{module}*"))
+    assert [path.name for path in forms] == [f"{module}.py"]
+    assert ("@micropython.viper" in forms[0].read_text()) is viper
 
 
 @pytest.mark.parametrize(
