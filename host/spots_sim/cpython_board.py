@@ -23,7 +23,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
 import spots_device
-from spots.deploy.staging import KERNEL_VIPER, device_of
+from spots.deploy.staging import VIPER, device_of
 from spots_device.runtime.common import ADDRESS, AFTER_CRASH_MS, CRASH_CHARACTERS, free_bus
 
 from .bus import I2CBus
@@ -180,7 +180,7 @@ def _load(folder: Path) -> str:
         try:
             spec.loader.exec_module(package)
             for module in pkgutil.iter_modules(package.__path__):
-                if not module.ispkg and f"{module.name}.py" != KERNEL_VIPER:
+                if not (module.ispkg or module.name.endswith(VIPER)):
                     importlib.import_module(f"{name}.{module.name}")
         finally:
             del sys.modules["micropython"]
