@@ -74,7 +74,7 @@ def _width(solid) -> float:
 
 
 def assembly(shape: StripShape) -> dict:
-    """Return the parts of a finished strip in their places.
+    """Return the parts of a finished strip at their positions.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Timeouts and back-off while a board is silent or unplugged, by the clock of its link.
+"""Timeouts and back-off while a board is silent or unplugged, by the clock of the board's link.
 
 When readings stop, the link sends a question to the board after `ASK_S`. Applications release their
 keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and

@@ -108,7 +108,7 @@ class Encoder:
         self._clock = ClockMap()
         self._recent: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # (device s, deg)
         self._since: list[float] = []  # first and last readings since the last movement
-        self._still_for = 0  # readings
+        self._still_for = 0  # number of readings since the last movement
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
