@@ -232,7 +232,7 @@ class Known:
         self.claimed = bool(self.entries) or any(in_packages)
 
     def is_ours(self, path: str) -> bool:
-        """Return whether a file in `sizes` belongs to the firmware, so that it may be removed."""
+        """Return whether a file in `sizes` belongs to the firmware, and so may be removed."""
         if path in self.listed:
             return (path, self._target.sha256(path)) in self.entries
         whole = path.removesuffix(_PART)

@@ -170,12 +170,12 @@ class Prompt:
             return self._transport.fs_hashfile(path, "sha256", _CHUNK).hex()
 
     def remove(self, path: str) -> None:
-        """Remove a file."""
+        """Remove a file from the board."""
         with self._explained():
             self._transport.fs_rmfile(path)
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder if it is empty."""
+        """Remove a folder from the board if the folder is empty."""
         self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
 
     def write(self, path: str, data: bytes) -> None:

@@ -162,7 +162,7 @@ class Board:
 
     @property
     def port(self) -> str:
-        """Name of the port."""
+        """Name of the board's port."""
         return self._link.name
 
     def silent(self, least_s: float) -> bool:

@@ -79,7 +79,7 @@ class Terminal(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Warning for a user: limit, singularity, or joint outside its range; may be empty."""
+        """Warning for the user: no position, singularity, or joint out of range; may be empty."""
         doubts = {"near singular": self.singular, "beyond the calibrated range": not self.within}
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
@@ -180,7 +180,7 @@ class Twin:
         return found
 
     def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
-        """Yield the end point's positions for pairs of joint index and reading."""
+        """Yield the end point's positions, computed from pairs of joint index and reading."""
         for joint, touch in readings:
             yield from self.take(joint, touch)
 
