@@ -203,7 +203,7 @@ class Known:
     runtime : str
         ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Further paths whose sizes to look up.
+        Further paths whose sizes are looked up.
 
     Attributes
     ----------

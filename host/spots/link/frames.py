@@ -182,9 +182,10 @@ class Contact(NamedTuple):
     id : int
         Number of the finger, modulo 256.
     state : int
-        One of `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another finger may
-        be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this finger is
-        alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if none was `CONFIRMED`.
+        A state from `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another
+        finger may be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this
+        finger is alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if no frame of
+        this finger was `CONFIRMED`.
     position_um : float
         Distance from the sensor's end of the strip, in um: measured while the finger is alone,
         otherwise estimated. In the last frame, the last known position.

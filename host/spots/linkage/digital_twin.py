@@ -121,7 +121,7 @@ class Twin:
     The two boards sample at different times. For each reading of one joint, the angle of the other
     joint is interpolated between that joint's readings. So a position is complete when the next
     reading of the other joint arrives, and nothing is extrapolated. The order in which the readings
-    of the two joints arrive does not matter: a recording gives the same positions as the boards.
+    of the joints arrive does not matter: recordings give the same positions as the live boards.
 
     Examples
     --------

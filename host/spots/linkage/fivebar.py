@@ -253,7 +253,7 @@ class Linkage:
     def outer_angle(self, theta1_rad, theta2_rad):
         """Return the angle by which the outer bars deviate from a straight line.
 
-        At 0 the bars are in line: the end point can move while both joints stand still.
+        At 0 the bars are in line: the end point can move although both joints are fixed.
 
         Parameters
         ----------
