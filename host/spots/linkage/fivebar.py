@@ -74,7 +74,7 @@ class Linkage:
     ----------
     bar_mm : float or sequence of 4 floats
         Bar lengths in mm: one length for all bars, or four lengths. Their order is from joint 1
-        over the end point to joint 2: inner bar 1, outer bar 1, outer bar 2, inner bar 2.
+        via the end point to joint 2: inner bar 1, outer bar 1, outer bar 2, inner bar 2.
     base_mm : float
         Distance of the two base joints, in mm.
     assembly : {"far", "near"}
