@@ -36,7 +36,8 @@ except ImportError:
 from array import array
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
-from .second import locate, may_rest, power, weigh
+from .locate import locate, power
+from .second import may_rest, weigh
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
@@ -180,7 +181,7 @@ class ContactTracker:
             Length of the strip in um. With 0, one finger is expected: each movement is a slide,
             and readings that do not fit one press are ignored.
         decay : int
-            Decay of the dye, see `second.locate`.
+            Decay of the dye, see `locate.locate`.
         """
         self._layout = layout
         self._decay = decay
@@ -536,7 +537,7 @@ class ContactTracker:
         return False
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate a finger beside one at `x1_um` from a reading, see `second.locate`.
+        """Estimate a finger beside one at `x1_um` from a reading, see `locate.locate`.
 
         Stores the result in `_found`, and returns whether its position is on the strip.
         """

@@ -34,7 +34,7 @@ _CONTINUING = _numbers("SIGCONT")
 
 
 class _Section:
-    """Defers signals while the main thread is in its ``with`` block. Reentrant.
+    """Defers signals while the main thread is in the block ``with SECTION``. Reentrant.
 
     Attributes
     ----------

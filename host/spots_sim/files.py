@@ -118,7 +118,7 @@ class ContactFile(toml.Strict):
 
 
 class Converter(toml.Strict):
-    """Noise of the chip (`chip.ChipNoise`) and behaviour that no document defines (`Quirks`)."""
+    """The chip's noise (`chip.ChipNoise`), and behaviour that no document defines (`Quirks`)."""
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive
@@ -358,7 +358,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Faults of the power: brown-outs stop board and sensor, the others affect the sensor alone."""
+    """Power faults: brown-outs stop board and sensor; the other faults affect the sensor only."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -539,7 +539,7 @@ def load_change(name: str | Path) -> Change:
 
 @contextmanager
 def changed(sensor: str, change: str | None) -> Iterator[str]:
-    """Write a temporary sensor file that includes a change, for the duration of the context.
+    """Write a temporary sensor file that includes a change; remove it after the ``with`` block.
 
     Parameters
     ----------

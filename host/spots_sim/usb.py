@@ -45,7 +45,7 @@ class UsbHost:
             raise OSError(errno.ENODEV, "the host sleeps")
 
     def offer(self, interface: int, report: bytes) -> None:
-        """Put a report into its endpoint.
+        """Put a HID report into the endpoint of its interface.
 
         Parameters
         ----------

@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import re
 
 import msgspec
 import numpy as np
@@ -78,6 +79,7 @@ def rough(sensor, tmp_path_factory):
     with Stage(sensor, seed=3) as stage:
         room = Room(stage, Habits())
         made = calibrate(room, path, "rough", steps.COUNTS["rough"][0], plan=None)
+        assert stage.board.command("hello")["relative_force"] is True
         return path, made, room, errors_um(stage, made)
 
 
@@ -85,8 +87,9 @@ def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(ro
     _, made, room, errors = rough
     assert room.person.presses <= 12
     assert np.abs(errors).mean() < 1000
-    assert made.relative_force
+    assert "relative" in made.lines
     assert not any("scale" in question for question, _ in room.asked)
+    assert not re.search(r"press at .*\d (g|N)\b", room.getvalue())
     assert made.residuals[0].force_rms_mN is None
     assert made.marks is not None
 
@@ -99,7 +102,8 @@ def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough
         stage.reader.set_up()
         room = Room(stage, Habits(place_mm=0.1, force_share=0.01, slips=0))
         made = calibrate(room, path, "fine", 22)
-        assert not made.relative_force
+        assert "relative" not in made.lines
+        assert stage.board.command("hello")["relative_force"] is False
         assert np.abs(errors_um(stage, made)).mean() < 200
     assert len(Session(path).of("hand")) == 22
     assert made.residuals[0].force_rms_mN < 300
@@ -120,7 +124,28 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     assert "57.0 mm with" in said
     assert said.count("is removed: its light is that of") == 1
     assert said.count("undone: ") == 1
-    assert len(Session(path).of("hand")) == 20
+    assert room.person.presses == 20 + 6
+    assert len(Session(path).of("hand")) >= 18
+
+
+@pytest.mark.parametrize(("kind", "most"), [("rough", 12), ("fine", 45)])
+def test_repeated_presses_replace_others(sensor, tmp_path, kind, most):
+    path = tmp_path / "a.jsonl"
+    with Stage(sensor, seed=3) as stage:
+        room = Room(stage, Habits())
+        room.answers = ["", "", "", *["again"] * 3, *[""] * 9, *["again"] * 6]
+        calibrate(room, path, kind, steps.COUNTS[kind][0], plan=None)
+    assert room.person.presses <= most
+    assert len(Session(path).of("hand")) >= steps.COUNTS[kind][1]
+
+
+def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
+    path = tmp_path / "a.jsonl"
+    with Stage(sensor, seed=3) as stage:
+        room = Room(stage, Habits(slips=1.0))
+        calibrate(room, path, "rough", steps.COUNTS["rough"][0])
+    assert "press again" not in room.getvalue()
+    assert room.person.presses == 1 + len(Session(path).of("hand")) == 11
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ Processes for Machine Learning, section 5.4.1).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -222,8 +223,9 @@ class Surface:
         nearest = np.argmin(np.abs(by_force - np.log2(counts).mean()))
         return float(place_um[best]), float(force_mN[nearest])
 
+    @cached_property
     def misfits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compare each press with the fit to all others.
+        """Comparison of each press with the fit to all others.
 
         Returns
         -------

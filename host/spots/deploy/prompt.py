@@ -72,7 +72,7 @@ machine.reset()
 
 
 class Prompt:
-    """The raw prompt of a board. Opening it interrupts a running program.
+    """The raw prompt of a board. Opening the prompt interrupts a running program.
 
     Parameters
     ----------
@@ -82,14 +82,14 @@ class Prompt:
     Attributes
     ----------
     facts : dict
-        ``runtime``, ``version``, ``mpy`` (format version, architecture), ``block`` and ``free``
-        (bytes).
+        Facts about the board: ``runtime``, ``version``, ``mpy`` (format version and architecture
+        of .mpy files); of its file system, in bytes: ``block`` (size of a block) and ``free``.
 
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers. From every method:
-        if a program on the board fails, the file system is full, or the board is disconnected.
+        If mpremote is missing, the port cannot be opened, or no prompt answers. Every method raises
+        it if a program on the board fails, the file system is full, or the board is disconnected.
     """
 
     def __init__(self, port: str):
@@ -232,7 +232,7 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt, and return the facts that the board prints in it."""
+        """Enter the raw prompt; return facts about the board, which a program there prints."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

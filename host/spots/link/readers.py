@@ -104,7 +104,7 @@ class FrameIterator(Generic[_ReadingT]):
     kinds : tuple of type
         Kinds of the frames to yield.
     advance : callable
-        ``advance(reader)`` waits up to 0.1 s for frames. It returns False if no more will come.
+        ``advance(reader)`` waits up to 0.1 s for frames, and returns False if no more will come.
 
     Attributes
     ----------

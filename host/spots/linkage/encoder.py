@@ -38,8 +38,9 @@ class Angle(NamedTuple):
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        Angular velocity and its standard error in rad/s, by the board's clock. The mean over the
-        last 3 readings of a fast movement, or up to 8 of a slow one. None before three readings.
+        Angular velocity and its standard error in rad/s, by the board's clock. It is the mean over
+        the last 3 readings in a fast movement, and over up to 8 in a slow one. None before three
+        readings.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
@@ -64,7 +65,8 @@ class Encoder:
     Parameters
     ----------
     joint : str, Path or calibrate.calibration_file.Joint
-        Path of a calibration file that ``spots calibrate joint`` wrote, or the file's ``joint``.
+        Path of a calibration file that ``spots calibrate joint`` wrote, or the attribute ``joint``
+        of a loaded calibration file.
     offset_rad, gain : float
         Mounting of the strip: the returned angle is ``offset_rad + gain * angle``, where ``angle``
         is the calibrated angle. `kinematics.calibrate` can measure offset and gain.
@@ -110,7 +112,7 @@ class Encoder:
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Return the angle from a reading; None if the reading is untrusted."""
+        """Compute the joint's angle from a reading; return None if the reading is untrusted."""
         if not touch.trusted:
             return None
         joint = self.joint

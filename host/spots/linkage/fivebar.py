@@ -1,8 +1,8 @@
-"""The planar five-bar linkage: two base joints and four bars, whose two arms share an end point.
+"""The planar five-bar linkage: two arms on two base joints; both arms end at the same end point.
 
-Equations 3 and 4 of the paper for bars of any length, and their inverse. The base joints lie at
-(0, 0) and (base, 0). Each joint's angle is measured from +y towards the other joint. All functions
-take scalars or arrays.
+An arm consists of an inner and an outer bar, joined at the elbow. This module contains Eqs. 3 and 4
+of the paper for bars of any length, and their inverse. The base joints lie at (0, 0) and (base, 0).
+Each joint's angle is measured from +y towards the other joint. Functions take scalars or arrays.
 """
 
 from enum import IntEnum
@@ -78,13 +78,13 @@ class Linkage:
     base_mm : float
         Distance of the two base joints, in mm.
     assembly : {"far", "near"}
-        Which of the two possible end points to use. Seen from elbow 1 towards elbow 2, the ``far``
-        end point lies on the left: above the elbows, if these are above the base.
+        Which of the two possible end points to use. An elbow joins an inner and an outer bar. Seen
+        from elbow 1 towards elbow 2, the ``far`` end point lies on the left.
 
     Attributes
     ----------
     side : float
-        1 for ``far``, -1 for ``near``.
+        The assembly as a number: 1 for ``far``, -1 for ``near``.
 
     Raises
     ------
@@ -373,10 +373,10 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and `Limit` codes; even for arm 2, these name arm 1.
+    """Return the angle of an arm in rad, and `Limit` codes, which name arm 1 even for arm 2.
 
-    (`x`, `y`) is the end point relative to the arm's joint; `inner` and `outer` are the lengths of
-    the arm's bars, all in mm.
+    (`x`, `y`) is the end point relative to the arm's base joint; `inner` and `outer` are the
+    lengths of the arm's bars, all in mm.
     """
     reach = np.hypot(x, y)
     # The cosine rule; for equal bars it is Eq. 3's sqrt(x^2 + y^2) / 2l.
@@ -416,7 +416,7 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Compute results; raise LimitError or mask them where the linkage has no solution.
+    """Call `solve`. Where there is no solution, raise LimitError (scalars) or mask it (arrays).
 
     Parameters
     ----------

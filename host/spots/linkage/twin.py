@@ -1,4 +1,4 @@
-"""``spots twin``: shows a linkage's digital twin as picture, lines or JSON, or tests it."""
+"""``spots twin``: shows a linkage's digital twin; also calibrates or tests a linkage."""
 
 import argparse
 import json

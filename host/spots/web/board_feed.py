@@ -175,7 +175,7 @@ class BoardReader:
             self._say(state, "")
 
     def _say(self, state: str, message: str) -> None:
-        said = state, message, self._known.get("port")
+        said = state, message, self._known
         if said != self._said:
             step = _NEXT.get(state, "")
             board = {"state": state, "message": message, "next": step, **self._known}
@@ -192,7 +192,7 @@ def _settings(board: Board) -> dict:
 
 
 _FACTS = (
-    *("id", "board", "runtime", "firmware", "calibration", "length_um"),
+    *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
     *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
 

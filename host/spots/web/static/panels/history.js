@@ -33,10 +33,11 @@ export function history(root) {
     for (const touch of touches) take(touch, now_s);
     const room = Math.max((high - low) * 0.08, 0.02);
     const span = high > low ? [low - room, high + room] : [-1, 1];
-    const above = [...span.map(written), `${FULL_FORCE_MN / 1000}`];
+    const unit = state.board?.relative_force ? "relative" : "N";
+    const above = [...span.map(written), `${FULL_FORCE_MN / 1000}`, unit];
     paintScale((c, width) => {
       scale(c, width, TOP, "contrast, log₂", above[1], above[0]);
-      scale(c, width, TOP + EACH + GAP, "force, N", above[2], "");
+      scale(c, width, TOP + EACH + GAP, `force, ${unit}`, above[2], "");
     }, above.join());
     const end_s = ahead_s === null ? 0 : Math.min(now_s - ahead_s, (points.at(-1)?.time_s ?? 0) + STALE_S);
     paintCurves((c, width) => {
