@@ -19,6 +19,7 @@ import msgspec
 from spots import toml
 
 from .change import Change, ChangeInTime, Temperature
+from .silicone import Silicone
 
 DATA = Path(__file__).parent / "data"
 
@@ -195,7 +196,7 @@ class SensorFile(toml.Strict):
     ----------
     length_mm : float
         Length of the strip at rest, in mm.
-    led, dye, contact, converter, stretch, surroundings, joint, temperature
+    led, dye, contact, silicone, converter, stretch, surroundings, joint, temperature
         Tables of the file; their classes describe them.
     change : change.Change
         Change of the sensor since its calibration.
@@ -210,6 +211,7 @@ class SensorFile(toml.Strict):
     surroundings: Surroundings = Surroundings()
     joint: JointFile = JointFile()
     temperature: Temperature = Temperature()
+    silicone: Silicone = Silicone()
     change: Change = Change()
 
     @property
