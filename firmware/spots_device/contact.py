@@ -471,6 +471,7 @@ class ContactTracker:
                 self._odd and elapsed(self._since, t) >= _TOGETHER_T
             ):
                 self._begin(x_um, force_mN, brightness, t)
+                self._b_before = 0
                 self.sink.down(x_um, t)
                 self._recall(x_um, brightness, t)
                 self._harden(force_mN, t)
@@ -498,6 +499,7 @@ class ContactTracker:
             if stays:
                 self.sink.left(False, t)
             else:
+                self._b_before = 0
                 self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
@@ -523,18 +525,36 @@ class ContactTracker:
             self.sink.left(False, t)
             self.sink.at(x_um, t)
             return True
-        if self._falls and elapsed(self._fell, t) >= _FALL_T:
-            self.x_um = self._x_before_um = self._x_second_um
-            self._b = self._b_second
-            self._second = False
-            self._mix(x_um, brightness, t)
-            self._even = self._pair = True
-            self._dipped = self._calm = False
-            self._falls = 0
-            self._loose = True
-            self.sink.left(False, t)
-            return True
-        return False
+        if not self._falls:
+            return False
+        # While readings rest, no finger lifts: the first one has left if a third one is there.
+        third = (
+            self._rested
+            and self._solve(self._x_second_um, self._b_second, x_um, brightness, fits)
+            and self._found[2] > self._b_second - _BOTH
+            and abs(self._found[0] - self.x_um) > _APART_UM
+        )
+        if third:
+            at_um = self._found[0]
+            b_third = self._found[2]
+            third = self._solve(self._x_second_um, self._b_second - _CHANGED, x_um, brightness, fits)
+            slack_um = abs(self._found[0] - at_um)
+        if not third and elapsed(self._fell, t) < _FALL_T:
+            return False
+        self.x_um = self._x_before_um = self._x_second_um
+        self._b = self._b_second
+        self._second = False
+        self._mix(x_um, brightness, t)
+        self._even = self._pair = True
+        self._dipped = self._calm = False
+        self._falls = 0
+        self._loose = True
+        self.sink.left(False, t)
+        if third:
+            self._second = self.sink.second(at_um, slack_um, t)
+            self._x_second_um = at_um
+            self._b_second = b_third
+        return True
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside one at `x1_um` from a reading, see `locate.locate`.
@@ -604,7 +624,15 @@ class ContactTracker:
             not weigh(found, self._decay, self.x_um, limit_um, x_last_um, b_last, x_um, brightness)
             or found[2] < self._b - _CALM
         ):
-            self._guessed = False
+            # A third reading confirms an earlier estimate, because its light differs.
+            if (
+                self._guessed
+                and self._solve(self.x_um, self._b_guess, x_um, brightness, fits)
+                and abs(found[0] - self._x_guess_um) <= _AGREE_UM + self._slack_guess_um
+            ):
+                self._found_both(fits, x_um, brightness, t)
+            else:
+                self._guessed = False
             return
         at_um = found[0]
         slack_um = found[1]
