@@ -526,20 +526,10 @@ class ContactTracker:
             self.sink.at(x_um, t)
             return True
         if not self._falls:
+            self._guessed = False
             return False
-        # While readings rest, no finger lifts: the first one has left if a third one is there.
-        third = (
-            self._rested
-            and self._solve(self._x_second_um, self._b_second, x_um, brightness, fits)
-            and self._found[2] > self._b_second - _BOTH
-            and abs(self._found[0] - self.x_um) > _APART_UM
-        )
-        if third:
-            at_um = self._found[0]
-            b_third = self._found[2]
-            third = self._solve(self._x_second_um, self._b_second - _CHANGED, x_um, brightness, fits)
-            slack_um = abs(self._found[0] - at_um)
-        if not third and elapsed(self._fell, t) < _FALL_T:
+        slack_um = self._find_third(fits, x_um, brightness)
+        if not slack_um and elapsed(self._fell, t) < _FALL_T:
             return False
         self.x_um = self._x_before_um = self._x_second_um
         self._b = self._b_second
@@ -550,11 +540,37 @@ class ContactTracker:
         self._falls = 0
         self._loose = True
         self.sink.left(False, t)
-        if third:
-            self._second = self.sink.second(at_um, slack_um, t)
-            self._x_second_um = at_um
-            self._b_second = b_third
+        if slack_um:
+            self._second = self.sink.second(self._x_guess_um, slack_um, t)
+            self._x_second_um = self._x_guess_um
+            self._b_second = self._b_guess
         return True
+
+    def _find_third(self, fits, x_um, brightness):
+        """Estimate a third finger beside the second one, as if the first one had left.
+
+        Returns its uncertainty in um, or 0. While the first one lifts, two readings do not agree.
+        """
+        second_um = self._x_second_um
+        found = self._found
+        agrees = self._guessed
+        last_um = self._x_guess_um
+        self._guessed = (
+            self._solve(second_um, self._b_second, x_um, brightness, fits)
+            and found[2] > self._b_second - _BOTH
+            and abs(found[0] - self.x_um) > _APART_UM
+        )
+        if not self._guessed:
+            return 0
+        self._x_guess_um = at_um = found[0]
+        self._b_guess = found[2]
+        if (
+            not agrees
+            or abs(at_um - last_um) > _AGREE_UM
+            or not self._solve(second_um, self._b_second - _CHANGED, x_um, brightness, fits)
+        ):
+            return 0
+        return abs(found[0] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside one at `x1_um` from a reading, see `locate.locate`.
