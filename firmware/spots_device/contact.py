@@ -86,6 +86,7 @@ _LATE = const(2)
 # standard deviations; `_LATER`: about one, because the key would be lost otherwise.
 _SOON = const(5)
 _LATER = const(4)
+_TWICE_T = const(8)  # least time between two estimates that confirm each other
 _FALL_T = const(34)  # longest time in which a finger lifts
 _CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
@@ -149,6 +150,7 @@ class ContactTracker:
         self._rested = self._fit_seen = self._fit_both = False
         self._x_both_um = self._b_both = 0
         self._guessed = False
+        self._guessed_at = 0
         self._x_second_um = self._b_second = 0
         self._x_guess_um = self._b_guess = self._slack_guess_um = 0
         self._found = array("i", bytes(12))
@@ -613,8 +615,12 @@ class ContactTracker:
         agrees = self._guessed and abs(at_um - self._x_guess_um) <= _AGREE_UM + (
             slack_um + self._slack_guess_um >> 1
         )
-        if agrees and abs(b - self._b_guess) <= _OTHER and (fits or not self._calm):
+        if agrees and (
+            elapsed(self._guessed_at, t) < _TWICE_T
+            or (abs(b - self._b_guess) <= _OTHER and (fits or not self._calm))
+        ):
             return  # no evidence: the same share of light always gives the same position
+        self._guessed_at = t
         self._guessed = True
         self._x_guess_um = at_um
         self._slack_guess_um = slack_um
