@@ -150,6 +150,8 @@ class ContactTracker:
         self._rested = self._fit_seen = self._fit_both = False
         self._x_both_um = self._b_both = 0
         self._guessed = False
+        # Whether the finger alone did not fit one press: then the fit is no evidence.
+        self._drifts = 0
         self._guessed_at = 0
         self._x_second_um = self._b_second = 0
         self._x_guess_um = self._b_guess = self._slack_guess_um = 0
@@ -243,6 +245,8 @@ class ContactTracker:
             self._press(fits, position_um, force_mN, brightness, t)
         elif state == _TWO:
             self._part(fits, position_um, force_mN, brightness, t)
+        if self._state == _DOWN:
+            self._drifts = flags & MISFIT
         self._t = t
 
     def _lift(self, t):
@@ -589,7 +593,7 @@ class ContactTracker:
                 b1,
                 x_um,
                 brightness,
-                fits,
+                -1 if self._drifts else fits,
                 self.noise_um(brightness),
             )
             and -_NEAR_UM - found[1] < found[0] < self._length_um + _NEAR_UM + found[1]
