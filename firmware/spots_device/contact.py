@@ -87,6 +87,7 @@ _LATE = const(2)
 _SOON = const(5)
 _LATER = const(4)
 _TWICE_T = const(8)  # least time between two estimates that confirm each other
+_NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
 _CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
@@ -160,8 +161,8 @@ class ContactTracker:
         self._left = self._still = 0
         self._dipped = self._odd = False
         self._peak = self._x_peak_um = self._least = 0
-        self._firm = False
-        self._rest_um = self._rest_mN = 0
+        self._firm_mN = _NEVER  # force of a firm press, unless it was reported
+        self._low_um = self._high_um = self._low_mN = self._high_mN = 0  # of a touch at rest
         self.force_mN = 0
 
     @property
@@ -326,10 +327,8 @@ class ContactTracker:
         self._b = self._b_before = brightness
         self._b_oldest = 0
         self._x_seen_um = x_um
-        self._firm = False
-        self._rest_um = x_um
-        self._rest_mN = force_mN
-        self._still = t
+        self._firm_mN = self._layout.firm_mN
+        self._rest(x_um, force_mN, t)
 
     def _follow(self, fits, x_um, force_mN, brightness, t):
         off_um = x_um - self.x_um
@@ -349,7 +348,7 @@ class ContactTracker:
         self._b = brightness
         self._dipped = False
         self.sink.at(x_um, t)
-        if not self._firm:
+        if force_mN >= self._firm_mN:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
@@ -485,11 +484,11 @@ class ContactTracker:
         off_um = x_um - self.x_um
         back_um = _NEAR_UM if self._loose else _BACK_UM
         if abs(off_um) < max(back_um, 4 * self.noise_um(brightness)):
-            firm = self._firm
+            firm_mN = self._firm_mN
             if not self._second:
                 self._recall(x_um, brightness, t)
             self._begin(x_um, force_mN, brightness, t)
-            self._firm = firm
+            self._firm_mN = firm_mN
             if self._second:
                 self._second = False
                 self.sink.left(True, t)
@@ -761,21 +760,25 @@ class ContactTracker:
         return max(_REST_UM, self._noise * 56 // _counts(min(brightness, self._b_seen)))
 
     def _harden(self, force_mN, t):
-        if not self._firm and force_mN >= self._layout.firm_mN and self._state == _DOWN:
-            self._firm = True
+        if force_mN >= self._firm_mN and self._state == _DOWN:
+            self._firm_mN = _NEVER
             self.sink.firm(t)
 
     def _rests(self, x_um, force_mN, t):
-        layout = self._layout
-        if (
-            abs(x_um - self._rest_um) > layout.slide_um >> 1
-            or abs(force_mN - self._rest_mN) > self._rest_mN >> 2
+        if not (
+            self._low_um <= x_um <= self._high_um and self._low_mN <= force_mN <= self._high_mN
         ):
-            self._rest_um = x_um
-            self._rest_mN = force_mN
-            self._still = t
+            self._rest(x_um, force_mN, t)
             return False
-        if elapsed(self._still, t) < layout.stuck_t:
+        if elapsed(self._still, t) < self._layout.stuck_t:
             return False
         self._still = t
         return True
+
+    def _rest(self, x_um, force_mN, t):
+        off_um = self._layout.slide_um >> 1
+        self._low_um = x_um - off_um
+        self._high_um = x_um + off_um
+        self._low_mN = force_mN - (force_mN >> 2)
+        self._high_mN = force_mN + (force_mN >> 2)
+        self._still = t
