@@ -220,7 +220,7 @@ def two_fingers(rng):
         x_um = rng.choice((-(1 << 28), 1 << 28, x1_um))
     first = rng.randint(4 * ONE, 17 * ONE)
     more = rng.choice((rng.randint(0, 2 * ONE), rng.randint(-ONE, 18 * ONE - first)))
-    return [decay, x1_um, first, x_um, first + more, rng.randint(0, 1), rng.randint(0, 20_000)]
+    return [decay, x1_um, first, x_um, first + more, rng.randint(-1, 1), rng.randint(0, 20_000)]
 
 
 def test_locate(compare, rng):

@@ -214,7 +214,7 @@ def locate(cases, results):
         case = cases[i]
         _found[0] = _found[1] = _found[2] = 0
         is_there = locate_second(
-            _found, case[0], case[1], case[2], case[3], case[4], case[5] == 1, case[6]
+            _found, case[0], case[1], case[2], case[3], case[4], case[5], case[6]
         )
         results[4 * i] = 1 if is_there else 0
         for j in range(3):
