@@ -61,7 +61,7 @@ class Hello(Settings):
 
 
 class Get(Settings):
-    """The reply to ``get``: settings and state."""
+    """The reply to ``get``: the board's settings and state."""
 
     led: str
     full_scale: _Number
@@ -71,7 +71,7 @@ class Get(Settings):
 
 
 class DarkFrame(TypedDict):
-    """The reply to ``dark``: sums of counts without light."""
+    """The reply to ``dark``: for each channel, the sum of 64 counts without the LED."""
 
     dark: _Dark
 
@@ -135,10 +135,10 @@ def decoded(data: Any) -> dict[str, Any]:
         If the data is not a JSON object, is too long, or is nested too deep.
     """
     if len(data) > JSON_BYTES_MAX:
-        raise ValueError(f"a message has at most {JSON_BYTES_MAX} bytes")
+        raise ValueError(f"a message must have at most {JSON_BYTES_MAX} bytes")
     data = bytes(data)
     if data.count(b"[") + data.count(b"{") > _NESTING_MAX:
-        raise ValueError(f"a message has at most {_NESTING_MAX} lists and objects")
+        raise ValueError(f"a message must have at most {_NESTING_MAX} lists and objects")
     return msgspec.json.decode(data, type=dict[str, Any])
 
 

@@ -50,11 +50,14 @@ class Judge(Protocol):
         touch : Touch
             The reading.
         arrived_s : float
-            Time of the reading's arrival, in seconds of the link's clock.
+            Time of the reading's arrival, in seconds by the clock of `Board.now_s`.
         """
 
     def facts(self) -> dict:
-        """Return texts to show: ``link`` in the row of the link, and ``rows``: further rows."""
+        """Return the results to show, as dicts of values by their names.
+
+        Key ``link``: dict for the row of the link. Key ``rows``: list of dicts for further rows.
+        """
 
 
 class StripView:
@@ -96,7 +99,7 @@ class StripView:
             self._counts = frame.counts
 
     def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
-        """Return the picture.
+        """Return a picture of the latest readings and of the link.
 
         Parameters
         ----------
@@ -179,7 +182,7 @@ def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int 
     title : str
         Title in the frame.
     columns : int
-        Width of the frame.
+        Width of the frame, in characters.
     rows : int
         Number of empty rows below and above the parts.
 
@@ -215,7 +218,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
 
 
 def strip_columns() -> int:
-    """Return the width of a strip in columns, which depends on the width of the terminal."""
+    """Return the width of a strip's picture in characters, which the terminal's width limits."""
     return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
 
 
@@ -226,7 +229,7 @@ def bar(share: float) -> str:
 
 
 def figures() -> Table:
-    """Return an empty table with the columns name, number and picture."""
+    """Return an empty table with three columns: name, number and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
     grid.add_column(justify="right", width=10)
@@ -282,7 +285,7 @@ def live(console: Console) -> Live:
 
 @contextmanager
 def drawn(wanted: bool) -> Iterator[Live | None]:
-    """Yield the display from `live`; None if not wanted, or if the output is not a terminal."""
+    """Yield a display; None if `wanted` is false, or if the output is not a terminal."""
     console = Console()
     with live(console) if wanted and console.is_terminal else nullcontext() as display:
         yield display
