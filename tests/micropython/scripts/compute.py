@@ -11,10 +11,11 @@ from locked import locked
 
 with open("given.json") as file:
     given = json.load(file)
+width = given["width"]
+# Before the cases are prepared: later no piece of the heap may be so large.
+results = array("i", bytes(4 * width * len(given["cases"])))
 # Popped: they must not lie twice in a heap as small as a board's.
 cases = getattr(trials, "prepare_" + given["trial"], list)(given.pop("cases"))
-width = given["width"]
-results = array("i", bytes(4 * width * len(cases)))
 locked(getattr(trials, given["trial"]), cases, results)
 for i in range(len(results)):
     print(results[i], end="\n" if (i + 1) % width == 0 else " ")
