@@ -376,7 +376,7 @@ def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page
         one.board.stats.restarts += 1
         # Who uses the calibration says hello as well, so hellos alone count no restarts.
         begin = "stream touch spectrum, hello"
-        eventually(page, lambda count=count: ", ".join(asked).count(begin) >= count)
+        eventually(page, lambda count=count, begin=begin: ", ".join(asked).count(begin) >= count)
     assert ", ".join(asked).count(begin) == 3
     # It stays open: what forges restarts faster than a board opens would keep it closed for ever.
     assert one.asked_for == [None]
