@@ -100,6 +100,22 @@ def test_an_led_that_is_always_on_needs_its_dark_frame_first():
     assert "spots dark" in verdict.text
 
 
+@pytest.mark.parametrize("kind", ["default", "gpio", "always"])
+def test_a_calibrated_strip_with_any_led_passes_every_check(kind):
+    sensor = load(SensorFile, kind)
+    lines = calibrate(sensor)
+    with Stage(sensor) as stage:
+        stage.expose()
+        upload(stage.board, list(lines))
+        stage.press(NEAR_UM, 6_000)
+        stage.board.command("stream off")
+        list(stage.board.spectra(0.1))  # those of the exposure search
+        for finding in examine_board(stage.board):
+            stage.held.unplugged |= "unplug the LED or" in finding.text
+            assert finding.ok, finding
+    assert finding.text == "a strip of 85 mm"
+
+
 def test_a_press_that_comes_when_it_is_asked_for_passes():
     with Stage(load(SensorFile, "default")) as stage:
         found = []
