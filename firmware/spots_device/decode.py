@@ -84,7 +84,9 @@ class Decode:
             flags |= MISFIT
         if force_mN:
             touching = self.flags & TOUCHING
-            if force_mN >= (calibration.touch_off_mN if touching else calibration.touch_on_mN):
+            # A lamp or two fingers: light that fits no press begins a touch at twice the force.
+            on_mN = calibration.touch_on_mN << (1 if flags & MISFIT else 0)
+            if force_mN >= (calibration.touch_off_mN if touching else on_mN):
                 flags |= TOUCHING
                 # Drift shifts the misfit of every press alike. The third reading of a touch gives
                 # this shift, if the previous touch gave the same: two fingers seldom touch together

@@ -45,7 +45,7 @@ class Finding(NamedTuple):
     check : str
         Name of the check.
     ok : bool
-        Whether the board passed it.
+        Whether the board passed the check.
     text : str
         What was found and, after a failure, what to do.
     """
@@ -94,7 +94,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
 
 
 def examine_board(board: Board) -> Iterator[Finding]:
-    """Yield the result of each check of a board that answers."""
+    """Check a board that answers, and yield the result of each check."""
     yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
     text = firmware = board.info["firmware"]
     if firmware != __version__:
@@ -167,10 +167,10 @@ def _await(
 
 
 def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
-    """Measure the light of the LED in lit samples between two dark frames.
+    """Measure the light of the LED: take a dark frame, samples with the LED on, and a dark frame.
 
     A press also couples ambient light into the strip, and ambient light changes. So for each
-    channel, the larger one of two dark counts is subtracted from the smallest lit count.
+    channel, the larger dark count is subtracted from the smallest count with the LED on.
 
     Parameters
     ----------

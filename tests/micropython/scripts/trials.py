@@ -7,6 +7,8 @@ from spots_device import kernel
 from spots_device.frame import Time32
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
+from spots_device.locate import locate as locate_second
+from spots_device.locate import power as power_of_two
 from spots_device.log2 import log2_q20
 from spots_device.pacing import Pacing
 
@@ -16,6 +18,7 @@ _CLEAR_US = 73
 _encoded = bytearray(660)
 _scratch = array("i", bytes(4 * kernel.SCRATCH))
 _reading = array("i", bytes(4 * 4))
+_found = array("i", bytes(4 * 3))
 _clock = Clock()
 _time = Time32(_clock)
 _pacing = Pacing(_clock)
@@ -195,6 +198,27 @@ def follow(cases, results):
         for j in range(6):
             results[12 * i + j] = case[0][j]
             results[12 * i + 6 + j] = case[1][j]
+
+
+def power(cases, results):
+    for i in range(len(cases)):
+        results[i] = power_of_two(cases[i])
+
+
+def prepare_locate(cases):
+    return _arrays(cases)
+
+
+def locate(cases, results):
+    for i in range(len(cases)):
+        case = cases[i]
+        _found[0] = _found[1] = _found[2] = 0
+        is_there = locate_second(
+            _found, case[0], case[1], case[2], case[3], case[4], case[5], case[6]
+        )
+        results[4 * i] = 1 if is_there else 0
+        for j in range(3):
+            results[4 * i + 1 + j] = _found[j] if is_there else 0
 
 
 def _keep(size, at, results):
