@@ -74,6 +74,16 @@ def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
         assert "LDR" not in verdict.text
 
 
+def test_a_flickering_lamp_is_not_the_led():
+    lamp = {"irradiance_uW_cm2": 200.0, "flicker_hz": 120.0, "flicker_percent": 100.0}
+    sensor = replaced(load(SensorFile, "daylight"), led=UNWIRED, surroundings=lamp)
+    with Stage(sensor) as stage:
+        stage.board.command("set mains_hz=0 exposure_us=1000")  # short samples show the flicker
+        stage.press(NEAR_UM, 8_000)
+        verdict = light_of(stage)[-1]
+    assert not verdict.ok
+
+
 @pytest.mark.parametrize("kind", ["default", "gpio", "always"])
 def test_ambient_light_that_enters_at_a_press_is_not_the_leds(kind):
     with Stage(replaced(load(SensorFile, kind), led=UNWIRED)) as stage:
