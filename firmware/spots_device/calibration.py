@@ -12,6 +12,10 @@ Each line is one statement. Weights are in Q13, logarithms in Q20::
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
                                (sum 0), six for the force (sum 8192); one line for each segment
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
+    loop 300 -120              play operator of the hysteresis: half width in mN, weight (Q12)
+    creep 4000 40              part of the creep: time constant in ms, share of the force (Q12)
+    gain 4200                  factor of a force from which loops and creep are subtracted (Q12);
+                               without this line, forces are not compensated
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which the next segment begins
     x -123456 85000 77 -5      knot of that segment: contrast -> position in um, value of 'fit' for
@@ -38,7 +42,9 @@ _STRAIN_Q = 12
 
 # Name of a statement: number of its integers.
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
-_MANY = {"segment": 12, "f": 3}
+_MANY = {"segment": 12, "f": 3, "gain": 1, "loop": 2, "creep": 2}
+_MEMORY_MAX = 9  # lines 'gain', 'loop' and 'creep'
+_MEMORY_MS_MAX = 1 << 20
 
 
 # Settings of a reading, for which a calibration is valid: unique id of the board (str), diodes of
@@ -101,6 +107,8 @@ class Calibration:
         Board and settings with which the calibration was made.
     relative_force : bool
         Whether forces have no unit: 3000 is the mean light of the presses, 6000 twice that light.
+    compensation : silicone.Compensation or None
+        Corrects the force for hysteresis and creep; None if these were not calibrated.
     drift_max : int
         Largest drift of the misfit (Q12) that keys accept. If an LED drifts so far, positions are
         wrong by 3 to 4 % of the strip's length.
@@ -109,7 +117,7 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
-        seen = {"segment": [], "f": []}
+        seen = {name: [] for name in _MANY}
         strains = []
         for line in lines:
             words = line.split()
@@ -132,6 +140,9 @@ class Calibration:
             raise CalibrationError(
                 "the forces of 'f' must be from 0 to 65535 mN, the last above the first"
             )
+        self.compensation = None
+        if seen["gain"] or seen["loop"] or seen["creep"]:
+            self.compensation = _compensation(seen["gain"], seen["loop"], seen["creep"])
         _check_strains(strains, seen["segment"])
         bounds, tables = _between(strains, strain_ppm)
         self.bounds = array("i", bounds)
@@ -302,6 +313,17 @@ def _table(name, knots):
         if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
             raise CalibrationError("the knots of '%s' lie too far apart: add knots" % name)
     return tuple(array("i", [knot[i] for knot in knots]) for i in range(len(knots[0])))
+
+
+def _compensation(gains, loops, creeps):
+    from .silicone import WEIGHTS_MAX, Compensation  # not every strip needs it
+
+    rows = gains + loops + creeps
+    weights = sum(abs(row[-1]) for row in rows)
+    valid = len(gains) == 1 and len(rows) <= _MEMORY_MAX and weights <= WEIGHTS_MAX
+    if not valid or min(rows)[0] < 0 or max(rows)[0] > _MEMORY_MS_MAX:
+        raise CalibrationError("'gain', 'loop' or 'creep' is out of range: calibrate again")
+    return Compensation(gains[0][0], loops, [((ms * 125 >> 7) or 1, share) for ms, share in creeps])
 
 
 def _check_strains(strains, segments):

@@ -232,6 +232,9 @@ class Strip:
         elif self._idle_us < IDLE_US:
             self._idle_us += lasted_us
         self._time.set(self._add(sensor.complete, -(lasted_us >> 1)))
+        calibration = decode.calibration
+        if calibration is not None and calibration.compensation is not None:
+            calibration.compensation.take(decode, self._time.high << 6 | self._time.low >> 10)
         uses = self._uses
         rests = uses.take(self.index, decode)
         if self.stream_touch:
