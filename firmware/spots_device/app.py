@@ -103,11 +103,11 @@ class BoardApp:
         self._uid = uid
         self._clock = clock
         self._sensor = sensor
-        self._serial = serial
+        self._read = serial.read
         self._time = Time32(clock)
         self._reader = LineReader()
         self.reboot = False
-        self.feed = _nothing  # called in every step; feeds the watchdog if one runs
+        self.feed = None  # called in every step if a watchdog runs
         self.interrupt_at = _nothing  # sets the interrupt character, like micropython.kbd_intr
         self._left = False
         self._leave_until = None  # ticks
@@ -170,8 +170,11 @@ class BoardApp:
 
     def step(self):
         """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
-        self.feed()
-        self._listen()
+        if self.feed is not None:
+            self.feed()
+        byte = self._read()
+        if byte >= 0:
+            self._listen(byte)
         self.uses.pump()
         if self.reconnect.lost:
             self._time.update()  # must be updated more often than the ticks wrap
@@ -358,19 +361,22 @@ class BoardApp:
             self.replies.log("error", "%s not used: %s" % (what, error))
             return []
 
-    def _listen(self):
+    def _listen(self, byte):
         # At most one command per pass, so a flood from the host cannot starve sampling.
         for _ in range(LINE_MAX):
-            byte = self._serial.read()
+            if self._reader.feed(byte):
+                self._answer()
+                return
+            byte = self._read()
             if byte < 0:
                 return
-            if self._reader.feed(byte):
-                try:
-                    reply = self._commands.handle(self._reader.line())
-                except ValueError as error:
-                    reply = {"re": "", "error": str(error)}
-                if reply is not None:
-                    self.replies.send(reply)
-                # Collect garbage now: a host expects a pause here, but a later pause costs samples.
-                gc.collect()
-                return
+
+    def _answer(self):
+        try:
+            reply = self._commands.handle(self._reader.line())
+        except ValueError as error:
+            reply = {"re": "", "error": str(error)}
+        if reply is not None:
+            self.replies.send(reply)
+        # Collect garbage now: a host expects a pause here, but a later pause costs samples.
+        gc.collect()

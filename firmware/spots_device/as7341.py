@@ -14,6 +14,7 @@ from array import array
 from micropython import const
 
 from . import exposure
+from .kernel import unpack
 from .pacing import Pacing
 from .smux import CHANNELS, smux_map
 
@@ -75,6 +76,7 @@ class AS7341:
     def __init__(self, bus, clock):
         self._bus = bus
         self._clock = clock
+        self._ticks_us = clock.ticks_us
         self._pair = bytearray(2)
         self._byte = bytearray(1)
         self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
@@ -215,8 +217,7 @@ class AS7341:
         OSError
             If transfers failed for the same time. Until then, the next poll repeats the transfer.
         """
-        clock = self._clock
-        now = clock.ticks_us()
+        now = self._ticks_us()
         burst = self._burst
         try:
             self._bus.read_into(_STATUS, burst)
@@ -227,32 +228,30 @@ class AS7341:
             if self._overdue(now):
                 raise
             self.retries += 1
-            clock.sleep_us(_AGAIN_US)
+            self._clock.sleep_us(_AGAIN_US)
             return False
         if not burst[0] & _AINT:
             if self._overdue(now):
                 raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
             self.pacing.early(now)
             return False
-        complete = self.pacing.found(now, clock.ticks_us())
+        return self._found(now)
+
+    def _found(self, now):
+        complete = self.pacing.found(now, self._ticks_us())
         if complete is None:
             self.complete = now
             return False
         self.complete = complete
-        saturated = bool(burst[1] & _ASAT)
-        counts = self.counts
-        for i in range(CHANNELS):
-            count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
-            counts[i] = count
-            if count >= self.full_scale:
-                saturated = True
-        self.saturated = saturated
+        burst = self._burst
+        most = unpack(burst, self.counts)
+        self.saturated = most >= self.full_scale or burst[1] & _ASAT > 0
         if not self.steady:
             # Not compared again once it is steady, because ticks that are too old compare wrongly.
             # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
             longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
-            began = clock.ticks_add(self.complete, -longest_us)
-            self.steady = clock.ticks_diff(began, self._settled) >= 0
+            began = self._clock.ticks_add(complete, -longest_us)
+            self.steady = self._clock.ticks_diff(began, self._settled) >= 0
         return True
 
     def check(self):

@@ -189,21 +189,19 @@ class OddLight:
         self._odd_us = 0
         self._quiet = -1
 
-    def take(self, flags, sums, samples, lasted_us, age_us):
+    def take(self, flags, light, lasted_us, age_us):
         """Process a reading; return whether the dark frame must be measured again.
 
         Parameters
         ----------
         flags : int
             Flag bits of `decode`.
-        sums : sequence of int
-            Six sums of counts over `samples` samples.
-        samples : int
-            Samples in the reading.
+        light : int
+            Sum of the six mean counts.
         lasted_us, age_us : int
             Duration of the reading, and age of the dark frame, in us.
         """
-        if not self._is_odd(flags, sums, samples):
+        if not self._is_odd(flags, light):
             self._odd_us = 0
         elif self._odd_us < _ODD_US:
             self._odd_us += lasted_us
@@ -211,15 +209,11 @@ class OddLight:
             return age_us >= _ODD_EVERY_US
         return False
 
-    def _is_odd(self, flags, sums, samples):
+    def _is_odd(self, flags, light):
         if flags & NOT_CALIBRATED:
             return False  # without a calibration, the spectrum of a press is unknown
         if flags & (TOUCHING | LED_OFF):
             return flags & MISFIT
-        light = 0
-        for i in range(CHANNELS):
-            light += sums[i]
-        light //= samples
         if self._quiet < 0:
             self._quiet = light
         return abs(light - self._quiet) > _ODD_COUNTS

@@ -36,9 +36,10 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
         Position of the first finger in um, and its brightness in Q20 of log2.
     x_um, brightness : int
         Position of the reading in um, and its brightness in Q20 of log2.
-    fits : bool
-        Whether the spectrum of the reading fits one press. A spectrum of two fingers fits if they
-        are near each other, and does not if they are far from each other.
+    fits : int
+        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. A spectrum
+        of two fingers fits if they are near each other, and does not if they are far from each
+        other.
     noise_um : int
         Standard deviation of the reading's position, in um.
     """
@@ -68,7 +69,10 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
         if not step_um + 64 >> 7:
             break
     apart_um = abs(away_um)
-    if apart_um < NEAR_UM or apart_um >> FAR_LOG2 or (lost > _FIT if fits else lost < _MISFIT):
+    room = 0
+    if fits >= 0:
+        room = _FIT - lost if fits else lost - _MISFIT
+    if apart_um < NEAR_UM or apart_um >> FAR_LOG2 or room < 0:
         return False
     lever = (256 - share) * light // other
     found[0] = x1_um + away_um

@@ -29,7 +29,7 @@ def locate(
     first: int,
     x_um: int,
     brightness: int,
-    fits: bool,
+    fits: int,
     noise_um: int,
 ) -> bool:
     off_um = away_um = x_um - x1_um
@@ -65,7 +65,9 @@ def locate(
     apart_um = away_um
     if away_um < 0:
         apart_um = 0 - away_um
-    room = 45_000 - lost if fits else lost - 12_000
+    room = 0
+    if fits >= 0:
+        room = 45_000 - lost if fits else lost - 12_000
     if apart_um < 4500 or apart_um >> 18 or room < 0:
         return False
     lever = (256 - share) * light // other

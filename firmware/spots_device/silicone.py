@@ -9,14 +9,16 @@ time constants. Integers of 31 bits only; `take` allocates nothing.
 
 from array import array
 
-from .decode import LED_OFF
+from .calibration import CalibrationError
+from .decode import FLAGS, FORCE_MN, LED_OFF, POSITION_UM
 
 try:
     from micropython import const
 except ImportError:
     const = int  # on the host
 
-WEIGHTS_MAX = (1 << 14) - 1  # of the sum of absolute weights, so that 65 N fits 31 bits
+_PARTS = const(3)  # play operators, and parts of the creep
+_WEIGHTS_MAX = const((1 << 14) - 1)  # of the sum of weights, so that 65 N fits 31 bits
 # Another place, if the force is large enough for a position of little noise.
 _APART_UM = const(8000)
 _SURE_MN = const(400)
@@ -32,35 +34,41 @@ class Compensation:
 
     Parameters
     ----------
-    gain : int
-        Factor of the force in Q12.
-    loops : sequence of (int, int)
-        Half width of each play operator in mN, and its weight in Q12.
-    creeps : sequence of (int, int)
-        Time constant of each part of the creep in ticks, and its share of the force in Q12.
+    values : sequence of int, length 13
+        Gain (Q12), half widths of three play operators in mN, their weights (Q12), time constants
+        of three parts of the creep in ms, their shares of the force (Q12).
+
+    Raises
+    ------
+    calibration.CalibrationError
+        If a value is out of range.
     """
 
-    def __init__(self, gain, loops, creeps):
-        self._gain = gain
-        self._radii = array("i", [row[0] for row in loops])
-        self._weights = array("i", [row[1] for row in loops])
-        self._plays = array("i", bytes(4 * len(loops)))
-        self._taus = array("i", [row[0] for row in creeps])
-        self._shares = array("i", [row[1] for row in creeps])
-        self._crept = array("i", bytes(4 * len(creeps)))  # mN, Q6
+    def __init__(self, values):
+        self._values = array("i", values)
+        total = values[0]
+        for i in range(_PARTS):
+            total += abs(values[4 + i]) + abs(values[10 + i])
+            if values[1 + i] < 0 or not 0 < values[7 + i] < 1 << 20:
+                total = -1
+                break
+        if not 0 < total <= _WEIGHTS_MAX:
+            raise CalibrationError("the line 'silicone' is out of range: calibrate again")
+        self._state = array("i", bytes(8 * _PARTS))  # play operators in mN, creep in mN Q6
         self._t = self._x_um = self._force = 0
 
-    def take(self, decode, t):
+    def take(self, reading, t):
         """Correct the force of a reading.
 
         Parameters
         ----------
-        decode : decode.Decode
-            Contains the reading; its `force_mN` is changed.
+        reading : array of int
+            The reading, as in `decode.Decode.state`; its force is changed.
         t : int
             Time in ticks.
         """
-        crept = self._crept
+        values = self._values
+        state = self._state
         since = t - self._t & _TIME_MASK
         if since >= _LEAST_T:
             self._t = t
@@ -68,28 +76,27 @@ class Compensation:
             while since > 0:
                 step = min(since, _STEP_T)
                 since -= step
-                for i in range(len(crept)):
-                    tau = self._taus[i]
-                    crept[i] += (self._force - crept[i]) * min(step, tau) // tau
-        if decode.flags & LED_OFF:
+                for i in range(_PARTS):
+                    tau = (values[7 + i] * 125 >> 7) + 1
+                    state[_PARTS + i] += (self._force - state[_PARTS + i]) * min(step, tau) // tau
+        if reading[FLAGS] & LED_OFF:
             return
-        force_mN = decode.force_mN
-        plays = self._plays
+        force_mN = reading[FORCE_MN]
         if force_mN:
-            if force_mN > _SURE_MN and abs(decode.position_um - self._x_um) > _APART_UM:
-                self._x_um = decode.position_um
-                self._force = 0
-                for i in range(len(crept)):
-                    crept[i] = 0
-            total = self._gain * force_mN + 2048
-            for i in range(len(plays)):
-                radius = self._radii[i]
+            x_um = reading[POSITION_UM]
+            moved = force_mN > _SURE_MN and abs(x_um - self._x_um) > _APART_UM
+            if moved:
+                self._x_um = x_um
+            total = values[0] * force_mN + 2048
+            for i in range(_PARTS):
+                radius = values[1 + i]
                 loading = max(force_mN - radius, 0)
-                # A finger that lifted or moved on has the force 0 before this one.
-                play = plays[i] if self._force else 0
-                plays[i] = play = max(min(play, force_mN + radius), loading)
-                total -= self._weights[i] * (play - loading)
-            for i in range(len(crept)):
-                total -= self._shares[i] * (crept[i] >> 6)
-            decode.force_mN = force_mN = min(max(total >> 12, 1), 65_535)
+                if moved:
+                    state[_PARTS + i] = 0
+                # The force before this one is 0 if the finger had lifted.
+                play = 0 if moved or not self._force else state[i]
+                state[i] = play = max(min(play, force_mN + radius), loading)
+                total -= values[4 + i] * (play - loading)
+                total -= values[10 + i] * (state[_PARTS + i] >> 6)
+            reading[FORCE_MN] = force_mN = min(max(total >> 12, 1), 65_535)
         self._force = force_mN << 6

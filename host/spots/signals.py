@@ -180,7 +180,7 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 
 
 def on_console_event(event: int, released: threading.Event) -> bool:
-    """Interrupt the main thread as Ctrl-C does, and wait until it has released all outputs.
+    """Interrupt the main thread as Ctrl-C does; wait until that thread has released all outputs.
 
     Windows calls this in another thread.
 

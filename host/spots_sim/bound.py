@@ -97,7 +97,7 @@ class Bound:
         -------
         tuple of float
             Smallest standard deviations: of the position in um, and of the natural logarithm of the
-            light.
+            coupled light.
         """
         counts = self.counts(position_um, force_mN, **press)
         step_um = 1000 * _STEP_MM

@@ -15,10 +15,10 @@ class SimulationClock(Protocol):
         """Return the time since power-on, in us."""
 
     def spend_us(self, duration_us: float) -> None:
-        """Advance simulated time by a transfer's duration in us; do nothing in real time."""
+        """Advance a simulated clock by the duration of a transfer; a real clock ignores this."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Wait for a time in us while the board does nothing."""
+        """Let `duration_us` microseconds pass, in which the board does nothing."""
 
 
 @dataclass

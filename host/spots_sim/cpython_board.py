@@ -38,7 +38,7 @@ _loading = threading.Lock()  # guards `sys.modules` while it contains a stand-in
 
 
 class BoardPort(Protocol):
-    """The board's end of its serial port. The methods do not block."""
+    """A board's end of a serial port. The methods do not block."""
 
     def receive(self) -> bytes:
         """Return all bytes that the host has written since the last call."""
@@ -115,7 +115,7 @@ class CPythonBoard:
         self._requests.bus = bus
 
     def step(self) -> None:
-        """Run one pass of the firmware's loop; boot again if it reboots, crashes or loses power."""
+        """Run one pass of the firmware's loop; after a reset, crash or power loss, boot again."""
         try:
             if self._app.reboot:
                 self._app.run()  # ends at once, and cleanly
@@ -163,7 +163,7 @@ class CPythonBoard:
 
 
 def _load(folder: Path) -> str:
-    """Import a new copy of the firmware whose file system is `folder`; return its package name.
+    """Import a new copy of the firmware whose file system is `folder`; return its package's name.
 
     Each boot needs a new copy, so that a reset loses all state and boards share no state.
     """

@@ -1,4 +1,4 @@
-"""``spots design``: finds dye and exposure with the best resolution for a strip of given length.
+"""``spots design``: finds dye and exposure for the best resolution on a strip of a given length.
 
 With ``--out`` it also writes moulds, drawings and instructions for the strip, see `strip_shape`.
 

@@ -117,7 +117,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes of one direction; how many bytes a call contains has no effect.
+    """Damages the bytes sent in one direction. Their division into calls has no effect.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ class FaultyBus:
         return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Set the wires and return the level of SDA, like `bus.I2CBus.lines`.
+        """Set the levels of SCL and SDA, and return the level of SDA, as `bus.I2CBus.lines` does.
 
         Parameters
         ----------

@@ -107,4 +107,4 @@ def silicone_lines(sensor: SensorFile) -> tuple[str, ...]:
     """
     if sensor.silicone.ideal:
         return ()
-    return fit_silicone(*record(sensor, calibrate(sensor), SESSION)[:4]).lines
+    return (fit_silicone(*record(sensor, calibrate(sensor), SESSION)[:4]).line,)

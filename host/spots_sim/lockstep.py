@@ -114,7 +114,7 @@ class LockstepLink:
             self._board.step()
 
     def sleep(self, duration_s: float) -> None:
-        """Run the board for a time in seconds and discard the data that it sends."""
+        """Run the board for `duration_s` seconds, and discard the data that the board sends."""
         end_us = self.clock.now_us() + 1e6 * duration_s
         while self.clock.now_us() < end_us:
             self._board.step()

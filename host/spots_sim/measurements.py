@@ -273,7 +273,7 @@ def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list
     """Compare the noise of the estimate `pair` with its bound at the positions `x_um`.
 
     Returns the ratios of noise and bound, and signal-to-noise ratios. Readings are single samples
-    here: the board rounds the mean counts of averaged readings, which would change the noise.
+    here, because the board rounds the mean counts of several, and this would change the noise.
     """
     average = rig.average
     rig.set_average(1)

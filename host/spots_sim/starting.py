@@ -1,4 +1,4 @@
-"""Start and end of a process with a virtual board, and its pseudo-terminal."""
+"""Start and end of a virtual board's process, and the board's pseudo-terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated USB host of a virtual board, which receives its HID reports."""
+"""The simulated USB host, which receives the HID reports of a virtual board."""
 
 from __future__ import annotations
 

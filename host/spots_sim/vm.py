@@ -1,4 +1,4 @@
-"""A real MicroPython process that runs the unmodified firmware; two pipes carry its requests."""
+"""A MicroPython process that runs the unmodified firmware; two pipes carry requests and answers."""
 
 from __future__ import annotations
 

@@ -4,8 +4,6 @@ The compensation is made of play operators and exponentials. So it is tested mos
 material of other laws, see `spots_sim.silicone`.
 """
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from msgspec import structs
@@ -13,6 +11,7 @@ from msgspec import structs
 from spots import SpotsError
 from spots.calibrate.silicone import fit_silicone
 from spots_device.calibration import Calibration
+from spots_device.decode import FLAGS, FORCE_MN, POSITION_UM
 from spots_sim.identity import board_id
 from spots_sim.loading import SESSION, loaded, points, record
 from spots_sim.scenario import Press
@@ -60,27 +59,25 @@ class Strip:
         noise = np.random.default_rng(1).normal(0, 3, len(read))
         return time_s, force_mN, np.round(read + (read > 0) * noise), place
 
-    def compensated(self, recorded, lines):
-        """Return the forces that a board with the lines of a compensation reads."""
-        compensation = Calibration([*self._lines, *lines]).compensation
+    def compensated(self, recorded, line):
+        """Return the forces that a board with the line of a compensation reads."""
+        compensation = Calibration([*self._lines, line]).compensation
         found = []
         for time_s, _, read, share in zip(*recorded):
-            reading = SimpleNamespace(
-                force_mN=int(read), position_um=round(85_000 * share), flags=0
-            )
+            reading = {FORCE_MN: int(read), POSITION_UM: round(85_000 * share), FLAGS: 0}
             compensation.take(reading, int(time_s * 1e6) >> 10)
-            found.append(reading.force_mN)
+            found.append(reading[FORCE_MN])
         return np.array(found)
 
 
-def off_by(lines, factor):
-    """Return the lines with all effects changed by a factor."""
-    rows = [line.rsplit(" ", 1) for line in lines]
-    plain = {"gain": 4096}
-    return [
-        f"{name} {round(plain.get(name, 0) + factor * (int(weight) - plain.get(name, 0)))}"
-        for name, weight in rows
-    ]
+def off_by(line, factor):
+    """Return the line with the size of each effect changed by a factor."""
+    name, *words = line.split()
+    values = [int(word) for word in words]
+    values[0] = round(4096 + factor * (values[0] - 4096))
+    for i in (4, 5, 6, 10, 11, 12):
+        values[i] = round(factor * values[i])
+    return " ".join(map(str, (name, *values)))
 
 
 def loop_error_mN(recorded, read_mN):
@@ -100,7 +97,7 @@ def test_the_loop_is_a_fifth_and_with_wrong_parameters_two_fifths(strip):
     recorded = strip.recorded(SPEEDS)
     before = loop_error_mN(recorded, recorded[2])
     for factor, least in ((1.0, 5.0), (1.15, 2.5), (0.85, 2.5)):
-        read = strip.compensated(recorded, off_by(strip.fitted.lines, factor))
+        read = strip.compensated(recorded, off_by(strip.fitted.line, factor))
         ratio = before / loop_error_mN(recorded, read)
         print(strip._silicone.model, factor, round(before), round(ratio, 1))
         assert ratio >= least
@@ -110,7 +107,7 @@ def test_a_held_force_drifts_by_less_than_50_mN(strip):
     recorded = strip.recorded(HELD)
     held = np.flatnonzero(recorded[1] == 5000)
     drifts = []
-    for read in (recorded[2], strip.compensated(recorded, strip.fitted.lines)):
+    for read in (recorded[2], strip.compensated(recorded, strip.fitted.line)):
         at = read[held]
         second = round(1 / STEP_S)
         drifts.append(at[60 * second : 61 * second].mean() - at[: second // 2].mean())
@@ -122,11 +119,11 @@ def test_a_held_force_drifts_by_less_than_50_mN(strip):
 def test_the_errors_of_the_weights_are_known(strip):
     fitted = strip.fitted
     assert fitted.after_mN < fitted.before_mN / 5
-    assert len(fitted.sigma) == len(fitted.lines)
+    assert fitted.sigma.shape == (7,)
     assert (fitted.sigma > 0).all()
-    # Hysteresis and creep are significant as a whole, whatever each weight is.
-    creep = [int(line.split()[2]) for line in fitted.lines if line.startswith("creep")]
-    assert sum(creep) > 3 * np.linalg.norm(fitted.sigma[-len(creep) :])
+    # Creep is significant as a whole, whatever each of its parts is.
+    creep = sum(int(word) for word in fitted.line.split()[-3:])
+    assert creep > 3 * np.linalg.norm(fitted.sigma[-3:])
 
 
 def test_an_ideal_strip_needs_hardly_any_compensation(sensor, calibration, monkeypatch):
@@ -135,7 +132,7 @@ def test_an_ideal_strip_needs_hardly_any_compensation(sensor, calibration, monke
     ideal = Strip(sensor, calibration, "spectrum")
     fitted = fit_silicone(*ideal.recorded(SESSION))
     recorded = ideal.recorded(SPEEDS)
-    assert loop_error_mN(recorded, ideal.compensated(recorded, fitted.lines)) < 10
+    assert loop_error_mN(recorded, ideal.compensated(recorded, fitted.line)) < 10
 
 
 def test_a_short_recording_is_refused():
@@ -146,18 +143,18 @@ def test_a_short_recording_is_refused():
 def test_the_board_and_the_host_correct_alike(sensor, calibration):
     real = structs.replace(sensor, silicone=Silicone(**EFFECTS))
     calibration = [f"board {board_id(real)}", *calibration[1:]]
-    lines = ["gain 4300", "loop 300 400", "loop 3000 150", "creep 400 60", "creep 4000 50"]
+    line = "silicone 4300 300 1000 3000 400 0 150 400 4000 40000 60 50 0"
     loads = (0.5, 6000.0, 1.0, 0.5), (0.5, 3000.0, 0.3, 0.0), (0.2, 3000.0, 0.3, 0.2)
     plain = record(real, calibration, loads)
-    board = record(real, [*calibration, *lines], loads)
+    board = record(real, [*calibration, line], loads)
     begin = max(plain[0, 0], board[0, 0])  # the two uploads take different times
     plain, board = (rows[:, rows[0] >= begin] for rows in (plain, board))
     assert np.array_equal(plain[0], board[0])
-    compensation, host = Calibration([*calibration, *lines]).compensation, []
+    compensation, host = Calibration([*calibration, line]).compensation, []
     for time_s, _, read, _, x_um in plain.T:
-        reading = SimpleNamespace(force_mN=int(read), position_um=int(x_um), flags=0)
+        reading = {FORCE_MN: int(read), POSITION_UM: int(x_um), FLAGS: 0}
         compensation.take(reading, round(time_s * 1e6) >> 10)
-        host.append(reading.force_mN)
+        host.append(reading[FORCE_MN])
     assert max(abs(board[2] - plain[2])) > 100
     # The host does not get the dark samples, so its steps of creep are at other times.
     assert np.abs(board[2] - host).max() <= 3

@@ -73,6 +73,19 @@ def errors_um(stage, made):
     return np.array(found)
 
 
+def relative_forces(stage, made):
+    """Return readings of the force and the light of presses with ascending forces."""
+    decode = Decode()
+    decode.calibration = Calibration(made.lines)
+    found = []
+    for force_mN in (1000.0, 2000.0, 4000.0, 8000.0):
+        stage.press(0.4 * stage.length_um, force_mN)
+        counts = stage.reader.read(16).counts
+        decode.update([round(64 * c) for c in counts], 64, [0] * 6, 0)
+        found.append((decode.force_mN, counts.sum()))
+    return np.array(found).T
+
+
 @pytest.fixture(scope="module")
 def rough(sensor, tmp_path_factory):
     path = tmp_path_factory.mktemp("rough") / "a.jsonl"
@@ -80,11 +93,11 @@ def rough(sensor, tmp_path_factory):
         room = Room(stage, Habits())
         made = calibrate(room, path, "rough", steps.COUNTS["rough"][0], plan=None)
         assert stage.board.command("hello")["relative_force"] is True
-        return path, made, room, errors_um(stage, made)
+        return path, made, room, errors_um(stage, made), relative_forces(stage, made)
 
 
 def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(rough):
-    _, made, room, errors = rough
+    _, made, room, errors, _ = rough
     assert room.person.presses <= 12
     assert np.abs(errors).mean() < 1000
     assert "relative" in made.lines
@@ -92,6 +105,12 @@ def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(ro
     assert not re.search(r"press at .*\d (g|N)\b", room.getvalue())
     assert made.residuals[0].force_rms_mN is None
     assert made.marks is not None
+
+
+def test_a_relative_force_is_proportional_to_the_light(rough):
+    forces, light = rough[4]
+    assert forces / light == pytest.approx(np.mean(forces / light), rel=0.02)
+    assert 2000 < forces[2] < 4000  # 3000 is the mean light of the presses, of 2.5 to 6 N
 
 
 def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough, tmp_path):

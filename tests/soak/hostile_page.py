@@ -121,7 +121,7 @@ async def _ordering(url: str, seed: int, number: int, statuses: dict) -> None:
     page, token = url.split("?token=")
     cookie = f"spots-token-{page.rstrip('/').rpartition(':')[2]}"
     async with aiohttp.ClientSession() as session:
-        for _ in range(number):
+        while number:
             kind, body, headers = choice.randrange(4), choice.choice(_ORDERS), {}
             sent = token
             if kind == 0:
@@ -132,9 +132,13 @@ async def _ordering(url: str, seed: int, number: int, statuses: dict) -> None:
             else:
                 body = _damaged(choice)
             headers["Cookie"] = f"{cookie}={sent}"
-            async with session.post(page + "calibration", data=body, headers=headers) as answer:
-                name = f"{('no token', 'website', 'damaged')[min(kind, 2)]} {answer.status}"
-                statuses[name] = statuses.get(name, 0) + 1
+            try:
+                async with session.post(page + "calibration", data=body, headers=headers) as answer:
+                    name = f"{('no token', 'website', 'damaged')[min(kind, 2)]} {answer.status}"
+            except aiohttp.ClientError:  # the server had too many connections
+                continue
+            statuses[name] = statuses.get(name, 0) + 1
+            number -= 1
 
 
 async def _well_behaved(port: int, end_s: float, counts: dict) -> None:

@@ -77,6 +77,9 @@ def test_a_clumsy_person_calibrates_roughly(table, open_page):
     person = table.person(page, place_mm=0.5)
     person.go_on(lambda seen: seen["starts"])
     person.start("rough")
+    seen = person.wait(pressing)
+    assert seen["todo"] == "Press at 2.0 mm with your hardest press and hold"
+    assert not seen["note"]  # "touch nothing" is over
     # A lift before the press is steady, then the press again.
     person.go_on(at_press(2))
     person.press(look(page))

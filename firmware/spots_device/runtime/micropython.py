@@ -96,18 +96,11 @@ class StdioSerial:
         size : int
             Bytes of the frame.
         """
-        began = time.ticks_us()
-        # Ticks wrap, so a time in the far past looks like a time in the future.
-        if 0 < time.ticks_diff(self._from, began) <= self._pause_us:
+        if self._pause_us and self._is_pause():
             return False
         for _, event in self._writable.ipoll(0):
             if event & select.POLLOUT:
-                try:
-                    sent = self._out.write(buffer, size) == size
-                except OSError:
-                    sent = False
-                # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-                return self._took(began) and sent
+                return self._put(buffer, size)
         return False
 
     def read(self):
@@ -122,6 +115,19 @@ class StdioSerial:
                 self._pause_us = 0
                 return self._byte[0]
         return -1
+
+    def _put(self, buffer, size):
+        began = time.ticks_us()
+        try:
+            # MicroPython returns the size even if it stopped waiting and dropped the bytes.
+            sent = self._out.write(buffer, size) == size
+        except OSError:
+            sent = False
+        return self._took(began) and sent
+
+    def _is_pause(self):
+        # Ticks wrap, so a time in the far past looks like a time in the future.
+        return 0 < time.ticks_diff(self._from, time.ticks_us()) <= self._pause_us
 
     def _took(self, began):
         now = time.ticks_us()

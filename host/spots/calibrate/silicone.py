@@ -27,15 +27,15 @@ class Compensated(NamedTuple):
 
     Attributes
     ----------
-    lines : tuple of str
-        Lines ``loop`` and ``creep`` to add to a calibration.
-    sigma : numpy.ndarray, shape (n,)
-        Standard deviation of the weight in each line, in units of the line.
+    line : str
+        Line ``silicone`` to add to a calibration.
+    sigma : numpy.ndarray, shape (7,)
+        Standard deviations of gain, weights and shares, in units of the line.
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
     """
 
-    lines: tuple[str, ...]
+    line: str
     sigma: np.ndarray
     before_mN: float
     after_mN: float
@@ -88,11 +88,11 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
     seconds = max(np.ptp(time_s[pressed]), 1.0)
     spread = np.linalg.inv(information) * np.mean(after**2) / _NOISE_MN**2
     sigma = np.sqrt(np.diag(spread) * max(pressed.sum() / seconds, 1.0))
-    weights = np.round((unit[0] + change) * ONE_Q12).astype(int)
-    names = ["gain", *(f"loop {r}" for r in PLAYS_MN)]
-    names += [f"creep {tau}" for tau in TAUS_MS]
+    gain, *rest = np.round((unit[0] + change) * ONE_Q12).astype(int).tolist()
+    plays, shares = rest[: len(PLAYS_MN)], rest[len(PLAYS_MN) :]
+    values = gain, *PLAYS_MN, *plays, *TAUS_MS, *shares
     return Compensated(
-        tuple(f"{name} {weight}" for name, weight in zip(names, weights.tolist())),
+        " ".join(map(str, ("silicone", *values))),
         sigma * ONE_Q12,
         float(np.abs(off).mean()),
         float(np.abs(after).mean()),

@@ -182,6 +182,7 @@ def _boards(options: argparse.Namespace) -> None:
             "arch": device.march,
             "sda": device.wiring.get("sda"),
             "scl": device.wiring.get("scl"),
+            "led": device.wiring.get("led"),
         }
         for device in map(device_of, board_names())
     ]

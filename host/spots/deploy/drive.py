@@ -19,7 +19,7 @@ _BOARD_ID = re.compile(r"Board ID: ?(\S+)|$")
 _UID = re.compile(r"UID: ?(\S+)|$")
 _FAT = ("vfat", "msdos", "fat", "fat12", "fat16", "fat32")
 _BLOCK_DEVICES = Path("/sys/class/block")
-_CLUSTER = 4096  # larger than on any such drive
+_CLUSTER = 4096  # assumed size of a cluster, larger than on any such drive
 
 
 class Drive(Tree):

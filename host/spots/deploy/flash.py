@@ -203,7 +203,7 @@ class Known:
     runtime : str
         ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Further paths whose sizes to look up.
+        Further paths whose sizes are looked up.
 
     Attributes
     ----------
@@ -232,7 +232,7 @@ class Known:
         self.claimed = bool(self.entries) or any(in_packages)
 
     def is_ours(self, path: str) -> bool:
-        """Return whether a file in `sizes` belongs to the firmware, so that it may be removed."""
+        """Return whether a file in `sizes` belongs to the firmware, and so may be removed."""
         if path in self.listed:
             return (path, self._target.sha256(path)) in self.entries
         whole = path.removesuffix(_PART)
@@ -276,7 +276,7 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 
 def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
-    """Remove the folders of removed files if they are empty.
+    """Remove those folders of removed files that are empty now.
 
     Parameters
     ----------

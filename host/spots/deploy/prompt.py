@@ -88,8 +88,8 @@ class Prompt:
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers. Every method raises
-        it if a program on the board fails, the file system is full, or the board is disconnected.
+        If mpremote is missing, the port cannot be opened, or no prompt answers. From every method:
+        if a program on the board fails, the file system is full, or the board is disconnected.
     """
 
     def __init__(self, port: str):
@@ -170,12 +170,12 @@ class Prompt:
             return self._transport.fs_hashfile(path, "sha256", _CHUNK).hex()
 
     def remove(self, path: str) -> None:
-        """Remove a file."""
+        """Remove a file from the board."""
         with self._explained():
             self._transport.fs_rmfile(path)
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder if it is empty."""
+        """Remove a folder from the board if the folder is empty."""
         self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
 
     def write(self, path: str, data: bytes) -> None:
@@ -228,7 +228,7 @@ class Prompt:
             elif isinstance(error, self._refused):
                 what = f"refuses: {reason}"
             else:
-                what = "was disconnected: replug it and flash again"
+                what = "was disconnected: replug the board and flash again"
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:

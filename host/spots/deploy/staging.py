@@ -97,7 +97,7 @@ def device_of(board: str) -> Device:
     Raises
     ------
     SpotsError
-        If the board is unknown, or its file is damaged or has viper without `march`.
+        If the board is unknown, or its board file is damaged or has viper without `march`.
     """
     known = board_names()
     if board not in known:

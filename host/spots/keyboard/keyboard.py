@@ -34,7 +34,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Press this computer's keys as a strip is touched. Release all keys on every exit path.
+    """Press this computer's keys when a strip is touched. Release all keys on every exit path.
 
     Parameters
     ----------

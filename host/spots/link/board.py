@@ -162,7 +162,7 @@ class Board:
 
     @property
     def port(self) -> str:
-        """Name of the port."""
+        """Name of the board's port."""
         return self._link.name
 
     def silent(self, least_s: float) -> bool:
@@ -533,8 +533,8 @@ class Board:
         Returns
         -------
         recording.recorder.Recorder
-            The recorder. It ends when you call its method ``stop()``, at the end of its ``with``
-            block, or when the board is closed.
+            The recorder. The recording ends when you call the recorder's method ``stop()``, at the
+            end of its ``with`` block, or when the board is closed.
 
         Raises
         ------

@@ -21,7 +21,7 @@ def open(
     scenario: str = "demo",
     seed: int = 0,
 ) -> Board:
-    """Open a board.
+    """Open a board: on USB, simulated, recorded, or published by another machine.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ NOTE = 15
 def whole(data: bytes) -> int:
     """Return the number of bytes up to and including the last delimiter (a zero byte).
 
-    Without a delimiter the number is 0, or the length of `data` if this is too long for one frame.
+    If there is no delimiter: 0, or ``len(data)`` if no frame can be that long.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
@@ -183,9 +183,10 @@ class Contact(NamedTuple):
     id : int
         Number of the finger, modulo 256.
     state : int
-        One of `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another finger may
-        be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this finger is
-        alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if it never was alone.
+        A state from `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another
+        finger may be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this
+        finger is alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if no frame of
+        this finger was `CONFIRMED`.
     position_um : float
         Distance from the sensor's end of the strip, in um: measured while the finger is alone,
         otherwise estimated. In the last frame, the last known position.

@@ -61,7 +61,7 @@ class Hello(Settings):
 
 
 class Get(Settings):
-    """The reply to ``get``: settings and state."""
+    """The reply to ``get``: the board's settings and state."""
 
     led: str
     full_scale: _Number

@@ -180,7 +180,7 @@ class SerialLink(Link):
 
 
 def _lost(port: str) -> str:
-    return f"the board on {port} was disconnected: plug it in again"
+    return f"the board on {port} was disconnected: plug the board in again"
 
 
 def usb_ports() -> list[Any]:

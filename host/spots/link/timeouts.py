@@ -1,4 +1,4 @@
-"""Timeouts and back-off while a board is silent or unplugged, by the clock of its link.
+"""Timeouts and back-off while a board is silent or unplugged, by the clock of the board's link.
 
 When readings stop, the link sends a question to the board after `ASK_S`. Applications release their
 keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and
@@ -118,7 +118,7 @@ class LinkLoss:
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
     def expect(self, now_s: float | None) -> None:
-        """Record a reading or the start of a stream; None if no more readings are expected."""
+        """Record a reading or the start of a stream; with None, expect no more readings."""
         self._expected_s = _NEVER if now_s is None else now_s
 
     def asking(self, now_s: float) -> None:

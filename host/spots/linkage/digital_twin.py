@@ -79,7 +79,7 @@ class Terminal(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Warning for a user: limit, singularity, or joint outside its range; may be empty."""
+        """Warning for the user: no position, singularity, or joint out of range; may be empty."""
         doubts = {"near singular": self.singular, "beyond the calibrated range": not self.within}
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
@@ -121,7 +121,7 @@ class Twin:
     The two boards sample at different times. For each reading of one joint, the angle of the other
     joint is interpolated between that joint's readings. So a position is complete when the next
     reading of the other joint arrives, and nothing is extrapolated. The order in which the readings
-    of the two joints arrive does not matter: a recording gives the same positions as the boards.
+    of the joints arrive does not matter: recordings give the same positions as the live boards.
 
     Examples
     --------
@@ -180,7 +180,7 @@ class Twin:
         return found
 
     def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
-        """Yield the end point's positions for pairs of joint index and reading."""
+        """Yield the end point's positions, computed from pairs of joint index and reading."""
         for joint, touch in readings:
             yield from self.take(joint, touch)
 

@@ -108,7 +108,7 @@ class Encoder:
         self._clock = ClockMap()
         self._recent: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # (device s, deg)
         self._since: list[float] = []  # first and last readings since the last movement
-        self._still_for = 0  # readings
+        self._still_for = 0  # number of readings since the last movement
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
@@ -145,7 +145,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the standard deviation of a reading at a position, in degrees.
+        """Return the standard deviation of the angle from one reading, in degrees.
 
         The noise grows exponentially with the distance from the sensor.
         """
@@ -194,8 +194,8 @@ class Encoder:
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         """Return velocity and its standard error in degrees per second; None if unknown.
 
-        The velocity is the slope of a line through the last readings. Their number is the smallest
-        for which the slope exceeds its noise. `noise_deg` is the noise of a reading in degrees.
+        The velocity is the slope of a line through the last readings: as few readings as possible
+        for a slope above its noise. `noise_deg` is the noise of a reading in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

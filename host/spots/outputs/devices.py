@@ -120,7 +120,7 @@ class Keyboard(Output):
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
             Modifier keys, as bits of a USB keyboard report. They are pressed before the key, and
-            released with it unless another key needs them. For a release, `modifiers` is ignored.
+            released with the key unless another key needs them. Ignored if `pressed` is false.
         pressed : bool
             True to press, False to release. A second press or release of a key is ignored.
 

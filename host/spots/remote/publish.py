@@ -58,7 +58,9 @@ class Publisher:
                 "again"
             )
         if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
-            raise SpotsError(f"the board {self.board_id} is already published: stop its publisher")
+            raise SpotsError(
+                f"the board {self.board_id} is already published: stop the other publisher"
+            )
         self._copy = b""  # bytes that have arrived and are not published yet
         board.tap(self._keep)
         self._run = secrets.token_hex(4)

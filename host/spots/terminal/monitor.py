@@ -38,7 +38,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
         board.command("stream touch spectrum" if display else "stream touch")
         info = board.command("hello")
         view, untrusted = StripView(info, board.port), Untrusted()
-        advising = not quiet and not next_step(info)  # else the command prints the step
+        advising = not quiet and not next_step(info)  # otherwise the command prints it
         started_s = board.now_s()
         pace = Pace() if display else Pace(PLAIN_LINES_PER_S)
 

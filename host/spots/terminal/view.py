@@ -99,7 +99,7 @@ class StripView:
             self._counts = frame.counts
 
     def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
-        """Return the picture.
+        """Return a picture of the latest readings and of the link.
 
         Parameters
         ----------

@@ -138,7 +138,7 @@ class PageCalibration(Orders):
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
         """Show the title and the number of presses of a series."""
         self._plan = plan
-        self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK)
+        self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK, note=None)
 
     def skip(self, count: int = 1) -> None:
         """Count `count` more presses as taken in the progress display; `count` may be negative."""

@@ -19,6 +19,7 @@ from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
 from .connections import Connections
+from .layout_editor import LayoutEditor
 from .orders import Orders
 from .recordings import Recordings
 from .state import PageState
@@ -117,8 +118,12 @@ def serve_command(options: argparse.Namespace) -> None:
         orders["recording"] = Recordings(Path(options.record_to), state)
     elif options.session is not None:
         orders["calibration"] = PageCalibration(Path(options.session), state)
+    if options.edit is not None:
+        orders["layout"] = editor = LayoutEditor(Path(options.edit), layout, state)
+        layout = editor.layout
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
-        option = "--record-to" if options.record_to else "--session"
+        named = {"record_to": "--record-to", "session": "--session", "edit": "--edit"}
+        option = next(text for name, text in named.items() if getattr(options, name))
         raise SpotsError(
             f"{option} works with one board: do not use it with --linkage or a recording"
         )
