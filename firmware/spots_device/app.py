@@ -142,7 +142,7 @@ class BoardApp:
                     try:
                         try:
                             while not self.reboot:
-                                self.step()
+                                self._run()
                         finally:
                             self._leave()
                     finally:
@@ -168,8 +168,22 @@ class BoardApp:
             self.strip.stop()
         self._left = True
 
+    def _run(self):
+        # The handler is outside of the loop: no frame of a pass then needs the heap, see strip.py.
+        try:
+            while not self.reboot:
+                self._pass()
+        except (OSError, SensorError) as error:
+            self.reconnect.lose(error)
+
     def step(self):
         """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
+        try:
+            self._pass()
+        except (OSError, SensorError) as error:
+            self.reconnect.lose(error)
+
+    def _pass(self):
         if self.feed is not None:
             self.feed()
         byte = self._read()
@@ -180,38 +194,34 @@ class BoardApp:
             self._time.update()  # must be updated more often than the ticks wrap
             self.reconnect.search()
             return
-        sensor = self._sensor
-        wait_us = sensor.remaining_us()
+        wait_us = self._sensor.remaining_us()
         if wait_us > 0:
             self._clock.sleep_us(min(wait_us, _SLICE_US))
             if wait_us > _SLICE_US:
                 return
-        try:
-            if sensor.poll():
-                if self.reconnect.fault:
-                    self.reconnect.sampled()
-                self.strip.take()
-        except (OSError, SensorError) as error:
-            self.reconnect.lose(error)
+        if self._sensor.poll():
+            if self.reconnect.fault:
+                self.reconnect.sampled()
+            self.strip.take()
 
     def measure(self):
         """Start to measure how long each sample takes; the loop is slightly slower meanwhile."""
         self.meter.restart()
-        self.step = self._measured_step
+        self._pass = self._measured_pass
 
-    def _measured_step(self):
+    def _measured_pass(self):
         clock, sensor = self._clock, self._sensor
         wait_us = 0 if self.reconnect.lost else sensor.remaining_us()
         if wait_us > _SLICE_US:
-            return BoardApp.step(self)  # a pass without a sample is not measured
+            return BoardApp._pass(self)  # a pass without a sample is not measured
         if wait_us > 0:
             clock.sleep_us(wait_us)
         began, complete = clock.ticks_us(), sensor.complete
-        BoardApp.step(self)
+        BoardApp._pass(self)
         if self.reconnect.lost or sensor.complete == complete:
             return
         if self.meter.add(clock.ticks_diff(clock.ticks_us(), began)):
-            del self.step
+            del self._pass
 
     def log(self, level, text):
         """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""
