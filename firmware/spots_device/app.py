@@ -20,6 +20,7 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
+_COLLECT_EVERY = const(16)  # commands
 _SKIPPED = const(2)  # passes to skip: the first ones after a command are late
 _COUNTED = const(16)  # passes in the mean
 _LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
@@ -110,6 +111,7 @@ class BoardApp:
         self.feed = None  # called in every step if a watchdog runs
         self.interrupt_at = _nothing  # sets the interrupt character, like micropython.kbd_intr
         self._left = False
+        self._answered = 0
         self._leave_until = None  # ticks
         self.meter = Meter()
         self.settings = BoardSettings(board)
@@ -301,6 +303,7 @@ class BoardApp:
         self._time.update()
         self.uses.apply(found)
         self.measure()
+        gc.collect()  # frees the garbage of parsing
         return why_not
 
     def _sensor_lost(self):
@@ -387,5 +390,7 @@ class BoardApp:
             reply = {"re": "", "error": str(error)}
         if reply is not None:
             self.replies.send(reply)
-        # Collect garbage now: a host expects a pause here, but a later pause costs samples.
-        gc.collect()
+        # A collection costs samples, but here a host expects a pause.
+        self._answered += 1
+        if self._answered % _COLLECT_EVERY == 0:
+            gc.collect()

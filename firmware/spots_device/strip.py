@@ -195,8 +195,9 @@ class Strip:
             self._missed = missed
             self._framer.gap()
         dark = self._dark
-        if dark.age_us < dark.every_us:
-            dark.age_us += dark.exposure_us
+        age_us = dark.age_us
+        if age_us < dark.every_us:
+            dark.age_us = age_us + dark.exposure_us
         if self._state == _LIT:
             if sensor.steady:
                 self._take_lit(sensor)
