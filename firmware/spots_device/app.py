@@ -321,6 +321,7 @@ class BoardApp:
         reply["calibration"] = checksum(self.calibration.lines) if calibration else None
         reply["length_um"] = calibration and calibration.length_um
         reply["decay"] = calibration and calibration.decay
+        reply["relative_force"] = calibration and calibration.relative_force
         reply["layout"] = checksum(self.uses.layout_lines) if self.uses.layout_lines else None
         return reply
 

@@ -6,6 +6,7 @@ Each line is one statement. Weights are in Q13, logarithms in Q20::
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
+    relative                   forces have no unit, because no scale was used; usually left out
     coarse 1 -2 ...            six weights, sum 0: a contrast that chooses the segment
     fit 1 -2 ...               six weights, sum 0: the misfit to a single press
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
@@ -96,6 +97,8 @@ class Calibration:
     ----------
     conditions : Conditions
         Board and settings with which the calibration was made.
+    relative_force : bool
+        Whether forces have no unit: 3000 is the mean light of the presses, 6000 twice that light.
     tables : array of int
         All weights and tables, see decode.py; `coarse`, `fit`, the columns of forces and those of
         the segments are views of it.
@@ -116,6 +119,7 @@ class Calibration:
         for name in ("board", "plan") + tuple(_ONCE):
             if name not in seen:
                 raise CalibrationError("the line '%s' is missing" % name)
+        self.relative_force = "relative" in seen
         self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
@@ -319,6 +323,8 @@ def _take(line, words, seen, strains):
             raise CalibrationError("'plan' needs six different diodes")
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
+    elif line == "relative":
+        seen[line] = None
     else:
         raise CalibrationError("'%s' is not a line of a calibration: remove it" % line[:40])
 

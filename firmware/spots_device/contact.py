@@ -36,7 +36,8 @@ except ImportError:
 from array import array
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
-from .second import locate, may_rest, power, weigh
+from .locate import locate, power
+from .second import may_rest, weigh
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
@@ -85,6 +86,8 @@ _LATE = const(2)
 # standard deviations; `_LATER`: about one, because the key would be lost otherwise.
 _SOON = const(5)
 _LATER = const(4)
+_TWICE_T = const(8)  # least time between two estimates that confirm each other
+_NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
 _CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
@@ -148,6 +151,9 @@ class ContactTracker:
         self._rested = self._fit_seen = self._fit_both = False
         self._x_both_um = self._b_both = 0
         self._guessed = False
+        # Whether the finger alone did not fit one press: then the fit is no evidence.
+        self._drifts = 0
+        self._guessed_at = 0
         self._x_second_um = self._b_second = 0
         self._x_guess_um = self._b_guess = self._slack_guess_um = 0
         self._found = array("i", bytes(12))
@@ -155,8 +161,8 @@ class ContactTracker:
         self._left = self._still = 0
         self._dipped = self._odd = False
         self._peak = self._x_peak_um = self._least = 0
-        self._firm = False
-        self._rest_um = self._rest_mN = 0
+        self._firm_mN = _NEVER  # force of a firm press, unless it was reported
+        self._low_um = self._high_um = self._low_mN = self._high_mN = 0  # of a touch at rest
         self.force_mN = 0
 
     @property
@@ -180,7 +186,7 @@ class ContactTracker:
             Length of the strip in um. With 0, one finger is expected: each movement is a slide,
             and readings that do not fit one press are ignored.
         decay : int
-            Decay of the dye, see `second.locate`.
+            Decay of the dye, see `locate.locate`.
         """
         self._layout = layout
         self._decay = decay
@@ -240,6 +246,8 @@ class ContactTracker:
             self._press(fits, position_um, force_mN, brightness, t)
         elif state == _TWO:
             self._part(fits, position_um, force_mN, brightness, t)
+        if self._state == _DOWN:
+            self._drifts = flags & MISFIT
         self._t = t
 
     def _lift(self, t):
@@ -319,10 +327,8 @@ class ContactTracker:
         self._b = self._b_before = brightness
         self._b_oldest = 0
         self._x_seen_um = x_um
-        self._firm = False
-        self._rest_um = x_um
-        self._rest_mN = force_mN
-        self._still = t
+        self._firm_mN = self._layout.firm_mN
+        self._rest(x_um, force_mN, t)
 
     def _follow(self, fits, x_um, force_mN, brightness, t):
         off_um = x_um - self.x_um
@@ -342,7 +348,7 @@ class ContactTracker:
         self._b = brightness
         self._dipped = False
         self.sink.at(x_um, t)
-        if not self._firm:
+        if force_mN >= self._firm_mN:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
@@ -470,6 +476,7 @@ class ContactTracker:
                 self._odd and elapsed(self._since, t) >= _TOGETHER_T
             ):
                 self._begin(x_um, force_mN, brightness, t)
+                self._b_before = 0
                 self.sink.down(x_um, t)
                 self._recall(x_um, brightness, t)
                 self._harden(force_mN, t)
@@ -477,11 +484,11 @@ class ContactTracker:
         off_um = x_um - self.x_um
         back_um = _NEAR_UM if self._loose else _BACK_UM
         if abs(off_um) < max(back_um, 4 * self.noise_um(brightness)):
-            firm = self._firm
+            firm_mN = self._firm_mN
             if not self._second:
                 self._recall(x_um, brightness, t)
             self._begin(x_um, force_mN, brightness, t)
-            self._firm = firm
+            self._firm_mN = firm_mN
             if self._second:
                 self._second = False
                 self.sink.left(True, t)
@@ -497,6 +504,7 @@ class ContactTracker:
             if stays:
                 self.sink.left(False, t)
             else:
+                self._b_before = 0
                 self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
@@ -522,21 +530,55 @@ class ContactTracker:
             self.sink.left(False, t)
             self.sink.at(x_um, t)
             return True
-        if self._falls and elapsed(self._fell, t) >= _FALL_T:
-            self.x_um = self._x_before_um = self._x_second_um
-            self._b = self._b_second
-            self._second = False
-            self._mix(x_um, brightness, t)
-            self._even = self._pair = True
-            self._dipped = self._calm = False
-            self._falls = 0
-            self._loose = True
-            self.sink.left(False, t)
-            return True
-        return False
+        if not self._falls:
+            self._guessed = False
+            return False
+        slack_um = self._find_third(fits, x_um, brightness)
+        if not slack_um and elapsed(self._fell, t) < _FALL_T:
+            return False
+        self.x_um = self._x_before_um = self._x_second_um
+        self._b = self._b_second
+        self._second = False
+        self._mix(x_um, brightness, t)
+        self._even = self._pair = True
+        self._dipped = self._calm = False
+        self._falls = 0
+        self._loose = True
+        self.sink.left(False, t)
+        if slack_um:
+            self._second = self.sink.second(self._x_guess_um, slack_um, t)
+            self._x_second_um = self._x_guess_um
+            self._b_second = self._b_guess
+        return True
+
+    def _find_third(self, fits, x_um, brightness):
+        """Estimate a third finger beside the second one, as if the first one had left.
+
+        Returns its uncertainty in um, or 0. While the first one lifts, two readings do not agree.
+        """
+        second_um = self._x_second_um
+        found = self._found
+        agrees = self._guessed
+        last_um = self._x_guess_um
+        self._guessed = (
+            self._solve(second_um, self._b_second, x_um, brightness, fits)
+            and found[2] > self._b_second - _BOTH
+            and abs(found[0] - self.x_um) > _APART_UM
+        )
+        if not self._guessed:
+            return 0
+        self._x_guess_um = at_um = found[0]
+        self._b_guess = found[2]
+        if (
+            not agrees
+            or abs(at_um - last_um) > _AGREE_UM
+            or not self._solve(second_um, self._b_second - _CHANGED, x_um, brightness, fits)
+        ):
+            return 0
+        return abs(found[0] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate a finger beside one at `x1_um` from a reading, see `second.locate`.
+        """Estimate a finger beside one at `x1_um` from a reading, see `locate.locate`.
 
         Stores the result in `_found`, and returns whether its position is on the strip.
         """
@@ -550,7 +592,7 @@ class ContactTracker:
                 b1,
                 x_um,
                 brightness,
-                fits,
+                -1 if self._drifts else fits,
                 self.noise_um(brightness),
             )
             and -_NEAR_UM - found[1] < found[0] < self._length_um + _NEAR_UM + found[1]
@@ -576,8 +618,12 @@ class ContactTracker:
         agrees = self._guessed and abs(at_um - self._x_guess_um) <= _AGREE_UM + (
             slack_um + self._slack_guess_um >> 1
         )
-        if agrees and abs(b - self._b_guess) <= _OTHER and (fits or not self._calm):
+        if agrees and (
+            elapsed(self._guessed_at, t) < _TWICE_T
+            or (abs(b - self._b_guess) <= _OTHER and (fits or not self._calm))
+        ):
             return  # no evidence: the same share of light always gives the same position
+        self._guessed_at = t
         self._guessed = True
         self._x_guess_um = at_um
         self._slack_guess_um = slack_um
@@ -603,7 +649,15 @@ class ContactTracker:
             not weigh(found, self._decay, self.x_um, limit_um, x_last_um, b_last, x_um, brightness)
             or found[2] < self._b - _CALM
         ):
-            self._guessed = False
+            # A third reading confirms an earlier estimate, because its light differs.
+            if (
+                self._guessed
+                and self._solve(self.x_um, self._b_guess, x_um, brightness, fits)
+                and abs(found[0] - self._x_guess_um) <= _AGREE_UM + self._slack_guess_um
+            ):
+                self._found_both(fits, x_um, brightness, t)
+            else:
+                self._guessed = False
             return
         at_um = found[0]
         slack_um = found[1]
@@ -706,21 +760,25 @@ class ContactTracker:
         return max(_REST_UM, self._noise * 56 // _counts(min(brightness, self._b_seen)))
 
     def _harden(self, force_mN, t):
-        if not self._firm and force_mN >= self._layout.firm_mN and self._state == _DOWN:
-            self._firm = True
+        if force_mN >= self._firm_mN and self._state == _DOWN:
+            self._firm_mN = _NEVER
             self.sink.firm(t)
 
     def _rests(self, x_um, force_mN, t):
-        layout = self._layout
-        if (
-            abs(x_um - self._rest_um) > layout.slide_um >> 1
-            or abs(force_mN - self._rest_mN) > self._rest_mN >> 2
+        if not (
+            self._low_um <= x_um <= self._high_um and self._low_mN <= force_mN <= self._high_mN
         ):
-            self._rest_um = x_um
-            self._rest_mN = force_mN
-            self._still = t
+            self._rest(x_um, force_mN, t)
             return False
-        if elapsed(self._still, t) < layout.stuck_t:
+        if elapsed(self._still, t) < self._layout.stuck_t:
             return False
         self._still = t
         return True
+
+    def _rest(self, x_um, force_mN, t):
+        off_um = self._layout.slide_um >> 1
+        self._low_um = x_um - off_um
+        self._high_um = x_um + off_um
+        self._low_mN = force_mN - (force_mN >> 2)
+        self._high_mN = force_mN + (force_mN >> 2)
+        self._still = t

@@ -145,7 +145,9 @@ def _judge(state, touching):
     tolerance = state[TOLERANCE_Q12]
     flags = MISFIT if abs(misfit) > tolerance else 0
     force_mN = state[FORCE_MN]
-    if not force_mN or force_mN < state[TOUCH_OFF_MN if touching else TOUCH_ON_MN]:
+    # A lamp or two fingers: light that fits no press begins a touch at twice the force.
+    on_mN = state[TOUCH_ON_MN] << (1 if flags else 0)
+    if not force_mN or force_mN < (state[TOUCH_OFF_MN] if touching else on_mN):
         return flags
     # Drift shifts the misfit of every press alike. The third reading of a touch gives this shift,
     # if the previous touch gave the same: two fingers seldom touch together twice in a row. A

@@ -148,6 +148,8 @@ def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int)
         flags |= 16
     force_mN = state[4]
     least_mN = state[8]
+    if flags & 16:
+        least_mN <<= 1
     if touching:
         least_mN = state[9]
     if force_mN and force_mN >= least_mN:

@@ -63,7 +63,7 @@ class Keypad:
         length_um : int
             Length of the strip, in um.
         decay : int
-            Decay of the dye, see `second.locate`.
+            Decay of the dye, see `locate.locate`.
         """
         self.release()
         self._layout = layout

@@ -18,8 +18,16 @@ UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}
 
 
 def light_of(stage):
-    """Examine a board in simulated time; return its findings on the light."""
-    return [finding for finding in examine_board(stage.board) if finding.check == "light"]
+    """Examine a board in simulated time; return its findings on the light.
+
+    A person unplugs an LED that is always on when asked to.
+    """
+    found = []
+    for finding in examine_board(stage.board):
+        if finding.check == "light":
+            found.append(finding)
+            stage.held.unplugged |= "unplug the LED or" in finding.text
+    return found
 
 
 @pytest.mark.parametrize("room", ["default", "daylight"])
@@ -64,6 +72,24 @@ def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
     if not wired:
         assert {"gpio": "STRIP_LED_PIN", "always": "the LED's supply"}[kind] in verdict.text
         assert "LDR" not in verdict.text
+
+
+@pytest.mark.parametrize("kind", ["default", "gpio", "always"])
+def test_ambient_light_that_enters_at_a_press_is_not_the_leds(kind):
+    with Stage(replaced(load(SensorFile, kind), led=UNWIRED)) as stage:
+        stage.held.ambient_uW_cm2 = lambda *_: 75.0 if stage.held.press else 0.0
+        stage.press(NEAR_UM, 8_000)
+        *_, verdict = light_of(stage)
+    assert not verdict.ok
+
+
+def test_an_led_that_is_always_on_and_stays_lit_does_not_pass():
+    with Stage(load(SensorFile, "always")) as stage:
+        stage.press(NEAR_UM, 8_000)
+        asked, verdict = [found for found in examine_board(stage.board) if found.check == "light"]
+    assert "unplug the LED or cover its end" in asked.text
+    assert not verdict.ok
+    assert "the LED's supply" in verdict.text
 
 
 def test_an_led_that_is_always_on_needs_its_dark_frame_first():

@@ -231,6 +231,28 @@ def test_follow(compare, rng):
     compare("follow", cases, width=2 * CHANNELS)
 
 
+def test_power(compare, rng):
+    drawn = [rng.randint(-17 * ONE, 18 * ONE) for _ in range(500)]
+    compare("power", [*drawn, *(n * ONE + near for n in range(-9, 19) for near in (-1, 0))])
+
+
+def two_fingers(rng):
+    """Return a reading of two fingers as `locate` takes it, from plausible to impossible."""
+    length_um = rng.choice((30_000, 85_000, 600_000))
+    decay = rng.choice((1, 150, 289, 600, 1000))
+    x1_um, x_um = rng.randint(0, length_um), rng.randint(0, length_um)
+    if rng.random() < 0.1:
+        x_um = rng.choice((-(1 << 28), 1 << 28, x1_um))
+    first = rng.randint(4 * ONE, 17 * ONE)
+    more = rng.choice((rng.randint(0, 2 * ONE), rng.randint(-ONE, 18 * ONE - first)))
+    return [decay, x1_um, first, x_um, first + more, rng.randint(-1, 1), rng.randint(0, 20_000)]
+
+
+def test_locate(compare, rng):
+    cases = [two_fingers(rng) for _ in range(400)]
+    compare("locate", cases, width=4)
+
+
 def a_finger(rng):
     """Return readings of somebody who taps, holds, slides, presses firmly and with two fingers."""
     t = rng.randint(0, contact.TICKS - 1)

@@ -77,6 +77,9 @@ def test_a_clumsy_person_calibrates_roughly(table, open_page):
     person = table.person(page, place_mm=0.5)
     person.go_on(lambda seen: seen["starts"])
     person.start("rough")
+    seen = person.wait(pressing)
+    assert seen["todo"] == "Press at 2.0 mm with your hardest press and hold"
+    assert not seen["note"]  # "touch nothing" is over
     # A lift before the press is steady, then the press again.
     person.go_on(at_press(2))
     person.press(look(page))
@@ -107,6 +110,7 @@ def test_a_clumsy_person_calibrates_roughly(table, open_page):
     assert "has stored it" in seen["said"]
     assert len(Session(table.path).points) <= 12
     expect(page.get_by_role("img", name="largest error")).to_be_visible()
+    expect(page.locator(".figure").nth(1)).to_contain_text("relative")
     off_mm = errors_mm(page, table.held, (8.0, 42.0, 77.0))
     assert np.abs(off_mm).max() < 1.0
 
@@ -309,6 +313,7 @@ def test_a_server_that_ends_stops_the_session(table, open_page):
     [
         (["--port", "recording:run.spots"], "--session works with one board"),
         (["--record-to", "."], "--record-to and --session exclude each other"),
+        ([], "which a virtual board does not have: 'spots calibrate --port virtual'"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, tmp_path, options, says):

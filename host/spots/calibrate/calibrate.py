@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from ..errors import SpotsError
@@ -72,12 +72,9 @@ def opened(
         set_up = offered(options.port, "calibration_setup") or _by_hand
         bench = set_up(options, made, path, Guide())
         stack.enter_context(bench.reader.board)
+        stack.enter_context(bench.reader)
         stack.enter_context(bench.guide)
-        try:
-            yield bench
-        finally:
-            with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
-                bench.reader.restore()
+        yield bench
 
 
 def _by_hand(options, made: Session | CalibrationFile, path: Path, guide: Guide) -> Bench:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 
@@ -48,10 +49,20 @@ class Reading:
         return bool((self.counts < 1).any())
 
 
+def mean(readings: list[Reading]) -> Reading:
+    """Return the mean of successive readings of a press; their numbers of samples are equal."""
+    return Reading(
+        np.mean([r.counts for r in readings], axis=0),
+        np.mean([r.variance for r in readings], axis=0),
+        readings[-1].drift,
+        any(r.saturated for r in readings),
+    )
+
+
 class SpectrumReader:
     """Reads single samples from a board. Call `set_up` again after a change of settings.
 
-    The board's setting ``average`` is 1 until `restore` is called.
+    The board's setting ``average`` is 1 until `restore` is called, or a ``with`` block ends.
 
     Parameters
     ----------
@@ -90,6 +101,13 @@ class SpectrumReader:
         dark = [self.board.command("dark", timeout_s=30)["dark"] for _ in range(darks)]
         self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
         self.board.command("stream spectrum")
+
+    def __enter__(self) -> SpectrumReader:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
+            self.restore()
 
     def restore(self) -> None:
         """Restore the board's setting ``average``."""

@@ -29,7 +29,7 @@ from .spectra import Reading
 _RULER_UM = 100  # resolution of a ruler
 # By kind: default and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
-    "fine": (34, PLACES_MIN),
+    "fine": (39, PLACES_MIN),
     "rough": (10, 8),
     "position": (17, PLACES_MIN),
     "strain": (17, PLACES_MIN),
@@ -87,6 +87,7 @@ def calibrate(
             return
         except UndoError:
             undone, released = session.undo(), False
+            bench.spent += undone is not None
             bench.guide.say(f"undone: {undone}" if undone else "there is no press to undo")
 
 
@@ -104,7 +105,7 @@ def _run(
         steps.joint(count)
         return
     if kind != "strain":
-        steps.settle(options, _CHOOSE_PLACES.get(kind, 0))
+        steps.settle(options, kind)
     elif missing := missing_step(session):
         raise SpotsError(f"calibrate position and force before strain: first run {missing}")
     if kind == "position":
@@ -113,7 +114,7 @@ def _run(
         steps.forces(count)
     elif kind in ("fine", "rough"):
         bench.reader.set_up(dark_s=DARK_S)
-        by_hand(bench, session, count, kind == "rough")
+        by_hand(bench, session, count, COUNTS[kind][1], kind == "rough")
         steps.finish()
         return
     else:
@@ -146,7 +147,7 @@ class _Steps:
     bench: Bench
     session: Session
 
-    def settle(self, options: argparse.Namespace, choose_places: int) -> None:
+    def settle(self, options: argparse.Namespace, kind: str) -> None:
         """Choose gain, LED current and channels, unless earlier presses of the session fix them."""
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
@@ -161,10 +162,11 @@ class _Steps:
             reader.set_up("plan=" + options.plan)
         if not session.points and not options.keep_settings:
             self._mains()
-            self._auto()
+            self._auto(0.0 if kind == "rough" else FULL_MN)
         # With an LED that is always on, each plan would need its own dark frame.
-        if choose_places and not wanted_plan and reader.info.get("led") != "always":
-            self._choose(choose_places)
+        places = _CHOOSE_PLACES.get(kind)
+        if places and not wanted_plan and reader.info.get("led") != "always":
+            self._choose(places)
 
     def _mains(self) -> None:
         reader, guide = self.bench.reader, self.bench.guide
@@ -176,10 +178,10 @@ class _Steps:
             reader.board.command("save")  # needed to set the session's exposure again later
             guide.say(f"lamps flicker at {2 * mains_hz} Hz: mains_hz={mains_hz}")
 
-    def _auto(self) -> None:
+    def _auto(self, force_mN: float) -> None:
         bench = self.bench
         self._begin("exposure", 1)
-        bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN))
+        bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=force_mN))
         found = bench.reader.board.command("auto", timeout_s=60)
         kind = found.get("led", "ldr")  # older firmware has no other kind
         if kind == "always":

@@ -16,7 +16,7 @@ class ZenohLink(Link):
     """Receives the frames of a published board, and never writes to the board.
 
     Frames arrive after a call of `listen`; call `listen` again after each `reopen`. If the
-    publisher disconnects or its board restarts, `read` raises PortLostError.
+    publisher disconnects or the board restarts, `read` raises PortLostError.
 
     Parameters
     ----------

@@ -2,7 +2,6 @@
 
 import sys
 from argparse import Namespace
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -56,7 +55,7 @@ class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields
     """Request of a browser: end the session; its presses are stored."""
 
 
-_DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
+DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
 
 
 class PageCalibration(Orders):
@@ -86,7 +85,7 @@ class PageCalibration(Orders):
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
         """Return the request in a browser's message; raise a ValueError if it is invalid."""
-        return _DECODER.decode(body)
+        return DECODER.decode(body)
 
     def attend(self, board: Board) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""
@@ -126,24 +125,20 @@ class PageCalibration(Orders):
         # A board that was unplugged has lost its settings.
         if made is not None and made.board == board.info["id"]:
             board.command("set " + settings(made))
-        reader = SpectrumReader(board)
-        try:
+        with SpectrumReader(board) as reader:
             out = self._path.with_suffix(".toml")
             bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, out)
             options = Namespace(plan=None, keep_settings=False)
             taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
             count = usual if taken < usual else taken + _MORE
             calibrate(bench, self._session, start.kind, count, None, options)
-        finally:
-            with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
-                reader.restore()
 
     # The dialog of the session, see `calibrate.dialog.Dialog`.
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
         """Show the title and the number of presses of a series."""
         self._plan = plan
-        self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK)
+        self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK, note=None)
 
     def skip(self, count: int = 1) -> None:
         """Count `count` more presses as taken in the progress display; `count` may be negative."""

@@ -5,6 +5,7 @@ from queue import Empty, Full, Queue
 from typing import Any
 
 from ..errors import SpotsError
+from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 
 _WAITING_MAX = 8
@@ -22,7 +23,12 @@ class Orders:
     ----------
     stopping : bool
         Whether the thread that runs `attend` must end; `attend` then returns soon.
+    layout : KeyLayout or None
+        Key layout that the web UI shows and uses from now on; None: the layout does not change.
     """
+
+    request_max = 1024  # bytes
+    layout: KeyLayout | None = None
 
     def __init__(self, nobody: str):
         self._nobody = nobody
@@ -54,7 +60,8 @@ class Orders:
         Returns
         -------
         concurrent.futures.Future
-            Future of the request: its result is None, or its exception is a SpotsError.
+            Future of the request: its result is the answer as a dict, or None without an answer;
+            or its exception is a SpotsError.
         """
         answer: Future = Future()
         try:

@@ -18,6 +18,8 @@ from spots_device.decode import (
 from spots_device.frame import Time32
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
+from spots_device.locate import locate as locate_second
+from spots_device.locate import power as power_of_two
 from spots_device.log2 import log2_q20
 from spots_device.pacing import Pacing
 
@@ -28,6 +30,7 @@ _encoded = bytearray(660)
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * HEAD_SIZE))
+_found = array("i", bytes(4 * 3))
 _clock = Clock()
 _time = Time32(_clock)
 _pacing = Pacing(_clock)
@@ -263,3 +266,24 @@ def pacing(cases, results):
             results[at + 2] = _pacing.period_us
             results[at + 3] = _pacing.missed
             at += 4
+
+
+def power(cases, results):
+    for i in range(len(cases)):
+        results[i] = power_of_two(cases[i])
+
+
+def prepare_locate(cases):
+    return _arrays(cases)
+
+
+def locate(cases, results):
+    for i in range(len(cases)):
+        case = cases[i]
+        _found[0] = _found[1] = _found[2] = 0
+        is_there = locate_second(
+            _found, case[0], case[1], case[2], case[3], case[4], case[5], case[6]
+        )
+        results[4 * i] = 1 if is_there else 0
+        for j in range(3):
+            results[4 * i + 1 + j] = _found[j] if is_there else 0
