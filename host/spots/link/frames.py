@@ -105,6 +105,15 @@ class Touch(NamedTuple):
         return self.touching and not self.flags & DOUBTFUL
 
     @property
+    def integers(self) -> tuple[int, int]:
+        """Position in um and force in mN as integers, with 0 instead of NaN."""
+        position_um, force_mN = self.position_um, self.force_mN
+        return (
+            0 if math.isnan(position_um) else int(position_um),
+            0 if math.isnan(force_mN) else int(force_mN),
+        )
+
+    @property
     def contrast(self) -> float:
         """Position contrast, in log2 units; NaN if it is unknown."""
         return _log2(self.contrast_q20, self.flags)
