@@ -477,8 +477,10 @@ class ContactTracker:
         if brightness >= s[_PEAK]:
             s[_PEAK] = s[_LOW] = brightness
             s[_X_PEAK_UM] = x_um
-        s[_LOW] = min(brightness, s[_LOW])
-        s[_LEAST] = min(brightness, s[_LEAST])
+        if brightness < s[_LOW]:
+            s[_LOW] = brightness
+        if brightness < s[_LEAST]:
+            s[_LEAST] = brightness
         seen = s[_SEEN]
         x_last_um = s[_X_SEEN_UM]
         b_last = s[_B_SEEN]
