@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 
 import spots_device
-from spots.deploy.staging import KERNEL, KERNEL_VIPER
+from spots.deploy.staging import use_viper
 from spots.errors import SpotsError
 from spots.link.frames import Decoder
 from spots_sim.files import SensorFile
@@ -107,8 +107,7 @@ def _in_micropython(inputs: dict) -> dict:
                 folder / package,
                 ignore=shutil.ignore_patterns("__pycache__"),
             )
-        viper = folder / "spots_device_viper"
-        (viper / KERNEL_VIPER).replace(viper / KERNEL)
+        use_viper(folder / "spots_device_viper")
         return run_script(folder, inputs, *_SCRIPTS)
 
 

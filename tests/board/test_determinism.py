@@ -9,7 +9,7 @@ from viper import need_viper
 
 import spots_device
 from spots.cli import main
-from spots.deploy.staging import KERNEL, KERNEL_VIPER, stage
+from spots.deploy.staging import stage, use_viper
 from spots_sim import vm
 
 
@@ -43,8 +43,10 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
 
     def with_viper(board, folder):
         stage(board, folder)
-        staged.append(folder / "spots_device" / KERNEL)
-        shutil.copy(Path(spots_device.__file__).parent / KERNEL_VIPER, staged[-1])
+        staged.append(folder / "spots_device")
+        for path in Path(spots_device.__file__).parent.glob("*_viper.py"):
+            shutil.copy(path, staged[-1])
+        use_viper(staged[-1])
 
     monkeypatch.setattr(vm, "stage", with_viper)
     assert figures(capsys, "--seed", seed) == portable

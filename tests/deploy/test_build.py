@@ -2,18 +2,22 @@
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
 
 import spots
+import spots_device
 from spots import SpotsError
 from spots.cli import main
 from spots.deploy import build as builder
 from spots.deploy import staging as staging
 from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.deploy.staging import board_names, device_of, stage
+from spots_sim.vm import micropython_command
 
+MACHINE_CODE = {"spots_device/kernel.mpy", "spots_device/locate.mpy"}
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -30,11 +34,11 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
     assert "spots_device/runtime/micropython.mpy" in files
     assert all(path.endswith(".mpy") for path in modules)
     assert "spots_device/kernel.mpy" in files
-    assert "spots_device/kernel_viper.mpy" not in files
+    assert not any(path.endswith("_viper.mpy") for path in modules)
     for path in modules:
         header = mpy_header(files[path])
         assert header.version == 6
-        machine_code = device.viper and path == "spots_device/kernel.mpy"
+        machine_code = device.viper and path in MACHINE_CODE
         assert ARCHITECTURES[header.arch] == (device.march if machine_code else None), path
 
 
@@ -42,12 +46,13 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
     ("board", "viper"),
     [("pico", True), ("pico2", True), ("xiao_esp32s3", True), ("virtual", False)],
 )
-def test_a_board_has_one_kernel_by_one_name(board, viper, tmp_path):
+@pytest.mark.parametrize("module", ["kernel", "locate"])
+def test_a_board_has_one_form_of_a_module_by_one_name(board, viper, module, tmp_path):
     assert device_of(board).viper is viper
     stage(board, tmp_path)
-    kernels = list((tmp_path / "spots_device").glob("kernel*"))
-    assert [path.name for path in kernels] == ["kernel.py"]
-    assert ("@micropython.viper" in kernels[0].read_text()) is viper
+    forms = list((tmp_path / "spots_device").glob(f"{module}*"))
+    assert [path.name for path in forms] == [f"{module}.py"]
+    assert ("@micropython.viper" in forms[0].read_text()) is viper
 
 
 @pytest.mark.parametrize(
@@ -70,6 +75,30 @@ def test_an_led_that_no_board_has_is_refused(led, tmp_path, monkeypatch):
     monkeypatch.setattr(staging, "BOARDS", tmp_path)
     with pytest.raises(SpotsError, match=r"odd/board\.toml: STRIP_LED must be one of"):
         device_of("odd")
+
+
+def traceback_on_board(folder, code):
+    """Return the last place in the traceback of `code`: file, line and function."""
+    run = subprocess.run(
+        [*micropython_command(), "-c", code], cwd=folder, capture_output=True, text=True
+    )
+    place = re.findall(r'File "(.+)", line (\d+), in (\S+)', run.stdout + run.stderr)[-1]
+    return place[0], int(place[1]), place[2]
+
+
+def line_of(module, code):
+    text = (Path(spots_device.__file__).parent / module).read_text(encoding="utf-8")
+    return next(n for n, line in enumerate(text.splitlines(), 1) if code in line)
+
+
+def test_a_traceback_names_the_function_and_the_line_of_a_module_that_makers_edit(tmp_path):
+    folder = build("virtual", tmp_path)
+    raises = "from spots_device.command import LineReader; LineReader().line()"
+    place = ("spots_device/command.py", line_of("command.py", "min(line)"), "line")
+    assert traceback_on_board(folder, raises) == place
+    raises = "from spots_device.smux import smux_map; smux_map(['F9'])"
+    file, _, function = traceback_on_board(folder, raises)
+    assert (file, function) == ("spots_device/smux.py", "smux_map")
 
 
 def test_the_modules_of_a_pico_stay_small(tmp_path):
@@ -146,7 +175,7 @@ def test_the_list_of_boards(capsys):
     assert rows["pico"]["sda"] == "GP4, pin 6"
     assert main(["boards"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ["name", "title", "runtime", "arch", "sda", "scl"]
+    assert lines[0].split() == ["name", "title", "runtime", "arch", "sda", "scl", "led"]
     assert len(lines) == 1 + len(rows)
 
 
@@ -170,6 +199,15 @@ def test_every_board_with_pins_has_a_picture_of_its_wiring():
         assert all(f">{pin}</text>" in picture for pin in pins)
 
 
+def test_every_picture_of_a_wiring_is_as_its_board_file_says(tmp_path):
+    from make.pictures import wirings
+
+    drawn = {path.name: path.read_text(encoding="utf-8") for path in wirings(tmp_path)}
+    assert drawn == {
+        path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("wiring-*.svg")
+    }
+
+
 def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
     # Physical pins: 1 to 20 down the left side with USB up, 21 to 40 up the right side.
     for name in ("pico", "pico2"):
@@ -183,13 +221,16 @@ def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
             assert re.search(rf'<text x="{x}"[^>]*>[^<]*pin {pin}<', picture)
 
 
-@pytest.mark.parametrize(("led", "pins"), [("gpio", ("9", "40")), ("always", ("40",))])
-def test_the_wiring_of_other_leds_is_drawn_with_their_pins(led, pins):
-    for name in ("pico", "pico2"):
+@pytest.mark.parametrize(("led", "more"), [("gpio", ("supply", "led")), ("always", ("supply",))])
+def test_the_wiring_of_other_leds_is_drawn_with_their_pins(led, more):
+    for name in set(board_names()) - {"virtual", "virtual_circuitpython"}:
+        wiring = device_of(name).wiring
         picture = (DOCS / f"wiring-{name}-{led}.svg").read_text(encoding="utf-8")
-        assert all(f"pin {pin}<" in picture for pin in (*pins, "6", "7", "36", "38"))
+        for pin in ("power", "ground", "sda", "scl", *more):
+            x = {"left": 72, "right": 218}[wiring["drawn"][pin][0]]
+            assert re.search(rf'<text x="{x}"[^>]*>{re.escape(wiring[pin])}<', picture)
         assert "LDR" not in picture
-    assert "LDR" in (DOCS / "wiring-pico.svg").read_text(encoding="utf-8")
+        assert "LDR" in (DOCS / f"wiring-{name}.svg").read_text(encoding="utf-8")
 
 
 def test_every_board_names_the_pin_of_a_strips_led():

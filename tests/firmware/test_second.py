@@ -9,7 +9,8 @@ from smallint import SmallInt
 from keys import DECAY
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SUBTRACTED, MISFIT, Decode
-from spots_device.second import locate, may_rest, power, weigh
+from spots_device.locate import locate, power
+from spots_device.second import may_rest, weigh
 from spots_sim.optics import Optics
 
 

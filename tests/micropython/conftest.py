@@ -20,7 +20,7 @@ from bench import canned
 from viper import need_viper
 
 import spots_device
-from spots.deploy.staging import KERNEL, KERNEL_VIPER
+from spots.deploy.staging import use_viper
 from spots_sim.vm import micropython_command
 
 HERE = Path(__file__).parent
@@ -105,7 +105,7 @@ class Viper64(Unix64):
     def __init__(self, folder: Path):
         need_viper()
         super().__init__(folder)
-        (folder / "spots_device" / KERNEL_VIPER).replace(folder / "spots_device" / KERNEL)
+        use_viper(folder / "spots_device")
 
 
 class Wasm32(Machine):

@@ -1,4 +1,4 @@
-"""Builds the files of a board, and compiles the modules if the board runs MicroPython."""
+"""Builds the firmware's files for a board; compiles the modules if the board runs MicroPython."""
 
 import importlib.util
 import os
@@ -18,12 +18,9 @@ ARCHITECTURES = (
     "xtensa", "xtensawin", "rv32imc", "rv64imc",
 )  # fmt: skip
 
-# Modules of pure arithmetic, compiled without line numbers, which take 7 % of flash and heap. These
-# modules depend on no hardware, setting or command, so a maker needs no line numbers of them.
-_WITHOUT_LINES = {
-    "calibration", "contact", "dark", "decode", "exposure", "fingers", "frame", "gamepad",
-    "kernel", "keypad", "layout", "log2", "pacing", "rescale", "second",
-}  # fmt: skip
+# A maker edits and debugs these modules, and those in runtime/. All others are compiled without
+# line numbers, which saves 6 % of flash and heap; their tracebacks name function and file.
+_WITH_LINES = {"app", "command"}
 
 
 class MpyHeader(NamedTuple):
@@ -143,7 +140,8 @@ def _compile(folder: Path, device: Device) -> None:
     for source in sorted((folder / "spots_device").rglob("*.py")):
         # A traceback on the board shows this name.
         name = source.relative_to(folder).as_posix()
-        level = "-O3" if source.stem in _WITHOUT_LINES else "-O0"
+        edited = source.stem in _WITH_LINES or source.parent.name == "runtime"
+        level = "-O0" if edited else "-O3"
         run = subprocess.run(
             [*command, level, "-s", name, str(source)], capture_output=True, text=True, check=False
         )

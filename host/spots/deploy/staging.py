@@ -33,8 +33,9 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The firmware's kernel in its two forms; a board gets one of them, under the first name.
-KERNEL, KERNEL_VIPER = "kernel.py", "kernel_viper.py"
+# A module with this suffix is the machine code of the module without it. A board gets one of both,
+# under the name without the suffix.
+VIPER = "_viper"
 
 
 class Device(toml.Strict, kw_only=True):
@@ -51,7 +52,8 @@ class Device(toml.Strict, kw_only=True):
     march : str or None
         Architecture for ``mpy-cross -march``; None if the board runs sources only.
     viper : bool
-        Whether MicroPython's viper compiles the kernel to machine code; requires `march`.
+        Whether MicroPython's viper compiles the firmware's module `kernel` to machine code;
+        requires `march`.
     board_id : str or None
         Board ID by which CircuitPython names the board.
     device : dict
@@ -95,7 +97,7 @@ def device_of(board: str) -> Device:
     Raises
     ------
     SpotsError
-        If the board is unknown, or its file is damaged or has viper without `march`.
+        If the board is unknown, or its board file is damaged or has viper without `march`.
     """
     known = board_names()
     if board not in known:
@@ -142,15 +144,22 @@ def stage(board: str, folder: Path) -> None:
     shutil.copytree(
         _FIRMWARE,
         folder / "spots_device",
-        ignore=shutil.ignore_patterns("__pycache__", f"*{others}.py", KERNEL_VIPER),
+        ignore=shutil.ignore_patterns(
+            "__pycache__", f"*{others}.py", *([] if device.viper else [f"*{VIPER}.py"])
+        ),
         dirs_exist_ok=True,
     )
-    if device.viper:
-        shutil.copy(_FIRMWARE / KERNEL_VIPER, folder / "spots_device" / KERNEL)
+    use_viper(folder / "spots_device")
     for entry in ENTRIES[device.runtime]:
         shutil.copy(_ROOT / _ENTRY_FOLDERS[device.runtime] / entry, folder)
     config = "".join(f"{name} = {value!r}\n" for name, value in device.device.items())
     (folder / CONFIG).write_text(config, encoding="utf-8")
+
+
+def use_viper(package: Path) -> None:
+    """Replace portable modules in a copy of the firmware's package by their machine code."""
+    for path in package.glob(f"*{VIPER}.py"):
+        path.replace(path.with_stem(path.stem.removesuffix(VIPER)))
 
 
 def _copy_library(name: str, folder: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from ..errors import SpotsError, missing
 from ..keyboard.layout import load
+from ..link.ports import offered
 from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
@@ -128,6 +129,11 @@ def serve_command(options: argparse.Namespace) -> None:
         )
     if options.record_to and options.session:
         raise SpotsError("--record-to and --session exclude each other: use only one of them")
+    if options.session and ports and offered(ports[0], "calibration_setup"):
+        raise SpotsError(
+            "--session needs a person who presses the strip, which a virtual board does not have: "
+            f"'spots calibrate --port {ports[0]}' calibrates it with a simulated stage"
+        )
     if options.linkage is None:
         if len(ports) > 1:
             raise SpotsError(

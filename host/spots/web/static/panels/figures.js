@@ -9,6 +9,7 @@ export function figures(root) {
   root.append(place.root, force.root, words);
 
   return (state, news) => {
+    if ("board" in news) force.unit(state.board?.relative_force ? "relative" : "N");
     if (!("touch" in news)) return;
     const touch = state.touch, there = placed(touch);
     const said = several(touch) ? "two fingers" : touch ? touch.flags.join(", ") : "";
@@ -24,12 +25,12 @@ export function figures(root) {
 
 function figure(name, unit) {
   const number = document.createTextNode("");
-  const value = make("b", "", number, make("small", "", unit));
+  const value = make("b", "", number, make("small", "", unit)), last = value.lastChild;
   const root = make("div", "figure none", make("span", "", name), value);
   const show = (text) => {
     root.classList.toggle("none", text === null);
     number.data = text ?? "–";
   };
   show(null);
-  return { root, show };
+  return { root, show, unit: (text) => { last.textContent = text; } };
 }

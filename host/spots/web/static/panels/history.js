@@ -21,7 +21,7 @@ export function history(root) {
   const paintScale = canvas(layers, HEIGHT), paintCurves = canvas(layers, HEIGHT);
   const points = [];
   let ahead_s = null;  // clock of the browser minus clock of the readings
-  let heard_s = -Infinity, end_s = 0, length_um = USUAL_LENGTH_UM;
+  let heard_s = -Infinity, end_s = 0, length_um = USUAL_LENGTH_UM, unit = "N";
   let low = Infinity, high = -Infinity;
   let chosen = false, uncalibrated = false, back_s = null;  // time of the pointer before now
 
@@ -82,7 +82,7 @@ export function history(root) {
     if (several(touch)) return `${when}two fingers`;
     if (!touch?.touching) return when + (touch ? "no press" : "no reading");
     const place = touch.position_um === null ? "" : `${(touch.position_um / 1000).toFixed(2)} mm, `;
-    const force = touch.force_mN === null ? "" : `${(touch.force_mN / 1000).toFixed(2)} N`;
+    const force = touch.force_mN === null ? "" : `${(touch.force_mN / 1000).toFixed(2)} ${unit}`;
     const contrast = chosen || uncalibrated ? `, contrast ${written(touch.contrast)}` : "";
     return when + (place + force + contrast).replace(/^, /, "");
   }
@@ -94,8 +94,8 @@ export function history(root) {
     const ends = contrast ? span.map(written) : ["0", (length_um / 1000).toFixed(0)];
     paintScale((c, width) => {
       scale(c, width, TOP, contrast ? "contrast, log₂" : "position, mm", colours.place, ends[1], ends[0]);
-      scale(c, width, TOP + EACH + GAP, "force, N", colours.force, `${FULL_FORCE_MN / 1000}`, "0");
-    }, [contrast, ...ends].join());
+      scale(c, width, TOP + EACH + GAP, `force, ${unit}`, colours.force, `${FULL_FORCE_MN / 1000}`, "0");
+    }, [contrast, unit, ...ends].join());
     const at = found(), words = say(at);
     if (readout.textContent !== words) {
       readout.textContent = layers.ariaValueText = words;
@@ -114,7 +114,10 @@ export function history(root) {
   }
 
   return (state, { touches, board }, now_s) => {
-    if (board) length_um = board.length_um ?? USUAL_LENGTH_UM;
+    if (board) {
+      length_um = board.length_um ?? USUAL_LENGTH_UM;
+      unit = board.relative_force ? "relative" : "N";
+    }
     for (const touch of touches) take(touch, now_s);
     uncalibrated = Boolean(state.board?.id) && !state.board.length_um;
     detail.hidden = uncalibrated;

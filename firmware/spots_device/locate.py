@@ -1,0 +1,94 @@
+"""Estimates the position of the second of two fingers from one reading, see second.py.
+
+Boards with ``viper = true`` in board.toml get locate_viper.py instead of this file: the same
+functions with identical results, in machine code. Integers of 31 bits only; allocates nothing.
+"""
+
+from .log2 import log2_q20
+
+NEAR_UM = 4500  # least distance between two fingers
+FAR_LOG2 = 18  # distances are below 2**18 um
+# The misfit grows with the loss of brightness (Q20 of log2). The loss of a reading that fits one
+# press is below the first limit, that of another reading above the second one.
+_FIT = 45_000
+_MISFIT = 12_000
+
+
+def power(exponent):
+    """Return 2**exponent in Q10, within 0.4 %; `exponent` is in Q20 and below 19."""
+    part = exponent >> 10 & 1023
+    value = 1024 + (part * (672 + (352 * part >> 10)) >> 10)
+    whole = exponent >> 20
+    return value << whole if whole >= 0 else value >> -whole
+
+
+def noise(product, brightness):
+    """Return `product` divided by the counts of a brightness; at most 20000.
+
+    Parameters
+    ----------
+    product : int
+        Product of counts and standard deviation of the position in um.
+    brightness : int
+        Brightness in Q20 of log2.
+    """
+    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
+
+
+def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
+    """Estimate the second finger in a reading; return whether there is one.
+
+    Parameters
+    ----------
+    found : array.array
+        Output, ``array("i")``: position of the second finger in um, its uncertainty in um, and its
+        brightness in Q20 of log2.
+    decay : int
+        k in log2 units per micrometre, Q24; at most 1000.
+    x1_um, first : int
+        Position of the first finger in um, and its brightness in Q20 of log2.
+    x_um, brightness : int
+        Position of the reading in um, and its brightness in Q20 of log2.
+    fits : int
+        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. A spectrum
+        of two fingers fits if they are near each other, and does not if they are far from each
+        other.
+    noise_um : int
+        Standard deviation of the reading's position, in um.
+    """
+    off_um = away_um = x_um - x1_um
+    alone = power(first) >> 6  # sixteenths of a count
+    shift = alone >> 19 and 4
+    share = 0
+    for _ in range(4):
+        if away_um + (1 << FAR_LOG2) >> FAR_LOG2 + 1:
+            return False
+        exponent = decay * away_um >> 4
+        bend = exponent >> 10
+        lost = min(((bend * bend >> 8) * (share * (256 - share) >> 8) >> 8) * 69, 1 << 20)
+        light = power(brightness + lost) >> 6
+        other = light - alone
+        if other <= alone >> 3 or exponent >= 3 << 20:
+            return False
+        ratio = power(exponent) * ((alone >> shift << 10) // (other >> shift)) >> 10
+        if ratio >> 13:
+            return False
+        share = 262144 // (1024 + ratio)  # Q8
+        # Newton's step for away = off * (1 + ratio(away)).
+        change = (off_um >> 2) * ratio >> 8
+        slope = max(1024 - ((change >> 8) * (decay * 45) >> 12), 256)
+        step_um = (off_um + change - away_um >> 2 << 10) // slope << 2
+        away_um += step_um
+        if not step_um + 64 >> 7:
+            break
+    apart_um = abs(away_um)
+    room = 0
+    if fits >= 0:
+        room = _FIT - lost if fits else lost - _MISFIT
+    if apart_um < NEAR_UM or apart_um >> FAR_LOG2 or room < 0:
+        return False
+    lever = (256 - share) * light // other
+    found[0] = x1_um + away_um
+    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
+    found[2] = log2_q20(other) - (4 << 20)
+    return True
