@@ -142,14 +142,15 @@ async def editor(browser: Browser) -> None:
         async with Server(state, orders=orders) as server:
             reader.start()
             context = await browser.new_context(
-                viewport={"width": 1180, "height": 800}, device_scale_factor=1.5
+                viewport={"width": 1180, "height": 860}, device_scale_factor=1.5
             )
             page = await context.new_page()
             await page.goto(server.url)
             await page.locator("#edit").click(timeout=_LONG_MS)
             await page.locator("#editor .zone").nth(3).click()
             await page.get_by_role("combobox", name="double tap").fill("ctrl+z")
-            await page.locator("#editor .zone.lit").wait_for(timeout=_LONG_MS)
+            while await page.evaluate(_FORCE_N) < _HARD_N:
+                await asyncio.sleep(0.05)
             await page.screenshot(path=_HERE / "page-editor.png")
             await context.close()
             print(_HERE / "page-editor.png")

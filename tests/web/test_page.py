@@ -365,7 +365,7 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
 
 
 # What the reader begins with. The gamepad says hello as well: hellos alone count no restarts.
-BEGIN = "stream touch spectrum, hello"
+BEGIN = "stream contact touch spectrum, hello"
 
 
 def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page, monkeypatch):

@@ -143,6 +143,7 @@ def test_a_reload_continues_and_another_page_watches(table, open_page):
     person.go_on(lambda seen: seen["starts"])
     person.start("rough")
     person.go_on(at_press(2))
+    expect(page.locator("#next")).to_be_hidden()  # the session itself is the next step
     watcher = open_page(f"http://127.0.0.1:{table.server.port}/")
     watching = Person(watcher, table.held, table.length_mm).wait(pressing)
     seen = look(page)

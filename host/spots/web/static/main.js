@@ -32,7 +32,7 @@ const PANELS = [
   [history, LOOK, "touch", "board"],
   [recording, READ, "recording", "may_command"],
   [link, READ, "link"],
-  [next, READ, "board", "touch", "untrusted", "connection"],
+  [next, READ, "board", "touch", "untrusted", "calibration", "connection"],
 ];
 // Waiting panels are drawn with the next messages, or this time after the last message.
 const QUIET_MS = 100;

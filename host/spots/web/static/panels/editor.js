@@ -242,6 +242,7 @@ export function editor(root) {
       one.style.left = `calc(${100 * (low + (i ? gap : 0))}% + 1px)`;
       one.style.width = `calc(${100 * (high - low - (i ? gap : 0) - (i + 1 < all.length ? gap : 0))}% - 2px)`;
       one.children[0].textContent = words(key) || "·";
+      one.classList.toggle("characters", /^\S( \S)+$/.test(words(key)));
       one.children[1].textContent = ["double", "hold", "firm", "slide_minus", "slide_plus"].filter((slot) => key[slot]).length || "";
       one.tabIndex = i === zone ? 0 : -1;
       one.setAttribute("aria-pressed", String(i === zone));

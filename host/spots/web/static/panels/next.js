@@ -5,7 +5,7 @@ export function next(root) {
   return (state) => {
     const sentence = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || both(state.touch) || state.untrusted || "";
+      : state.board?.next || both(state.touch) || (!state.calibration?.running && state.untrusted) || "";
     if (root.textContent !== sentence) root.textContent = sentence;
     root.hidden = !sentence;
   };
