@@ -3,9 +3,10 @@ import { several } from "../dom.js";
 
 export function next(root) {
   return (state) => {
+    const reading = state.calibration?.running ? "" : both(state.touch) || state.untrusted;
     const sentence = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || both(state.touch) || (!state.calibration?.running && state.untrusted) || "";
+      : state.board?.next || reading || "";
     if (root.textContent !== sentence) root.textContent = sentence;
     root.hidden = !sentence;
   };
