@@ -51,33 +51,29 @@ class Time32:
 
     Attributes
     ----------
+    low, high : int
+        The halves.
     head : array of int
-        Header of frames, which contains the halves.
+        Header of frames, see decode.py; it has the same halves.
     """
 
     def __init__(self, clock):
         self._ticks_us = clock.ticks_us
         self._diff = clock.ticks_diff
         self._last = clock.ticks_us()
+        self.low = self.high = self._less_us = 0
         self.head = array("i", bytes(4 * HEAD_SIZE))
 
-    @property
-    def low(self):
-        """Lower half of the time."""
-        return self.head[TIME_LOW]
-
-    @property
-    def high(self):
-        """Upper half of the time."""
-        return self.head[TIME_HIGH]
-
-    def set(self, ticks):
-        """Set the time to that of `ticks`, which may be earlier than the present time."""
-        head = self.head
-        low = head[TIME_LOW] + self._diff(ticks, self._last)
+    def set(self, ticks, less_us=0):
+        """Set the time to `less_us` before `ticks`, which may be earlier than the present time."""
+        low = self.low + self._diff(ticks, self._last) + self._less_us - less_us
         self._last = ticks
-        head[TIME_HIGH] = (head[TIME_HIGH] + (low >> 16)) & 0xFFFF
-        head[TIME_LOW] = low & 0xFFFF
+        self._less_us = less_us
+        self.high = high = (self.high + (low >> 16)) & 0xFFFF
+        self.low = low = low & 0xFFFF
+        head = self.head
+        head[TIME_LOW] = low
+        head[TIME_HIGH] = high
 
     def update(self):
         """Set the time to the present ticks of the clock."""

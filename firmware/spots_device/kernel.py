@@ -73,37 +73,6 @@ def accumulate(sums, counts, samples):
             sums[i] += counts[i]
 
 
-def follow(rest, floor, sums, samples, dark, shift, up, down):
-    """Move the baseline (the counts of the untouched strip) towards a reading.
-
-    Parameters
-    ----------
-    rest : sequence of int
-        The baseline, changed in place: six dark-subtracted counts in Q12.
-    floor : sequence of int
-        Output: dark frame plus baseline, shifted right by `shift` bits and rounded. `estimate`
-        subtracts it.
-    sums : sequence of int
-        Six sums of counts over `samples` samples.
-    samples : int
-        Samples in the reading.
-    dark : sequence of int
-        Dark frame: six counts in Q12.
-    shift : int
-        Right shift from Q12 to the scale of `floor`.
-    up, down : int
-        The baseline moves by a part of its distance to the reading: 2**-`up` or 2**-`down`.
-    """
-    half = 1 << shift >> 1
-    for i in range(CHANNELS):
-        gap = (sums[i] * 4 // samples << 10) - dark[i] - rest[i]
-        level = rest[i] + (gap >> (up if gap > 0 else down))
-        if level < 0:
-            level = 0
-        rest[i] = level
-        floor[i] = dark[i] + level + half >> shift
-
-
 def estimate(state, tables, sums, floor, flags):
     """Estimate flags, contrast, brightness, position and force of a reading.
 

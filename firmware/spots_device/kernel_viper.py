@@ -39,31 +39,6 @@ def accumulate(sums: ptr32, counts: ptr32, samples: int):
 
 
 @micropython.viper
-def follow(
-    rest: ptr32,
-    floor: ptr32,
-    sums: ptr32,
-    samples: int,
-    dark: ptr32,
-    shift: int,
-    up: int,
-    down: int,
-):
-    half = 1 << shift >> 1
-    for i in range(6):
-        level = rest[i]
-        gap = ((sums[i] * 4 // samples) << 10) - dark[i] - level
-        if gap > 0:
-            level += gap >> up
-        else:
-            level += gap >> down
-        if level < 0:
-            level = 0
-        rest[i] = level
-        floor[i] = (dark[i] + level + half) >> shift
-
-
-@micropython.viper
 def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int):
     sign = 1
     sign <<= 31
@@ -91,19 +66,10 @@ def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int)
             state[17 + i] = 24 << 20
             continue
         exponent = 23
-        if n < 1 << 8:
-            n <<= 16
-            exponent -= 16
-        if n < 1 << 16:
+        while n < 1 << 16:
             n <<= 8
             exponent -= 8
-        if n < 1 << 20:
-            n <<= 4
-            exponent -= 4
-        if n < 1 << 22:
-            n <<= 2
-            exponent -= 2
-        if n < 1 << 23:
+        while n < 1 << 23:
             n <<= 1
             exponent -= 1
         step = (n >> 14) & 511

@@ -10,7 +10,7 @@ from micropython import const
 
 from .calibration import Conditions
 from .dark import Baseline, Dark, OddLight
-from .decode import DARK_SUBTRACTED, FLAGS, LED_OFF, LIGHT, SATURATED, TOUCHING, Decode
+from .decode import DARK_SUBTRACTED, FLAGS, LED_OFF, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE, choose
 from .kernel import accumulate, estimate
 from .smux import CHANNELS
@@ -65,14 +65,13 @@ class Strip:
         self.decode = Decode()
         self._dark = Dark()
         self.baseline = Baseline(self._dark)
-        self._odd_light = OddLight()
+        self._odd_light = OddLight(self._dark)
         self.stream_touch = self.stream_spectrum = False
         self._uid = uid
         self._pacing = sensor.pacing
         self._framer = framer
         self._uses = uses
         self._time = time
-        self._add = clock.ticks_add
         self._reading = self.decode.state
         self._sums = array("i", bytes(4 * CHANNELS))
         # Of the settings, see `configure`.
@@ -196,8 +195,9 @@ class Strip:
             self._missed = missed
             self._framer.gap()
         dark = self._dark
-        if dark.age_us < dark.every_us:
-            dark.age_us += dark.exposure_us
+        age_us = dark.age_us
+        if age_us < dark.every_us:
+            dark.age_us = age_us + dark.exposure_us
         if self._state == _LIT:
             if sensor.steady:
                 self._take_lit(sensor)
@@ -242,26 +242,28 @@ class Strip:
             self._idle_us = 0
         elif self._idle_us < IDLE_US:
             self._idle_us += lasted_us
-        self._time.set(self._add(self.sensor.complete, -(lasted_us >> 1)))
+        self._time.set(self.sensor.complete, lasted_us >> 1)
         compensation = self.decode.compensation
         if compensation is not None:
             compensation.take(self._reading, self._time.high << 6 | self._time.low >> 10)
         uses = self._uses
-        rests = uses.active and uses.take(self.index, self.decode)
+        if uses.active:
+            uses.take(self.index, self.decode)
         if self.stream_touch:
             self._framer.touch(self.index, self._reading)
         # Readings of two fingers look like ambient light. They have less weight in the detection,
         # because a dark frame costs readings.
         if uses.two:
             lasted_us >>= 3
-        light = self._reading[LIGHT] // self._samples
-        if self._odd_light.take(flags, light, lasted_us, self._dark.age_us):
-            self._dark.request()
+        self._odd_light.take(flags, self._reading, lasted_us)
         if self._follows and not flags & LED_OFF:
-            self.baseline.follow(sums, self._samples, self._idle_us, rests)
+            self._follow(sums)
         if self.stream_spectrum:
             self._send_spectrum(sums)
         self._samples = self._flags = 0
+
+    def _follow(self, sums):
+        self.baseline.follow(sums, self._samples, self._idle_us, self._uses.rests)
 
     def _send_spectrum(self, sums):
         samples = self._samples

@@ -47,6 +47,8 @@ class Uses:
         Whether CONTACT frames are streamed.
     two : bool
         Whether the last reading may be of two fingers.
+    rests : bool
+        Whether the touch has not moved for so long that it cannot be a finger.
     fault : str or None
         Sentence that says why the USB interfaces could not be opened at start, or None.
     """
@@ -57,7 +59,7 @@ class Uses:
         self._time = time
         self._usb = usb
         self._sensor = 0
-        self._rests = self.two = self.streams_contacts = False
+        self.rests = self.two = self.streams_contacts = False
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
@@ -173,14 +175,9 @@ class Uses:
             Number of the sensor, from 0.
         decode : decode.Decode
             Contains the reading.
-
-        Returns
-        -------
-        bool
-            True if the touch has not moved for so long that it cannot be a finger.
         """
         self._sensor = sensor
-        self._rests = self.two = False
+        self.rests = self.two = False
         if self._tracker is not None:
             self._track(decode)
             if self._fingers is not None:
@@ -191,7 +188,6 @@ class Uses:
                 decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
         if self._gamepad_on and not self.two:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
-        return self._rests
 
     def _track(self, decode):
         state = decode.state
@@ -219,7 +215,7 @@ class Uses:
 
     def stuck(self):
         """Record that the present touch is not a finger."""
-        self._rests = True
+        self.rests = True
 
     def pump(self):
         """Offer the oldest report of each queue to the host; return True if no report waits."""
@@ -289,7 +285,7 @@ class Uses:
 
     def _activate(self):
         self.active = self._tracker is not None or self._gamepad_on
-        self._rests = self.two = False
+        self.rests = self.two = False
 
     def _get_layout(self):
         if self._layout is None:

@@ -3,7 +3,7 @@
 from array import array
 
 from canned import Clock
-from spots_device import kernel
+from spots_device import dark, kernel
 from spots_device.calibration import pack
 from spots_device.decode import (
     CRC_SIZE,
@@ -219,7 +219,7 @@ def prepare_follow(cases):
 def follow(cases, results):
     for i in range(len(cases)):
         case = cases[i]
-        kernel.follow(case[0], case[1], case[2], case[4], case[3], case[5], case[6], case[7])
+        dark.follow(case[0], case[1], case[2], case[4], case[3], case[5], case[6], case[7])
         for j in range(6):
             results[12 * i + j] = case[0][j]
             results[12 * i + 6 + j] = case[1][j]
