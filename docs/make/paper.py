@@ -125,7 +125,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.B",
             "5 mN",
             each("{:.1f} mN", lambda s: s["force"]["resolution_mN"]),
-            "The contact area for a force is assumed, as is a flat finger of constant width.",
+            "The contact area for a force is assumed, as is a flat finger of constant width. The "
+            "real strip still creeps, as its readings begin at once after a step of the force.",
         ),
         (
             "Force accuracy",
