@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from spots.calibrate.silicone import fit_silicone
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots_device.decode import LED_OFF
 
 from .files import Finger, ScenarioFile, SensorFile
-from .kept import kept
 from .lockstep import LockstepLink
 from .scenario import Scenario
-from .stage import calibrate, set_as_calibrated
+from .stage import set_as_calibrated
 
 START_S, REST_S = 3.0, 10.0
 # Loads of the calibration as for `record`. Each place is fresh at its first load.
@@ -96,15 +94,3 @@ def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
     force_mN = np.interp(time_s, whole[:, :, 0].ravel(), whole[:, :, 2].ravel())
     last = np.searchsorted(whole[:, 0, 0], time_s, side="right") - 1
     return force_mN, whole[last.clip(0), 0, 1]
-
-
-@kept(tuple[str, ...])
-def silicone_lines(sensor: SensorFile) -> tuple[str, ...]:
-    """Calibrate the silicone of a simulated strip with the loads of `SESSION`.
-
-    Returns the lines to add to a calibration of the strip at any exposure; no line if the silicone
-    is ideal.
-    """
-    if sensor.silicone.ideal:
-        return ()
-    return (fit_silicone(*record(sensor, calibrate(sensor), SESSION)[:4]).line,)

@@ -293,7 +293,9 @@ def _force(rig: Rig, run: Run) -> None:
     least_mN = max(_FORCES_MN[0], 2 * threshold_mN)
     rows = []
     for share in _FORCE_PLACES:
-        for force_mN in np.linspace(least_mN, _FORCES_MN[1], _FORCE_STEPS):
+        rising = np.linspace(least_mN, _FORCES_MN[1], _FORCE_STEPS)
+        # Forces fall again without a release, which shows the hysteresis.
+        for force_mN in (*rising, *rising[::-1]):
             held, _ = rig.readings(share * rig.stage.length_um, force_mN, _fewer(rig, _HELD))
             forces = np.array([r.force_mN for r in held], dtype=float)
             errors = forces - force_mN
@@ -329,6 +331,7 @@ def _threshold_mN(rig: Rig) -> float:
     low, high = 0.0, FORCE_MN
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2
+        rig.readings(rig.stage.length_um / 2, 0.0, 1)  # so that each press is a first load
         readings, _ = rig.readings(rig.stage.length_um / 2, middle, 3)
         if any(r.flags & (TOO_DARK | TOUCHING) == TOO_DARK for r in readings):
             low = middle

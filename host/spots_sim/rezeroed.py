@@ -43,11 +43,14 @@ class Hand:
     error_um : float
         Standard deviation of the position of a press on a mark, in um. The presses of the
         calibration have no such error.
+    scale : bool
+        Whether a scale shows the force of each press, so that the force is corrected too.
     """
 
     marks: int = 0
     presses: int = 1
     error_um: float = 0.0
+    scale: bool = False
 
     def check(self) -> None:
         """Raise SpotsError if `marks` or `error_um` is invalid."""
@@ -138,7 +141,8 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     )
     made = CalibrationFile(date=now(), **rig.conditions._asdict(), lines=rig.lines, marks=marks)
     rig.stage.held.changed = change
-    done = rezero(bench, made, hand.presses, quick=hand.marks == 1).rezeros[-1]
+    force_mN = FIRM_MN if hand.scale else None
+    done = rezero(bench, made, hand.presses, hand.marks == 1, force_mN).rezeros[-1]
     rig.stage.held.tremor = 0.0
     rig.shift(done.place_um, done.shifts)
     return done.drift

@@ -7,6 +7,7 @@ import numpy as np
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import Noise
 from spots.calibrate.shift import shifted
+from spots.calibrate.silicone import fit_silicone
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_device.dark import DARK_EVERY_US, WINDOW_SAMPLES, WINDOWS
@@ -14,9 +15,12 @@ from spots_device.decode import DARK_SAMPLES, LED_OFF
 
 from .change import NONE
 from .files import SensorFile
+from .kept import kept
+from .loading import SESSION, record
 from .stage import Stage, check_light
 
 _DARK_TIMEOUT_S = 60.0
+_SILICONE_US = 100_000  # longest exposure for the loads that calibrate the silicone
 _REQUEST_US = 2_000_000  # duration of a dark frame on request
 
 
@@ -33,6 +37,8 @@ class Rig:
         Integration time in us.
     average : int
         Number of samples in a reading.
+    compensated : bool
+        Whether forces are compensated for hysteresis and creep, if the sensor has any.
 
     Attributes
     ----------
@@ -44,7 +50,17 @@ class Rig:
         Lines of the calibration as it was made, before calls of `shift`.
     """
 
-    def __init__(self, sensor: SensorFile, seed: int, exposure_us: int, average: int):
+    def __init__(
+        self,
+        sensor: SensorFile,
+        seed: int,
+        exposure_us: int,
+        average: int,
+        compensated: bool = True,
+    ):
+        self._silicone = ()
+        if compensated and not sensor.silicone.ideal:
+            self._silicone = (_silicone_line(sensor.unchanged(), min(exposure_us, _SILICONE_US)),)
         self.stage = Stage(sensor, seed, f"exposure_us={exposure_us}")
         self.board = self.stage.board
         self.average = average
@@ -112,7 +128,8 @@ class Rig:
 
     def _use(self) -> None:
         check_light(self.along[0], self._pressed)
-        self.lines = tuple(fit(self.along, self._pressed, self.noise, self.conditions))
+        fitted = fit(self.along, self._pressed, self.noise, self.conditions)
+        self.lines = (*fitted, *self._silicone)
         upload(self.board, self.shifted_lines)
         self.board.command(f"set average={self.average}")
         self._dark = np.array(self._dark_frame()) / DARK_SAMPLES
@@ -185,3 +202,11 @@ class Rig:
                 if len(spectra) == count:
                     break
         return touches[:count], np.array(spectra, dtype=float) - self._dark
+
+
+@kept(str)
+def _silicone_line(sensor: SensorFile, exposure_us: int) -> str:
+    """Calibrate hysteresis and creep of a simulated strip; return the line of the compensation."""
+    with Rig(sensor, 0, exposure_us, 1, compensated=False) as rig:
+        lines = rig.lines
+    return fit_silicone(*record(sensor, lines, SESSION)[:4]).line

@@ -32,7 +32,7 @@ DARK = [3, 4, 3, 5, 4, 4]
 NONE, FULL = [0] * 6, [65_535] * 6
 UNEVEN = [65_535, 1] * 3
 
-UNCALIBRATED, REAL, LEAST, LARGEST = range(4)
+UNCALIBRATED, REAL, LEAST, LARGEST, SOFT = range(5)
 DARK_WINDOW_MS = 150  # more than one takes, at 10 ms a sample
 DARK_FRAME_MS = 750  # sixteen of them
 
@@ -76,6 +76,8 @@ SCENES = {
     "the largest table, averaged": scene(
         TOUCHING | SATURATED | MISFIT, UNEVEN, LARGEST, average=64, lasts_ms=1500
     ),
+    "creep of a held finger": scene(TOUCHING, NEAR, SOFT, lasts_ms=100),
+    "hysteresis of a weaker finger": scene(TOUCHING, [n * 3 // 4 for n in NEAR], SOFT),
 }
 WITH_DARK_WINDOW = {"a dark frame on request", "the dark window when it lifts", "nobody for long"}
 AFTER_A_GAP = {
@@ -103,6 +105,10 @@ LONG_SCENES = {
 }
 
 
+# Gain; half widths and weights of play operators; time constants and shares of creep.
+SILICONE = "silicone 4200 300 1000 3000 500 100 80 40 400 40000 200 80 20"
+
+
 def farthest(calibration, largest):
     """Return a calibration with the largest weights and the farthest tables that are allowed."""
     kept = [line for line in calibration if line.split()[0] in ("board", "plan", "made", "touch")]
@@ -126,6 +132,7 @@ def farthest(calibration, largest):
 @pytest.fixture(scope="module")
 def given(calibration):
     calibrations = [None, calibration, farthest(calibration, False), farthest(calibration, True)]
+    calibrations.append([*calibration, SILICONE])
     return {
         "settings": ["exposure_us=10000"],
         "calibrations": calibrations,

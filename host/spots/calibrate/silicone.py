@@ -17,7 +17,7 @@ from .fit import ONE_Q12
 PLAYS_MN = (300, 1000, 3000)  # half widths
 TAUS_MS = (400, 4000, 40_000)
 _LEAST_MN = 300.0  # weaker forces are in the dead zone, or nearly
-_READINGS_MIN = 500
+_READINGS_MIN = 300
 _PRIOR = 0.1  # expected size of a weight
 _NOISE_MN = 20.0  # of the forces of the recording: errors of the scale, and of the model
 
