@@ -16,40 +16,41 @@ from .decode import (
     BRIGHTNESS,
     CONTRAST,
     CRC_SIZE,
-    DRIFT,
     DRIFT_MAX,
     FLAGS,
     FLOOR_SAMPLES,
     FORCE_MN,
     FORCES,
-    FOUND,
     GAP,
     HEADER_SIZE,
     KIND,
-    LEARNS,
     LED_OFF,
     LIGHT,
     LOG_SAMPLES,
-    LOGS,
     MISFIT,
-    MISFIT_Q12,
     NOT_CALIBRATED,
     POSITION_UM,
     SAMPLES,
-    SEEN,
     SEGMENTS,
     SEQUENCE,
-    TOLERANCE_Q12,
     TOO_DARK,
     TOUCH_BODY,
     TOUCH_OFF_MN,
     TOUCH_ON_MN,
-    TOUCH_SIZE,
     TOUCHING,
     WEIGHTS,
 )
 from .log2 import log2_q20
 from .smux import CHANNELS
+
+# Elements of `state`, see decode.py, that only this module uses: drift of the misfit, see `_judge`;
+# misfit to one press and its tolerance in Q12, if the position is known; six logarithms; up to
+# three values of a table.
+DRIFT, LEARNS, SEEN = range(11, 14)
+MISFIT_Q12, TOLERANCE_Q12 = 15, 16
+LOGS, FOUND = 17, 27
+
+TOUCH_SIZE = HEADER_SIZE + 15
 
 
 def unpack(burst, counts):
