@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import spots
+import spots_device
 from spots import SpotsError
 from spots.cli import main
 from spots.deploy import build as builder
@@ -88,6 +89,13 @@ def test_a_traceback_names_file_and_function(tmp_path):
     raises = "from spots_device.runtime.common import run; run(None, None, None, None, None)"
     place = traceback_on_board(build("virtual", tmp_path), raises)
     assert place == ("runtime/common.py", "run")
+
+
+def test_boards_get_machine_code_without_any_correction_of_signs():
+    text = (Path(spots_device.__file__).parent / "kernel_viper.py").read_text(encoding="utf-8")
+    code = text.split('"""')[2]
+    assert code.count("^ sign") == code.count(builder._SIGN[0]) > 0
+    assert "^ sign" not in code.replace(*builder._SIGN)
 
 
 def test_the_modules_of_a_pico_stay_small(tmp_path):
