@@ -94,7 +94,7 @@ def _rows(table, kind):
 def _known(touch):
     """Return a row of the wire as a reading: 0 is there where a place or a force is not known."""
     blind = touch.flags & (decode.NOT_CALIBRATED | decode.LED_OFF)
-    if blind or not touch.flags & decode.TOUCHING:
+    if blind or not (touch.flags & decode.TOUCHING or touch.force_mN):
         touch = touch._replace(position_um=math.nan)
     return touch._replace(force_mN=math.nan) if blind else touch
 

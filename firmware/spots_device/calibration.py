@@ -12,6 +12,9 @@ Each line is one statement. Weights are in Q13, logarithms in Q20::
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
                                (sum 0), six for the force (sum 8192); one line for each segment
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
+    silicone 4200 300 1000 ... compensation of hysteresis and creep: gain, three half widths in mN,
+                               their weights, three time constants in ms, their shares of the
+                               force (all in Q12); without this line, forces are not compensated
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which the next segment begins
     x -123456 85000 77 -5      knot of that segment: contrast -> position in um, value of 'fit' for
@@ -38,7 +41,7 @@ _LOG_MAX = 1 << 28
 _STRAIN_Q = 12
 
 # Name of a statement: number of its integers.
-_ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
+_ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "silicone": 13}
 _MANY = {"segment": 12, "f": 3}
 
 
@@ -99,6 +102,8 @@ class Calibration:
         Board and settings with which the calibration was made.
     relative_force : bool
         Whether forces have no unit: 3000 is the mean light of the presses, 6000 twice that light.
+    compensation : silicone.Compensation or None
+        Corrects the force for hysteresis and creep; None if these were not calibrated.
     tables : array of int
         All weights and tables, see decode.py; `coarse`, `fit`, the columns of forces and those of
         the segments are views of it.
@@ -110,14 +115,14 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
-        seen = {"segment": [], "f": []}
+        seen = {name: [] for name in _MANY}
         strains = []
         for line in lines:
             words = line.split()
             if words:
                 _take(line, words, seen, strains)
         for name in ("board", "plan") + tuple(_ONCE):
-            if name not in seen:
+            if name not in seen and name != "silicone":
                 raise CalibrationError("the line '%s' is missing" % name)
         self.relative_force = "relative" in seen
         self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
@@ -132,6 +137,11 @@ class Calibration:
             raise CalibrationError(
                 "the forces of 'f' must be from 0 to 65535 mN, the last above the first"
             )
+        self.compensation = None
+        if "silicone" in seen:
+            from .silicone import Compensation  # not every strip needs it
+
+            self.compensation = Compensation(seen["silicone"])
         _check_strains(strains, seen["segment"])
         bounds, knots = _between(strains, strain_ppm)
         for table in knots:

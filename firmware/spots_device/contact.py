@@ -36,7 +36,7 @@ except ImportError:
 from array import array
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
-from .locate import locate, power
+from .locate import locate, noise, power
 from .second import may_rest, weigh
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
@@ -57,7 +57,6 @@ _TWO = const(3)
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
-_NOISE_UM = const(20_000)  # upper limit of the standard deviation
 _REST_UM = const(250)  # largest difference between two readings of a resting position
 _SAME_UM = const(450)  # largest distance from the mean position of the same finger
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
@@ -95,6 +94,75 @@ _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
 
+# State of a tracker: indices in one array, because MicroPython is slow at objects with many
+# attributes. The first three are the output of `locate` and `weigh`. Positions are in um,
+# brightness (`B`) in Q20 of log2, times (`T`) in ticks; flags are 0 or 1.
+_FOUND_UM = const(0)
+_FOUND_SLACK_UM = const(1)
+_FOUND_B = const(2)
+_STATE = const(3)
+_X_UM = const(4)  # position of the first finger
+_FORCE_MN = const(5)  # of the last reading that fits one press
+_KNOWN = const(6)  # in TWO: whether the position of the first finger is known
+_SEEN = const(7)  # consecutive readings that agree; -1 after one that does not fit one press
+_X_BEFORE_UM = const(8)  # position of the first finger, one reading earlier
+_X_SEEN_UM = const(9)  # of the last reading
+_B_SEEN = const(10)
+_STEP_UM = const(11)  # motion between the last two readings
+_B = const(12)  # of the first finger, in its last three readings alone
+_B_BEFORE = const(13)
+_B_OLDEST = const(14)
+_SINCE = const(15)  # first reading at the present position
+_B_SINCE = const(16)
+_T = const(17)  # time of the last reading
+_BEGAN = const(18)  # start of the present state
+_IS_EVEN = const(19)  # the force of the first finger is steady
+_IS_CALM = const(20)  # the same, with a lower limit
+_RISES = const(21)  # the force of the first finger rises
+_FALLS = const(22)  # whether the first finger lifts (`_EARLY`, `_LATE`), and since when
+_FELL = const(23)
+_SECOND = const(24)  # whether a second finger is known; its position and brightness
+_X_SECOND_UM = const(25)
+_B_SECOND = const(26)
+_THIRD = const(27)  # there may be a third finger
+_PAIR = const(28)  # the state TWO has had a reading
+_LOOSE = const(29)  # the position of the first finger is an estimate
+_PEAK = const(30)  # of the readings in the state TWO
+_X_PEAK_UM = const(31)
+_LOW = const(32)
+_LEAST = const(33)
+_RESTED = const(34)  # whether the last reading was at the same position, and whether it fits
+_FIT_SEEN = const(35)
+_X_BOTH_UM = const(36)  # last reading of two fingers that rest
+_B_BOTH = const(37)
+_FIT_BOTH = const(38)
+_GUESSED = const(39)  # whether, and since when there is an estimate of another finger
+_GUESSED_T = const(40)
+_X_GUESS_UM = const(41)  # this estimate
+_B_GUESS = const(42)
+_SLACK_GUESS_UM = const(43)
+_DRIFTS = const(44)  # the finger alone did not fit one press: then the fit is no evidence
+_LEAVING = const(45)  # no finger touches since this time
+_LEFT = const(46)
+_HAS_DIPPED = const(47)  # the light was lost for a moment
+_ODD = const(48)  # a reading did not fit one press
+_STILL = const(49)  # since when, and in which limits a touch rests
+_LOW_UM = const(50)
+_HIGH_UM = const(51)
+_LOW_MN = const(52)
+_HIGH_MN = const(53)
+_FIRM_MN = const(54)  # force of a firm press, until it is reported
+_LENGTH_UM = const(55)  # of the strip, see `set_layout` and `_NOISE`
+_DECAY = const(56)
+_NOISE_PRODUCT = const(57)
+_RELEASE_MN = const(58)  # of the layout
+_PRESS_MN = const(59)
+_STUCK_T = const(60)
+_DETECT = const(61)
+_JUMP_UM = const(62)
+_RELEASE_T = const(63)
+_SIZE = const(64)
+
 
 def elapsed(since, now):
     """Return the ticks from the time `since` to the later time `now`; correct across a wrap."""
@@ -123,57 +191,36 @@ class ContactTracker:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
         Returns whether the sink uses the second finger.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
-
-    Attributes
-    ----------
-    x_um : int
-        Position of the first finger in um.
-    force_mN : int
-        Force of the last reading that fits one press, in mN.
     """
 
     def __init__(self, sink):
         self.sink = sink
         self._layout = None
-        self._state = _SPENT
-        self._known = False  # in TWO: whether the first finger's position is known
-        self._seen = 0  # consecutive readings that agree
-        self.x_um = self._x_before_um = self._x_seen_um = self._step_um = 0
-        self._b = self._b_before = self._b_oldest = self._b_seen = 0
-        self._b_since = 0
-        self._length_um = self._decay = 0
-        self._t = self._began = self._since = 0
-        self._even = self._second = self._third = self._rises = self._pair = False
-        self._falls = self._fell = 0
-        self._loose = False
-        self._low = 0
-        self._noise = _NOISE
-        self._rested = self._fit_seen = self._fit_both = False
-        self._x_both_um = self._b_both = 0
-        self._guessed = False
-        # Whether the finger alone did not fit one press: then the fit is no evidence.
-        self._drifts = 0
-        self._guessed_at = 0
-        self._x_second_um = self._b_second = 0
-        self._x_guess_um = self._b_guess = self._slack_guess_um = 0
-        self._found = array("i", bytes(12))
-        self._leaving = False
-        self._left = self._still = 0
-        self._dipped = self._odd = False
-        self._peak = self._x_peak_um = self._least = 0
-        self._firm_mN = _NEVER  # force of a firm press, unless it was reported
-        self._low_um = self._high_um = self._low_mN = self._high_mN = 0  # of a touch at rest
-        self.force_mN = 0
+        self._s = s = array("i", bytes(4 * _SIZE))
+        s[_STATE] = _SPENT
+        s[_FIRM_MN] = _NEVER
+
+    @property
+    def x_um(self):
+        """Position of the first finger in um."""
+        return self._s[_X_UM]
+
+    @property
+    def force_mN(self):
+        """Force of the last reading that fits one press, in mN."""
+        return self._s[_FORCE_MN]
 
     @property
     def touched(self):
         """Whether a finger with a known position touches the strip."""
-        return self._state == _DOWN or (self._state == _TWO and self._known)
+        s = self._s
+        return s[_STATE] == _DOWN or (s[_STATE] == _TWO and s[_KNOWN])
 
     @property
     def two(self):
         """Whether more than one finger may touch the strip."""
-        return self._state == _TWO
+        s = self._s
+        return s[_STATE] == _TWO
 
     def set_layout(self, layout, length_um=0, decay=0):
         """Set the limits and the strip length; a present touch is ignored until it is lifted.
@@ -188,19 +235,27 @@ class ContactTracker:
         decay : int
             Decay of the dye, see `locate.locate`.
         """
+        s = self._s
         self._layout = layout
-        self._decay = decay
-        self._length_um = length_um
+        s[_RELEASE_MN] = layout.release_mN
+        s[_PRESS_MN] = layout.press_mN
+        s[_STUCK_T] = layout.stuck_t
+        s[_DETECT] = layout.detect
+        s[_JUMP_UM] = layout.jump_um
+        s[_RELEASE_T] = layout.release_t
+        s[_DECAY] = decay
+        s[_LENGTH_UM] = length_um
         # Light decreases along a strip, and a long strip needs a weak dye: the noise grows.
         share = min(max(length_um, 0), 600_000) * 3 // 1000
-        self._noise = max(share * share * 18 // 13, _NOISE)
+        s[_NOISE_PRODUCT] = max(share * share * 18 // 13, _NOISE)
         self.spend()
 
     def spend(self):
         """Drop the touch; the finger must be lifted before the next touch."""
-        self._state = _SPENT
-        self._seen = 0
-        self._leaving = False
+        s = self._s
+        s[_STATE] = _SPENT
+        s[_SEEN] = 0
+        s[_LEAVING] = False
 
     def take(self, flags, position_um, force_mN, brightness, t):
         """Process a reading.
@@ -216,28 +271,31 @@ class ContactTracker:
         t : int
             Time in ticks.
         """
+        s = self._s
         if flags & LED_OFF:
             return  # with the LED off, a touch cannot be detected
-        layout = self._layout
-        if not flags & TOUCHING or (force_mN < layout.release_mN and not flags & DOUBTFUL):
-            self._lift(t)
-            if force_mN and not flags & MISFIT and self._state == _UP:
+        if not flags & TOUCHING or (force_mN < s[_RELEASE_MN] and not flags & DOUBTFUL):
+            if s[_STATE] != _UP:
+                self._lift(t)
+            elif s[_SEEN]:
+                s[_SEEN] = 0
+            if force_mN and not flags & MISFIT and s[_STATE] == _UP:
                 self._approach(position_um, brightness, t)
             return
-        if self._leaving:
-            self._leaving = False
-            self._dipped = True
+        if s[_LEAVING]:
+            s[_LEAVING] = False
+            s[_HAS_DIPPED] = True
         if flags & _BLIND:
-            self._seen = 0
+            s[_SEEN] = 0
             return
         fits = not flags & MISFIT or flags & TWO_FIT == TWO_FIT
-        if not fits and not self._length_um:
+        if not fits and not s[_LENGTH_UM]:
             return
-        state = self._state
+        state = s[_STATE]
         if fits:
-            self.force_mN = force_mN
-            if layout.stuck_t and state and self._rests(position_um, force_mN, t):
-                self._state = _SPENT
+            s[_FORCE_MN] = force_mN
+            if s[_STUCK_T] and state and self._rests(position_um, force_mN, t):
+                s[_STATE] = _SPENT
                 self.sink.stuck()
                 return
         if state == _DOWN:
@@ -246,22 +304,20 @@ class ContactTracker:
             self._press(fits, position_um, force_mN, brightness, t)
         elif state == _TWO:
             self._part(fits, position_um, force_mN, brightness, t)
-        if self._state == _DOWN:
-            self._drifts = flags & MISFIT
-        self._t = t
+        if s[_STATE] == _DOWN:
+            s[_DRIFTS] = flags & MISFIT
+        s[_T] = t
 
     def _lift(self, t):
-        if self._state == _UP:
-            self._seen = 0
+        s = self._s
+        if not s[_LEAVING]:
+            s[_LEAVING] = True
+            s[_LEFT] = t
+        if elapsed(s[_LEFT], t) < s[_RELEASE_T]:
             return
-        if not self._leaving:
-            self._leaving = True
-            self._left = t
-        if elapsed(self._left, t) < self._layout.release_t:
-            return
-        self._leaving = False
-        down, self._state = self.touched, _UP
-        self._seen = 0
+        s[_LEAVING] = False
+        down, s[_STATE] = self.touched, _UP
+        s[_SEEN] = 0
         if down:
             self.sink.up(t)
 
@@ -269,86 +325,89 @@ class ContactTracker:
 
     def _approach(self, x_um, brightness, t):
         """Record a reading as the first one of a possible touch."""
-        self._began = self._since = t
-        self.x_um = self._x_seen_um = x_um
-        self._b_seen = brightness
-        self._step_um = self._peak = 0
-        self._seen = 1
+        s = self._s
+        s[_BEGAN] = s[_SINCE] = t
+        s[_X_UM] = s[_X_SEEN_UM] = x_um
+        s[_B_SEEN] = brightness
+        s[_STEP_UM] = s[_PEAK] = 0
+        s[_SEEN] = 1
 
     def _press(self, fits, x_um, force_mN, brightness, t):
-        layout = self._layout
-        if force_mN < layout.press_mN:
-            self._seen = 0
+        s = self._s
+        if force_mN < s[_PRESS_MN]:
+            s[_SEEN] = 0
             if fits:
                 self._approach(x_um, brightness, t)
             return
-        moved_um = x_um - self._x_seen_um
-        if not self._seen:
+        moved_um = x_um - s[_X_SEEN_UM]
+        if not s[_SEEN]:
             self._approach(x_um, brightness, t)
         elif (
             fits
-            and self._seen > 0
+            and s[_SEEN] > 0
             and abs(moved_um)
-            < (self._slack_um(brightness) * 5 >> 2 if self._length_um else layout.jump_um)
+            < (self._slack_um(brightness) * 5 >> 2 if s[_LENGTH_UM] else s[_JUMP_UM])
         ):
-            self._seen += 1
+            s[_SEEN] += 1
         else:
-            steady = self._step_um and abs(moved_um - self._step_um) < self._slack_um(brightness)
-            if fits and steady and abs(moved_um) <= layout.jump_um:
-                self._seen = layout.detect  # the finger slides already
+            steady = s[_STEP_UM] and abs(moved_um - s[_STEP_UM]) < self._slack_um(brightness)
+            if fits and steady and abs(moved_um) <= s[_JUMP_UM]:
+                s[_SEEN] = s[_DETECT]  # the finger slides already
             else:
-                self._seen = 1
-                self.x_um = x_um
-                if elapsed(self._began, t) >= _TOGETHER_T:
-                    self._known = self._even = False
+                s[_SEEN] = 1
+                s[_X_UM] = x_um
+                if elapsed(s[_BEGAN], t) >= _TOGETHER_T:
+                    s[_KNOWN] = s[_IS_EVEN] = False
                     self._mix(x_um, brightness, t)
                     return
         # Three readings show whether a motion is steady.
-        self._step_um = moved_um if self._seen == 1 and elapsed(self._began, t) else 0
+        s[_STEP_UM] = moved_um if s[_SEEN] == 1 and elapsed(s[_BEGAN], t) else 0
         if not fits:
-            self._step_um = 0
-            self._seen = -1
-        self._x_seen_um = x_um
-        self._b_seen = brightness
-        if self._seen >= layout.detect:
+            s[_STEP_UM] = 0
+            s[_SEEN] = -1
+        s[_X_SEEN_UM] = x_um
+        s[_B_SEEN] = brightness
+        if s[_SEEN] >= s[_DETECT]:
             self._begin(x_um, force_mN, brightness, t)
-            self._b_before = 0
+            s[_B_BEFORE] = 0
             self.sink.down(x_um, t)
             self._harden(force_mN, t)
 
     # State DOWN.
 
     def _begin(self, x_um, force_mN, brightness, t):
-        self._state = _DOWN
-        self._seen = 0
-        self._loose = False
-        self._dipped = False
-        self.x_um = self._x_before_um = x_um
-        self._b = self._b_before = brightness
-        self._b_oldest = 0
-        self._x_seen_um = x_um
-        self._firm_mN = self._layout.firm_mN
+        s = self._s
+        s[_STATE] = _DOWN
+        s[_SEEN] = 0
+        s[_LOOSE] = False
+        s[_HAS_DIPPED] = False
+        s[_X_UM] = s[_X_BEFORE_UM] = x_um
+        s[_B] = s[_B_BEFORE] = brightness
+        s[_B_OLDEST] = 0
+        s[_X_SEEN_UM] = x_um
+        s[_FIRM_MN] = self._layout.firm_mN
         self._rest(x_um, force_mN, t)
 
     def _follow(self, fits, x_um, force_mN, brightness, t):
-        off_um = x_um - self.x_um
+        s = self._s
+        off_um = x_um - s[_X_UM]
         if fits and -_SAME_UM < off_um < _SAME_UM:
             off_um >>= 1
-            self._loose = False
-        elif fits and self._loose and -_NEAR_UM < off_um < _NEAR_UM:
+            s[_LOOSE] = False
+        elif fits and s[_LOOSE] and -_NEAR_UM < off_um < _NEAR_UM:
             pass
         elif self._is_next(fits, off_um, x_um, brightness, t):
             self._part(fits, x_um, force_mN, brightness, t)
             return
-        self._x_before_um = self.x_um
-        self.x_um += off_um
-        self._x_seen_um = x_um
-        self._b_oldest = self._b_before
-        self._b_before = self._b
-        self._b = brightness
-        self._dipped = False
+        s[_X_BEFORE_UM] = s[_X_UM]
+        s[_X_UM] += off_um
+        s[_X_SEEN_UM] = x_um
+        s[_B_OLDEST] = s[_B_BEFORE]
+        s[_B_BEFORE] = s[_B]
+        s[_B] = brightness
+        s[_HAS_DIPPED] = False
         self.sink.at(x_um, t)
-        if force_mN >= self._firm_mN:
+        if force_mN >= s[_FIRM_MN]:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
@@ -363,192 +422,194 @@ class ContactTracker:
         x_um, brightness, t : int
             Position in um, brightness in Q20 of log2, and time in ticks.
         """
-        if fits and not self._dipped:
+        s = self._s
+        if fits and not s[_HAS_DIPPED]:
             if abs(off_um) < 4 * self.noise_um(brightness):
                 return False
-            ticks = min(elapsed(self._t, t), _TOGETHER_T)
-            if abs(x_um - self._x_seen_um) <= self._layout.jump_um and (
-                not self._length_um or abs(brightness - self._b) <= _SLIDE_LIGHT * ticks
+            ticks = min(elapsed(s[_T], t), _TOGETHER_T)
+            if abs(x_um - s[_X_SEEN_UM]) <= s[_JUMP_UM] and (
+                not s[_LENGTH_UM] or abs(brightness - s[_B]) <= _SLIDE_LIGHT * ticks
             ):
                 return False
-        before = self._b_before
-        risen = self._b - before
-        last = min(self._b, brightness)
-        steady = before and abs(before - self._b_oldest) < _EVEN
-        self._calm = abs(risen) < _CALM and abs(before - self._b_oldest) < _CALM
-        self._even = risen > -_EVEN and (risen < _EVEN or steady)
-        self._rises = risen >= _EVEN and not steady
-        self._falls = _EARLY if risen <= -_EVEN else 0
-        self._fell = t
-        if last < max(self._b, before, self._b_oldest) - _FALLEN:
-            self._dipped = True
-        self._known = True
-        self.x_um = self._x_before_um
-        if not self._rises:
-            self._b = before
+        before = s[_B_BEFORE]
+        risen = s[_B] - before
+        last = min(s[_B], brightness)
+        steady = before and abs(before - s[_B_OLDEST]) < _EVEN
+        s[_IS_CALM] = abs(risen) < _CALM and abs(before - s[_B_OLDEST]) < _CALM
+        s[_IS_EVEN] = risen > -_EVEN and (risen < _EVEN or steady)
+        s[_RISES] = risen >= _EVEN and not steady
+        s[_FALLS] = _EARLY if risen <= -_EVEN else 0
+        s[_FELL] = t
+        if last < max(s[_B], before, s[_B_OLDEST]) - _FALLEN:
+            s[_HAS_DIPPED] = True
+        s[_KNOWN] = True
+        s[_X_UM] = s[_X_BEFORE_UM]
+        if not s[_RISES]:
+            s[_B] = before
         self._mix(x_um, brightness, t)
-        self._least = last
+        s[_LEAST] = last
         return True
 
     # State TWO.
 
     def _mix(self, x_um, brightness, t):
-        self._state = _TWO
-        self._began = t
-        self._seen = -1
-        self._odd = self._second = self._third = False
-        self._rested = self._guessed = self._pair = False
-        self._b_both = 0
-        self._peak = self._least = self._low = brightness
-        self._x_peak_um = x_um
+        s = self._s
+        s[_STATE] = _TWO
+        s[_BEGAN] = t
+        s[_SEEN] = -1
+        s[_ODD] = s[_SECOND] = s[_THIRD] = False
+        s[_RESTED] = s[_GUESSED] = s[_PAIR] = False
+        s[_B_BOTH] = 0
+        s[_PEAK] = s[_LEAST] = s[_LOW] = brightness
+        s[_X_PEAK_UM] = x_um
 
     def _part(self, fits, x_um, force_mN, brightness, t):
+        s = self._s
         # The light of two fingers was lost and grows again: a third finger.
         if (
-            self._low < self._peak - _LOST
-            and brightness > self._low + _GROWN
-            and self._peak > self._b + _BOTH
+            s[_LOW] < s[_PEAK] - _LOST
+            and brightness > s[_LOW] + _GROWN
+            and s[_PEAK] > s[_B] + _BOTH
         ):
-            self._third = True
-        if brightness > self._peak + _RISEN and self._falls == _LATE:
-            self._third = True
-        if brightness >= self._peak:
-            self._peak = self._low = brightness
-            self._x_peak_um = x_um
-        self._low = min(brightness, self._low)
-        self._least = min(brightness, self._least)
-        seen = self._seen
-        x_last_um = self._x_seen_um
-        b_last = self._b_seen
+            s[_THIRD] = True
+        if brightness > s[_PEAK] + _RISEN and s[_FALLS] == _LATE:
+            s[_THIRD] = True
+        if brightness >= s[_PEAK]:
+            s[_PEAK] = s[_LOW] = brightness
+            s[_X_PEAK_UM] = x_um
+        if brightness < s[_LOW]:
+            s[_LOW] = brightness
+        if brightness < s[_LEAST]:
+            s[_LEAST] = brightness
+        seen = s[_SEEN]
+        x_last_um = s[_X_SEEN_UM]
+        b_last = s[_B_SEEN]
         steady = abs(x_um - x_last_um) < self._slack_um(brightness)
-        if brightness > self._b_seen + _RISEN:
-            self._b_both = 0
-        elif not steady and self._rested:
-            self._x_both_um = self._x_seen_um
-            self._b_both = self._b_seen
-            self._fit_both = self._fit_seen
-        self._rested = steady
-        self._fit_seen = fits
+        if brightness > s[_B_SEEN] + _RISEN:
+            s[_B_BOTH] = 0
+        elif not steady and s[_RESTED]:
+            s[_X_BOTH_UM] = s[_X_SEEN_UM]
+            s[_B_BOTH] = s[_B_SEEN]
+            s[_FIT_BOTH] = s[_FIT_SEEN]
+        s[_RESTED] = steady
+        s[_FIT_SEEN] = fits
         if seen >= 0 and fits and steady:
-            self._seen = min(seen + 1, 99)
+            s[_SEEN] = min(seen + 1, 99)
         else:
-            self._seen = 0
-            self._since = t
-            self._b_since = brightness
+            s[_SEEN] = 0
+            s[_SINCE] = t
+            s[_B_SINCE] = brightness
             if not fits:
-                self._seen = -1
-                self._odd = True
-        self._x_seen_um = x_um
-        self._b_seen = brightness
-        off_um = abs(x_um - self.x_um)
+                s[_SEEN] = -1
+                s[_ODD] = True
+        s[_X_SEEN_UM] = x_um
+        s[_B_SEEN] = brightness
+        off_um = abs(x_um - s[_X_UM])
         # With two fingers, this change of light would move the position.
         change = abs(brightness - b_last)
         single = (
             fits
-            and self._known
-            and not self._second
-            and self._pair
+            and s[_KNOWN]
+            and not s[_SECOND]
+            and s[_PAIR]
             and change > _CHANGED
             and abs(x_um - x_last_um) < max(_REST_UM, (change >> 12) * min(off_um, 100_000) >> 12)
         )
-        if brightness < self._peak - _EVEN:
-            self._even = self._rises = False  # the first finger may be leaving
-            if self._known and not self._falls and brightness < b_last - _CALM:
-                away = off_um - abs(x_last_um - self.x_um)
+        if brightness < s[_PEAK] - _EVEN:
+            s[_IS_EVEN] = s[_RISES] = False  # the first finger may be leaving
+            if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM:
+                away = off_um - abs(x_last_um - s[_X_UM])
                 if away > _REST_UM:
-                    self._falls = _LATE
-                    self._fell = t
-        if self._second and self._resolve(fits, x_um, force_mN, brightness, t):
+                    s[_FALLS] = _LATE
+                    s[_FELL] = t
+        if s[_SECOND] and self._resolve(fits, x_um, force_mN, brightness, t):
             return
-        if not (self._second or self._third or self._dipped):
-            if self._even:
+        if not (s[_SECOND] or s[_THIRD] or s[_HAS_DIPPED]):
+            if s[_IS_EVEN]:
                 self._guess(fits, x_um, brightness, t)
-            elif self._rises:
+            elif s[_RISES]:
                 self._weigh(fits, x_last_um, b_last, x_um, brightness, t)
-        self._pair = True
-        seen = self._seen
-        if not single and (seen < 1 or elapsed(self._since, t) * (seen + 1) < _REST_T * seen):
+        s[_PAIR] = True
+        seen = s[_SEEN]
+        if not single and (seen < 1 or elapsed(s[_SINCE], t) * (seen + 1) < _REST_T * seen):
             return
-        if not self._known:
+        if not s[_KNOWN]:
             # If light was lost and the position moved, one of two fingers has left. Or there was
             # only one finger, and ambient light that is now off.
-            if (brightness < self._peak - _LOST and abs(x_um - self._x_peak_um) > _MOVED_UM) or (
-                self._odd and elapsed(self._since, t) >= _TOGETHER_T
+            if (brightness < s[_PEAK] - _LOST and abs(x_um - s[_X_PEAK_UM]) > _MOVED_UM) or (
+                s[_ODD] and elapsed(s[_SINCE], t) >= _TOGETHER_T
             ):
                 self._begin(x_um, force_mN, brightness, t)
-                self._b_before = 0
+                s[_B_BEFORE] = 0
                 self.sink.down(x_um, t)
                 self._recall(x_um, brightness, t)
                 self._harden(force_mN, t)
             return
-        off_um = x_um - self.x_um
-        back_um = _NEAR_UM if self._loose else _BACK_UM
+        off_um = x_um - s[_X_UM]
+        back_um = _NEAR_UM if s[_LOOSE] else _BACK_UM
         if abs(off_um) < max(back_um, 4 * self.noise_um(brightness)):
-            firm_mN = self._firm_mN
-            if not self._second:
+            firm_mN = s[_FIRM_MN]
+            if not s[_SECOND]:
                 self._recall(x_um, brightness, t)
             self._begin(x_um, force_mN, brightness, t)
-            self._firm_mN = firm_mN
-            if self._second:
-                self._second = False
+            s[_FIRM_MN] = firm_mN
+            if s[_SECOND]:
+                s[_SECOND] = False
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
         elif single or self._has_left(off_um, brightness, t):
-            stays = self._second and not self._dipped and abs(x_um - self._x_second_um) < _APART_UM
+            stays = s[_SECOND] and not s[_HAS_DIPPED] and abs(x_um - s[_X_SECOND_UM]) < _APART_UM
             if not stays:
-                if self._second:
+                if s[_SECOND]:
                     self.sink.left(True, t)
                 self._recall(x_um, brightness, t)
-            self._second = False
+            s[_SECOND] = False
             self._begin(x_um, force_mN, brightness, t)
             if stays:
                 self.sink.left(False, t)
             else:
-                self._b_before = 0
+                s[_B_BEFORE] = 0
                 self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
     def _resolve(self, fits, x_um, force_mN, brightness, t):
         """Update the light of two known fingers; return whether one of them has left."""
-        if self._even:
+        s = self._s
+        if s[_IS_EVEN]:
             if (
-                self._solve(self.x_um, self._b, x_um, brightness, fits)
-                and abs(self._found[0] - self._x_second_um) < _NEAR_UM
+                self._solve(s[_X_UM], s[_B], x_um, brightness, fits)
+                and abs(s[_FOUND_UM] - s[_X_SECOND_UM]) < _NEAR_UM
             ):
-                self._b_second = self._found[2]
+                s[_B_SECOND] = s[_FOUND_B]
             return False
-        if (
-            fits
-            and abs(x_um - self._x_second_um) < _NEAR_UM
-            and (brightness < self._b_second + _MORE)
-        ):
-            b = self._b_second
-            self._second = False
+        if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):
+            b = s[_B_SECOND]
+            s[_SECOND] = False
             self._begin(x_um, force_mN, brightness, t)
-            self._b_before = b
-            self._loose = True
+            s[_B_BEFORE] = b
+            s[_LOOSE] = True
             self.sink.left(False, t)
             self.sink.at(x_um, t)
             return True
-        if not self._falls:
-            self._guessed = False
+        if not s[_FALLS]:
+            s[_GUESSED] = False
             return False
         slack_um = self._find_third(fits, x_um, brightness)
-        if not slack_um and elapsed(self._fell, t) < _FALL_T:
+        if not slack_um and elapsed(s[_FELL], t) < _FALL_T:
             return False
-        self.x_um = self._x_before_um = self._x_second_um
-        self._b = self._b_second
-        self._second = False
+        s[_X_UM] = s[_X_BEFORE_UM] = s[_X_SECOND_UM]
+        s[_B] = s[_B_SECOND]
+        s[_SECOND] = False
         self._mix(x_um, brightness, t)
-        self._even = self._pair = True
-        self._dipped = self._calm = False
-        self._falls = 0
-        self._loose = True
+        s[_IS_EVEN] = s[_PAIR] = True
+        s[_HAS_DIPPED] = s[_IS_CALM] = False
+        s[_FALLS] = 0
+        s[_LOOSE] = True
         self.sink.left(False, t)
         if slack_um:
-            self._second = self.sink.second(self._x_guess_um, slack_um, t)
-            self._x_second_um = self._x_guess_um
-            self._b_second = self._b_guess
+            s[_SECOND] = self.sink.second(s[_X_GUESS_UM], slack_um, t)
+            s[_X_SECOND_UM] = s[_X_GUESS_UM]
+            s[_B_SECOND] = s[_B_GUESS]
         return True
 
     def _find_third(self, fits, x_um, brightness):
@@ -556,229 +617,238 @@ class ContactTracker:
 
         Returns its uncertainty in um, or 0. While the first one lifts, two readings do not agree.
         """
-        second_um = self._x_second_um
-        found = self._found
-        agrees = self._guessed
-        last_um = self._x_guess_um
-        self._guessed = (
-            self._solve(second_um, self._b_second, x_um, brightness, fits)
-            and found[2] > self._b_second - _BOTH
-            and abs(found[0] - self.x_um) > _APART_UM
+        s = self._s
+        second_um = s[_X_SECOND_UM]
+        agrees = s[_GUESSED]
+        last_um = s[_X_GUESS_UM]
+        s[_GUESSED] = (
+            self._solve(second_um, s[_B_SECOND], x_um, brightness, fits)
+            and s[_FOUND_B] > s[_B_SECOND] - _BOTH
+            and abs(s[_FOUND_UM] - s[_X_UM]) > _APART_UM
         )
-        if not self._guessed:
+        if not s[_GUESSED]:
             return 0
-        self._x_guess_um = at_um = found[0]
-        self._b_guess = found[2]
+        s[_X_GUESS_UM] = at_um = s[_FOUND_UM]
+        s[_B_GUESS] = s[_FOUND_B]
         if (
             not agrees
             or abs(at_um - last_um) > _AGREE_UM
-            or not self._solve(second_um, self._b_second - _CHANGED, x_um, brightness, fits)
+            or not self._solve(second_um, s[_B_SECOND] - _CHANGED, x_um, brightness, fits)
         ):
             return 0
-        return abs(found[0] - at_um)
+        return abs(s[_FOUND_UM] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside one at `x1_um` from a reading, see `locate.locate`.
 
-        Stores the result in `_found`, and returns whether its position is on the strip.
+        Stores the result in `_FOUND_UM` and the next two elements of the state. Returns whether
+        its position is on the strip.
         """
-        found = self._found
+        s = self._s
         return (
-            self._length_um
+            s[_LENGTH_UM]
             and locate(
-                found,
-                self._decay,
+                s,
+                s[_DECAY],
                 x1_um,
                 b1,
                 x_um,
                 brightness,
-                -1 if self._drifts else fits,
-                self.noise_um(brightness),
+                -1 if s[_DRIFTS] else fits,
+                noise(s[_NOISE_PRODUCT], brightness),
             )
-            and -_NEAR_UM - found[1] < found[0] < self._length_um + _NEAR_UM + found[1]
+            and -_NEAR_UM - s[_FOUND_SLACK_UM]
+            < s[_FOUND_UM]
+            < s[_LENGTH_UM] + _NEAR_UM + s[_FOUND_SLACK_UM]
         )
 
     def _guess(self, fits, x_um, brightness, t):
         """Estimate a finger beside the first one, which rests; report it if two readings agree."""
-        if not self._solve(self.x_um, self._b, x_um, brightness, fits):
-            self._guessed = False
-            end_um = self._length_um + _NEAR_UM if x_um > self.x_um else -_NEAR_UM
-            if not may_rest(self._decay, self.x_um, self._b - _EVEN, end_um, x_um, brightness):
+        s = self._s
+        if not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
+            s[_GUESSED] = False
+            end_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
+            if not may_rest(s[_DECAY], s[_X_UM], s[_B] - _EVEN, end_um, x_um, brightness):
                 # The first finger became dimmer, even if the second one is at the end of the strip.
-                self._even = False
-                self._falls = _EARLY
-                self._fell = t
+                s[_IS_EVEN] = False
+                s[_FALLS] = _EARLY
+                s[_FELL] = t
             return
-        found = self._found
-        at_um = found[0]
-        slack_um = found[1]
-        b = found[2]
-        if self._calm:
+        at_um = s[_FOUND_UM]
+        slack_um = s[_FOUND_SLACK_UM]
+        b = s[_FOUND_B]
+        if s[_IS_CALM]:
             slack_um >>= 1
-        agrees = self._guessed and abs(at_um - self._x_guess_um) <= _AGREE_UM + (
-            slack_um + self._slack_guess_um >> 1
+        agrees = s[_GUESSED] and abs(at_um - s[_X_GUESS_UM]) <= _AGREE_UM + (
+            slack_um + s[_SLACK_GUESS_UM] >> 1
         )
         if agrees and (
-            elapsed(self._guessed_at, t) < _TWICE_T
-            or (abs(b - self._b_guess) <= _OTHER and (fits or not self._calm))
+            elapsed(s[_GUESSED_T], t) < _TWICE_T
+            or (abs(b - s[_B_GUESS]) <= _OTHER and (fits or not s[_IS_CALM]))
         ):
             return  # no evidence: the same share of light always gives the same position
-        self._guessed_at = t
-        self._guessed = True
-        self._x_guess_um = at_um
-        self._slack_guess_um = slack_um
-        self._b_guess = b
+        s[_GUESSED_T] = t
+        s[_GUESSED] = True
+        s[_X_GUESS_UM] = at_um
+        s[_SLACK_GUESS_UM] = slack_um
+        s[_B_GUESS] = b
         if not agrees or slack_um > _SURE_UM:
             return
-        self._second = self.sink.second(at_um, slack_um * _SOON >> 3, t)
-        self._x_second_um = at_um
-        self._b_second = b
+        s[_SECOND] = self.sink.second(at_um, slack_um * _SOON >> 3, t)
+        s[_X_SECOND_UM] = at_um
+        s[_B_SECOND] = b
 
     def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
         """Estimate both fingers while the light of the first one is unknown."""
-        found = self._found
-        if not self._pair:
+        s = self._s
+        if not s[_PAIR]:
             return
         if brightness < b_last + _EVEN:
             # Both fingers rest: only a spectrum of two fingers confirms an earlier estimate.
-            if self._guessed and self._rested and not fits:
+            if s[_GUESSED] and s[_RESTED] and not fits:
                 self._found_both(fits, x_um, brightness, t)
             return
-        limit_um = self._length_um + _NEAR_UM if x_um > self.x_um else -_NEAR_UM
+        limit_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
         if (
-            not weigh(found, self._decay, self.x_um, limit_um, x_last_um, b_last, x_um, brightness)
-            or found[2] < self._b - _CALM
+            not weigh(s, s[_DECAY], s[_X_UM], limit_um, x_last_um, b_last, x_um, brightness)
+            or s[_FOUND_B] < s[_B] - _CALM
         ):
             # A third reading confirms an earlier estimate, because its light differs.
             if (
-                self._guessed
-                and self._solve(self.x_um, self._b_guess, x_um, brightness, fits)
-                and abs(found[0] - self._x_guess_um) <= _AGREE_UM + self._slack_guess_um
+                s[_GUESSED]
+                and self._solve(s[_X_UM], s[_B_GUESS], x_um, brightness, fits)
+                and abs(s[_FOUND_UM] - s[_X_GUESS_UM]) <= _AGREE_UM + s[_SLACK_GUESS_UM]
             ):
                 self._found_both(fits, x_um, brightness, t)
             else:
-                self._guessed = False
+                s[_GUESSED] = False
             return
-        at_um = found[0]
-        slack_um = found[1]
-        b = found[2]
+        at_um = s[_FOUND_UM]
+        slack_um = s[_FOUND_SLACK_UM]
+        b = s[_FOUND_B]
         agrees = (
-            self._guessed
-            and abs(at_um - self._x_guess_um) <= _AGREE_UM + slack_um + self._slack_guess_um
+            s[_GUESSED] and abs(at_um - s[_X_GUESS_UM]) <= _AGREE_UM + slack_um + s[_SLACK_GUESS_UM]
         )
-        if not agrees or slack_um < self._slack_guess_um:
-            self._guessed = True
-            self._x_guess_um = at_um
-            self._slack_guess_um = slack_um
-            self._b_guess = b
+        if not agrees or slack_um < s[_SLACK_GUESS_UM]:
+            s[_GUESSED] = True
+            s[_X_GUESS_UM] = at_um
+            s[_SLACK_GUESS_UM] = slack_um
+            s[_B_GUESS] = b
         if agrees:
             self._found_both(fits, x_um, brightness, t)
 
     def _found_both(self, fits, x_um, brightness, t):
-        found = self._found
-        self._b = self._b_guess
-        self._even = True
-        self._rises = False
-        if self._slack_guess_um > _SURE_UM or not self._solve(
-            self.x_um, self._b, x_um, brightness, fits
+        s = self._s
+        s[_B] = s[_B_GUESS]
+        s[_IS_EVEN] = True
+        s[_RISES] = False
+        if s[_SLACK_GUESS_UM] > _SURE_UM or not self._solve(
+            s[_X_UM], s[_B], x_um, brightness, fits
         ):
-            self._guessed = False
+            s[_GUESSED] = False
             return
-        self._b_guess = found[2]
-        self._second = self.sink.second(self._x_guess_um, self._slack_guess_um * _SOON >> 3, t)
-        self._x_second_um = self._x_guess_um
-        self._b_second = found[2]
+        s[_B_GUESS] = s[_FOUND_B]
+        s[_SECOND] = self.sink.second(s[_X_GUESS_UM], s[_SLACK_GUESS_UM] * _SOON >> 3, t)
+        s[_X_SECOND_UM] = s[_X_GUESS_UM]
+        s[_B_SECOND] = s[_FOUND_B]
 
     def _recall(self, x_um, brightness, t):
         """Report a finger that rested beside the one that is now alone at `x_um`."""
+        s = self._s
         if (
-            self._second
-            or not self._b_both
-            or abs(self._b_since - brightness) > _EVEN  # it lifts
-            or not self._solve(x_um, self._b_since, self._x_both_um, self._b_both, self._fit_both)
+            s[_SECOND]
+            or not s[_B_BOTH]
+            or abs(s[_B_SINCE] - brightness) > _EVEN  # it lifts
+            or not self._solve(x_um, s[_B_SINCE], s[_X_BOTH_UM], s[_B_BOTH], s[_FIT_BOTH])
         ):
             return
-        at_um = self._found[0]
-        slack_um = self._found[1]
-        if slack_um > _SURE_UM or abs(at_um - self.x_um) < _APART_UM + slack_um:
+        at_um = s[_FOUND_UM]
+        slack_um = s[_FOUND_SLACK_UM]
+        if slack_um > _SURE_UM or abs(at_um - s[_X_UM]) < _APART_UM + slack_um:
             return
         if self.sink.second(at_um, slack_um * _LATER >> 3, t):
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
         """Return whether the first finger has left, if positions now rest `off_um` um from it."""
-        if brightness > self._b_since + _DIPPED:
+        s = self._s
+        if brightness > s[_B_SINCE] + _DIPPED:
             return True  # with two fingers, this change of force would move the position
-        first = self._b
-        if self._second:
-            apart_um = self._x_second_um - self.x_um
+        first = s[_B]
+        if s[_SECOND]:
+            apart_um = s[_X_SECOND_UM] - s[_X_UM]
             if off_um < 0:
                 apart_um = -apart_um
-            if abs(off_um) < apart_um - _NEAR_UM and brightness < self._b_since - _EVEN:
+            if abs(off_um) < apart_um - _NEAR_UM and brightness < s[_B_SINCE] - _EVEN:
                 return False  # both lift
             # A third finger may be there, and the second one may not have left.
             return not self._solve(
-                self._x_second_um,
-                self._b_second - _DIPPED,
-                self.x_um + off_um,
+                s[_X_SECOND_UM],
+                s[_B_SECOND] - _DIPPED,
+                s[_X_UM] + off_um,
                 brightness,
                 True,
             )
-        x_um = self.x_um + off_um
+        x_um = s[_X_UM] + off_um
         # No second finger on the strip could cause this position while the first one rests.
-        alone = (self._seen > 1 or brightness < first + _SINGLE) and not self._solve(
-            self.x_um, first - _MORE, x_um, brightness, True
+        alone = (s[_SEEN] > 1 or brightness < first + _SINGLE) and not self._solve(
+            s[_X_UM], first - _MORE, x_um, brightness, True
         )
-        if self._falls and not self._third and elapsed(self._fell, t) >= _FALL_T:
+        if s[_FALLS] and not s[_THIRD] and elapsed(s[_FELL], t) >= _FALL_T:
             return True
-        if self._third:
+        if s[_THIRD]:
             # Return True only if the light is too low for two fingers.
-            return brightness < self._peak - _LOST and (alone or brightness < first + _SINGLE)
+            return brightness < s[_PEAK] - _LOST and (alone or brightness < first + _SINGLE)
         if alone:
             return True
-        if self._dipped or self._least < min(first, brightness) - _DIPPED:
+        if s[_HAS_DIPPED] or s[_LEAST] < min(first, brightness) - _DIPPED:
             return True
-        if self._peak < first + _MORE and elapsed(self._began, t) >= _SEEN_T:
+        if s[_PEAK] < first + _MORE and elapsed(s[_BEGAN], t) >= _SEEN_T:
             return True  # the light was never that of two fingers
         light_first = _counts(first)
-        peak = _counts(self._peak)
+        peak = _counts(s[_PEAK])
         light = _counts(brightness)
         if light >= peak - light_first // 5:
             return False
         # Light was lost while the position moved away from the first finger.
-        away_um = x_um - self._x_peak_um
+        away_um = x_um - s[_X_PEAK_UM]
         if off_um < 0:
             away_um = -away_um
         return away_um > (abs(off_um) >> 5) * ((light_first << 4) // peak) // 10
 
     def noise_um(self, brightness):
         """Return an upper limit of a position's standard deviation due to ADC noise, in um."""
-        return min(self._noise * 16 // _counts(brightness), _NOISE_UM)
+        s = self._s
+        return noise(s[_NOISE_PRODUCT], brightness)
 
     def _slack_um(self, brightness):
+        s = self._s
         # Largest difference of two readings of a resting finger, by the noise of the darker one.
-        return max(_REST_UM, self._noise * 56 // _counts(min(brightness, self._b_seen)))
+        b = s[_B_SEEN]
+        b = brightness if brightness < b else b
+        return max(_REST_UM, noise(s[_NOISE_PRODUCT], b) * 7 >> 1)
 
     def _harden(self, force_mN, t):
-        if force_mN >= self._firm_mN and self._state == _DOWN:
-            self._firm_mN = _NEVER
+        s = self._s
+        if force_mN >= s[_FIRM_MN] and s[_STATE] == _DOWN:
+            s[_FIRM_MN] = _NEVER
             self.sink.firm(t)
 
     def _rests(self, x_um, force_mN, t):
-        if not (
-            self._low_um <= x_um <= self._high_um and self._low_mN <= force_mN <= self._high_mN
-        ):
+        s = self._s
+        if not (s[_LOW_UM] <= x_um <= s[_HIGH_UM] and s[_LOW_MN] <= force_mN <= s[_HIGH_MN]):
             self._rest(x_um, force_mN, t)
             return False
-        if elapsed(self._still, t) < self._layout.stuck_t:
+        if elapsed(s[_STILL], t) < s[_STUCK_T]:
             return False
-        self._still = t
+        s[_STILL] = t
         return True
 
     def _rest(self, x_um, force_mN, t):
+        s = self._s
         off_um = self._layout.slide_um >> 1
-        self._low_um = x_um - off_um
-        self._high_um = x_um + off_um
-        self._low_mN = force_mN - (force_mN >> 2)
-        self._high_mN = force_mN + (force_mN >> 2)
-        self._still = t
+        s[_LOW_UM] = x_um - off_um
+        s[_HIGH_UM] = x_um + off_um
+        s[_LOW_MN] = force_mN - (force_mN >> 2)
+        s[_HIGH_MN] = force_mN + (force_mN >> 2)
+        s[_STILL] = t

@@ -97,7 +97,9 @@ class Decode:
     def calibration(self, calibration):
         self._calibration = calibration
         self.tables = _NO_TABLES
+        self.compensation = None
         if calibration is not None:
+            self.compensation = calibration.compensation
             self.tables = calibration.tables
             self.state[TOUCH_ON_MN] = calibration.touch_on_mN
             self.state[TOUCH_OFF_MN] = calibration.touch_off_mN

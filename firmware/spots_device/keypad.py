@@ -5,7 +5,7 @@ of a touch releases the pressed action, even if the layer has changed since the 
 only; allocates nothing. Times are in the ticks of contact.py.
 """
 
-from .contact import ContactTracker, elapsed
+from .contact import ContactTracker, const, elapsed
 from .layout import (
     DOUBLE,
     FIRM,
@@ -23,13 +23,13 @@ from .layout import (
     TOGGLE,
 )
 
-_IDLE = 0
-_OPEN = 1  # a finger touches, and its action is not decided yet
-_PRESSED = 2  # an action is pressed until the finger leaves
-_SLIDING = 3
-_OVER = 4  # the finger still touches but causes no more actions
+_IDLE = const(0)
+_OPEN = const(1)  # a finger touches, and its action is not decided yet
+_PRESSED = const(2)  # an action is pressed until the finger leaves
+_SLIDING = const(3)
+_OVER = const(4)  # the finger still touches but causes no more actions
 
-_NONE = -1
+_NONE = const(-1)
 
 
 class Keypad:
@@ -123,6 +123,8 @@ class Keypad:
             self._press(self._action(TAP))
 
     def at(self, x_um, t):
+        if self._state == _PRESSED and self._row >= 0:
+            return
         layout = self._layout
         if self._row < 0:
             if self._state == _OPEN:
@@ -134,7 +136,7 @@ class Keypad:
                 self._state = _OVER
                 self._click(layout.swipe(self._row_layer, moved_um > 0))
                 return
-        if self._state != _OPEN and self._state != _SLIDING:
+        if self._state == _OVER or self._state == _IDLE:
             return
         while abs(x_um - self._x_step_um) >= layout.slide_um:
             plus = x_um > self._x_step_um

@@ -22,6 +22,19 @@ def power(exponent):
     return value << whole if whole >= 0 else value >> -whole
 
 
+def noise(product, brightness):
+    """Return `product` divided by the counts of a brightness; at most 20000.
+
+    Parameters
+    ----------
+    product : int
+        Product of counts and standard deviation of the position in um.
+    brightness : int
+        Brightness in Q20 of log2.
+    """
+    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
+
+
 def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     """Estimate the second finger in a reading; return whether there is one.
 

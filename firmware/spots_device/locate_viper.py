@@ -22,6 +22,12 @@ def power(exponent: int) -> int:
 
 
 @micropython.viper
+def noise(product: int, brightness: int) -> int:
+    value = product * 16 // ((int(power(brightness)) >> 6) + 1)
+    return 20_000 if value > 20_000 else value
+
+
+@micropython.viper
 def locate(
     found: ptr32,
     decay: int,

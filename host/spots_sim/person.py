@@ -20,7 +20,7 @@ _PRESS = re.compile(
 )
 _QUESTION = re.compile(r"what (?:does|do) the ruler|what do ruler and scale show")
 _FINGER_MM, _INDENTER_MM = 8.0, 4.0
-_FIRM_MN = (2500.0, 6000.0)  # of a press without a scale
+_FIRM_MN, _HARD_MN = (2500.0, 6000.0), (6000.0, 10_000.0)  # of presses without a scale
 _GRAM_MN = 9.80665
 _STARTS_S = 0.4  # from the request to the press
 _EARLY_S = 0.5  # a press that is lifted early
@@ -85,7 +85,7 @@ class Person:
         """Do what a message of the session asks for."""
         if found := _PRESS.search(text):
             place_mm, grams, firm, newtons = found.groups()
-            low, high = _FIRM_MN
+            low, high = _HARD_MN if firm == "your hardest" else _FIRM_MN
             force_mN = (
                 _GRAM_MN * float(grams)
                 if grams

@@ -35,6 +35,7 @@ _CELL_MM = 2.0  # a cell has its own memory; between two cells the effective for
 _TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])
 _PLAYS_MN = np.array([100.0, 300.0, 900.0, 2700.0])
 _POWER, _SOONEST_S = 0.15, 0.05
+_STEP_S = 0.02  # changes of the force within this time count as one
 _WIDTH_MN = 1500.0
 _SOFTENED_MN = 4000.0
 
@@ -122,10 +123,14 @@ class _Power:
         self._bent = way * (1 - (1 - way * self._bent) * math.exp(-abs(step_mN) / _WIDTH_MN))
         if force_mN <= 0:
             self._bent = 0.0  # the guides separate
-        if self._count == self._steps.shape[1]:
-            self._steps = np.pad(self._steps, ((0, 0), (0, self._count)))
-        self._steps[:, self._count] = self._now_s, step_mN
-        self._count += 1
+        last = self._count - 1
+        if last >= 0 and self._now_s - self._steps[0, last] < _STEP_S:
+            self._steps[1, last] += step_mN
+        else:
+            if self._count == self._steps.shape[1]:
+                self._steps = np.pad(self._steps, ((0, 0), (0, self._count)))
+            self._steps[:, self._count] = self._now_s, step_mN
+            self._count += 1
         self._force_mN = force_mN
         self._most_mN = max(self._most_mN, force_mN)
 

@@ -116,6 +116,18 @@ def test_of_fingers_that_came_together_both_are_typed(apart_s):
     assert sorted(figures["typed"]) == ["3", "9"]
 
 
+def test_the_host_finds_touches_at_the_same_reading_as_the_board():
+    # The second finger comes while the force of the first one rises: the first reading counts.
+    first = Finger(points=[(3.0, 12.7, 0), (3.04, 12.7, 2400), (3.1, 12.7, 2400), (3.12, 12.7, 0)])
+    second = Finger(
+        points=[(3.03, 63.7, 0), (3.06, 63.7, 1650), (3.1, 63.7, 1650), (3.12, 63.7, 0)]
+    )
+    third = Finger(
+        points=[(3.085, 21.2, 0), (3.1, 21.2, 1400), (3.15, 21.2, 1400), (3.17, 21.2, 0)]
+    )
+    assert play(first, second, third)["host_agrees"]
+
+
 @pytest.mark.parametrize("sensor", ["weak_dye", "strong_dye"])
 def test_fast_typing_is_understood_on_other_dyes(sensor):
     figures = added([typed(100, 100, seed, sensor) for seed in (21, 22)])

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+import keys
 from keys import DECAY, Desk, clicks, key, letter, limit
 from spots_device.decode import LED_OFF, MISFIT, SATURATED, TOO_DARK, TOUCHING
 
@@ -155,13 +156,19 @@ def test_without_a_limit_a_finger_may_rest():
     assert (desk.rests, desk.events) == (0, [(A, True)])
 
 
-def together(desk, first, second, milliseconds, flags=TOUCHING):
-    """Hold two fingers (place in mm, force in mN): their light comes from between them."""
+def blend(first, second):
+    """Return where the light of two fingers (place in mm, force in mN) seems to come from."""
     (a_mm, a_mN), (b_mm, b_mN) = first, second
     nepers = DECAY / 2**24 * 1000 * math.log(2) * (b_mm - a_mm)
     share = 1 / (1 + a_mN / b_mN * math.exp(nepers))
     force_mN = (a_mN + b_mN) * math.exp(-0.39 * share * (1 - share) * nepers**2)
-    desk.press(a_mm + share * (b_mm - a_mm), milliseconds, force_mN, flags)
+    return a_mm + share * (b_mm - a_mm), force_mN
+
+
+def together(desk, first, second, milliseconds, flags=TOUCHING):
+    """Hold two fingers (place in mm, force in mN): their light comes from between them."""
+    x_mm, force_mN = blend(first, second)
+    desk.press(x_mm, milliseconds, force_mN, flags)
 
 
 ROLLED = [(A, True), (C, True), (A, False), (C, False)]
@@ -232,6 +239,51 @@ def test_of_two_known_fingers_one_reading_shows_which_one_left():
     together(desk, (28, 400), (74, 1000), 10)
     desk.press(74, 10)
     assert desk.events == ROLLED[:3]
+
+
+def test_a_third_finger_is_found_when_the_first_one_has_left():
+    desk = Desk(*THREE)
+    desk.press(20, 60)
+    for force_mN in (300, 800, 1000, 1000):
+        together(desk, (20, 1000), (48, force_mN), 10)
+    for first_mN, third_mN in ((1000, 300), (500, 700)):
+        together(desk, blend((20, first_mN), (48, 1000)), (82, third_mN), 10)
+    assert desk.events == [(A, True), (B, True)]
+    together(desk, (48, 1000), (82, 1000), 30)
+    assert desk.events == [(A, True), (B, True), (A, False), (C, True)]
+    desk.lift()
+    assert sorted(desk.events[4:]) == [(B, False), (C, False)]
+
+
+def test_a_third_reading_confirms_the_second_finger_beside_one_of_unknown_force():
+    desk = Desk(*THREE)
+    desk.press(28, 10, 400)
+    desk.press(28, 10, 800)
+    for force_mN in (300, 880, 1000):
+        together(desk, (28, 1200), (74, force_mN), 10)
+    assert desk.events == ROLLED[:2]
+
+
+def test_a_finger_whose_force_rises_after_another_one_left_is_not_taken_as_steady():
+    desk = Desk(*THREE)
+    desk.press(28, 60)
+    together(desk, (28, 500), (74, 400), 10)
+    desk.press(74, 10, 800)
+    desk.press(74, 10, 1000)
+    desk.press(74, 10, 1500)
+    for force_mN in (500, 1000, 1500):
+        together(desk, (74, 1500), (16, force_mN), 10)
+    assert desk.events == [*clicks(A), (C, True), (A, True)]
+
+
+def test_two_equal_estimates_within_8_ms_are_no_evidence(monkeypatch):
+    # The first finger lifts as the second one comes.
+    monkeypatch.setattr(keys, "READING_MS", 5)
+    desk = Desk(*THREE)
+    desk.press(28, 60)
+    for first_mN, second_mN in ((1000, 150), (900, 500), (500, 900), (200, 1000)):
+        together(desk, (28, first_mN), (74, second_mN), 5)
+    assert desk.events == [(A, True)]
 
 
 def test_of_two_fingers_that_lift_at_once_no_key_between_them_is_pressed():

@@ -37,8 +37,9 @@ class Cable(PacedLink):
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
         self.written = []
 
-    def pace(self):
-        """Keep to the clock from here on."""
+    def pace(self, speed=None):
+        """Keep to the clock from here on, at a speed."""
+        self._speed = speed or self._speed
         self._begun_s, self._epoch_s = self.now_s(), time.monotonic()
 
     def _wait(self):

@@ -257,6 +257,33 @@ def test_a_layout_that_this_program_does_not_know_is_replaced_only_after_a_quest
     assert json.loads(desk.push(DIGITS, loses)[1])["loses"] == []
 
 
+def test_a_file_that_cannot_be_written_is_reported(desk):
+    desk.connected()
+    desk.editor._path = desk.path.parent / "nowhere" / "mine.toml"
+    status, text = desk.push(MINI)
+    assert (status, "there is no folder" in text) == (409, True), text
+    assert desk.shown()["stored"] == "this"  # the board has it
+    assert desk.shown()["text"] == MINI.text
+
+
+def test_a_board_that_is_a_keyboard_itself_lights_its_keys(desk, open_page):
+    desk.connected()
+    page = open_page(desk.server.url)
+    apart(lambda: desk.push(MINI))
+    expect(page.locator(".key")).to_have_count(9, timeout=LONG_MS)
+    for count, name in ((9, "E"), (10, "1")):
+        expect(page.locator(".key")).to_have_count(count, timeout=LONG_MS)
+        until(page, "drawn.length > 5")
+        until_s = desk.bench.link.now_s() + TAP_S
+        eventually(page, lambda until_s=until_s: desk.bench.link.now_s() > until_s)
+        desk.held.press = Press(3.0, 3000, 4.0)
+        expect(page.locator(".key.lit")).to_contain_text(name[-1], timeout=LONG_MS)
+        desk.held.press = None
+        expect(page.locator(".key.lit")).to_have_count(0, timeout=LONG_MS)
+        if count == 9:
+            assert desk.send({"do": "clear"})[0] == 204
+
+
 def test_a_second_browser_overwrites_nothing(desk):
     desk.connected()
     base = desk.shown()["base"]

@@ -15,7 +15,7 @@ from .presses import Noise, Presses
 from .session import Wanted
 from .spectra import Reading, SpectrumReader, mean
 
-_TRIES = 5
+TRIES = 5
 _WINDOW_S = 0.24
 _LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a press with a finger, by kind
 _WINDOW_MIN = 8  # samples
@@ -86,11 +86,6 @@ class Bench:
         """Number of samples in a reading of a press."""
         return samples_of("", self.reader.info["exposure_us"])
 
-    @property
-    def mark_samples(self) -> int:
-        """Number of samples in a reading of a mark; many, because noise of marks shifts tables."""
-        return samples_of("mark", self.reader.info["exposure_us"])
-
     def take(
         self,
         wanted: Wanted,
@@ -120,11 +115,11 @@ class Bench:
         ------
         SpotsError
             If no attempt gave a valid press.
-        TooDarkError
-            If a press by hand with a known force was too dark; the strip is released.
+        BadPressError
+            If a press by hand is not valid; the strip is released.
         """
         self.guide.want(wanted)
-        for _ in range(_TRIES):
+        for _ in range(TRIES):
             self.spent += 1
             self.presser.press(wanted)
             try:
@@ -132,10 +127,10 @@ class Bench:
                 judge(reading)
                 return reading
             except BadPressError as bad:
-                trouble = f"{wanted}: {bad}"
-                if isinstance(bad, TooDarkError) and wanted.kind == "hand" and wanted.force_mN:
+                if wanted.kind == "hand":
                     self.release()
                     raise
+                trouble = f"{wanted}: {bad}"
             self.guide.say(f"{trouble}; press again")
             if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()

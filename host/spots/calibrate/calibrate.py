@@ -16,9 +16,7 @@ from .guide import Guide
 from .presser import Presser
 from .session import Session
 from .spectra import SpectrumReader
-from .steps import COUNTS, calibrate
-
-_LENGTH_MM = 85.0
+from .steps import COUNTS, LENGTH_UM, calibrate
 
 
 def calibrate_command(options: argparse.Namespace) -> None:
@@ -72,12 +70,12 @@ def opened(
         set_up = offered(options.port, "calibration_setup") or _by_hand
         bench = set_up(options, made, path, Guide())
         stack.enter_context(bench.reader.board)
-        stack.enter_context(bench.reader)
+        stack.callback(bench.reader.restore)
         stack.enter_context(bench.guide)
         yield bench
 
 
 def _by_hand(options, made: Session | CalibrationFile, path: Path, guide: Guide) -> Bench:
     reader = SpectrumReader(open(options.port))
-    length_um = 1000 * (options.length_mm or 0) or made.length_um or 1000 * _LENGTH_MM
+    length_um = 1000 * (options.length_mm or 0) or made.length_um or LENGTH_UM
     return Bench(reader, Presser(guide), guide, length_um, path)

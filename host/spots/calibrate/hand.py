@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import SpotsError
-from .bench import CONTINUES, Bench, TooDarkError, samples_of
+from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
 from .presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
 from .session import Session, Wanted, point, presses
@@ -51,7 +51,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     guide.begin("presses by hand", count, plan, bench.length_um)
     guide.skip(len(session.of("hand")))
     surface, dark_mN, wanted = _surface(session, bench.length_um), 0.0, None
-    removals = 0
+    removals = tries = 0
     while (done := len(session.of("hand"))) < (total := _total(bench, count, least, rough)):
         if session.removed:
             removed = session.removed.pop()
@@ -60,19 +60,21 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             wanted = _next(session, surface, bench.length_um, rough, dark_mN)
         try:
             reading = bench.take(wanted)
-        except TooDarkError as dark:
-            dark_mN = wanted.force_mN
-            if dark_mN >= FULL_MN:
-                raise SpotsError(f"{wanted}: {dark}; {CONTINUES}") from None
-            guide.say(f"{wanted} is too dark: press harder")
-            wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
+        except BadPressError as bad:
+            dark, tries = isinstance(bad, TooDarkError), tries + 1
+            if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
+                raise SpotsError(f"{wanted}: {bad}; {CONTINUES}") from None
+            guide.say(f"{wanted}: {bad}; press again")
+            if dark and wanted.force_mN:
+                dark_mN = wanted.force_mN
+                wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
             continue
         bench.release()
         read = bench.presser.read_off(wanted, bench.length_um)
         if read is None:
             continue
         session.add(point(read, reading, bench.reader.conditions, length_um=bench.length_um))
-        bench.spent -= 1
+        bench.spent, tries = bench.spent - 1, 0
         guide.taken(read, reading)
         wanted, surface = None, _surface(session, bench.length_um, surface)
         if done < _FITTED_MIN:
@@ -160,21 +162,13 @@ def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
 
 
 def _progress(surface: Surface, done: int, total: int) -> Progress:
-    _, off_um, off_share = surface.misfits
     (places_um, sigma_um), (forces_mN, sigma_share) = surface.errors()
     thin = []
     if sigma_um.max() > max(_THIN * sigma_um.mean(), _GOOD_UM):
         thin.append(f"near {places_um[np.argmax(sigma_um)] / 1000:.0f} mm")
     if len(sigma_share) and sigma_share.max() > max(_THIN * sigma_share.mean(), _GOOD_SHARE):
         thin.append(f"near {grams(forces_mN[np.argmax(sigma_share)])}")
-    return Progress(
-        place_um=surface.taken.position_um,
-        force_mN=surface.taken.force_mN,
-        off_um=off_um,
-        off_share=off_share,
-        sigma_um=float(sigma_um.mean()),
-        sigma_share=float(sigma_share.mean()) if len(sigma_share) else float("nan"),
-        thin=tuple(thin),
-        done=done,
-        total=total,
-    )
+    sigmas = float(sigma_um.mean()), float(sigma_share.mean()) if len(sigma_share) else np.nan
+    places_um, forces_mN = surface.taken.position_um, surface.taken.force_mN
+    errors = surface.misfits[1:]
+    return Progress(places_um, forces_mN, *errors, *sigmas, tuple(thin), done, total)

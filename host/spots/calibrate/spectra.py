@@ -62,7 +62,7 @@ def mean(readings: list[Reading]) -> Reading:
 class SpectrumReader:
     """Reads single samples from a board. Call `set_up` again after a change of settings.
 
-    The board's setting ``average`` is 1 until `restore` is called, or a ``with`` block ends.
+    The board's setting ``average`` is 1 until `restore` is called.
 
     Parameters
     ----------
@@ -102,17 +102,11 @@ class SpectrumReader:
         self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
         self.board.command("stream spectrum")
 
-    def __enter__(self) -> SpectrumReader:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
-            self.restore()
-
     def restore(self) -> None:
-        """Restore the board's setting ``average``."""
+        """Restore the board's setting ``average``, unless the board is disconnected."""
         if self._average != 1:
-            self.board.command(f"set average={self._average}")
+            with suppress(SpotsError):
+                self.board.command(f"set average={self._average}")
 
     @property
     def conditions(self) -> Conditions:

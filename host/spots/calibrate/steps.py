@@ -26,6 +26,7 @@ from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
 from .session import Session, Wanted, point, presses
 from .spectra import Reading
 
+LENGTH_UM = 85_000.0  # usual length of a strip
 _RULER_UM = 100  # resolution of a ruler
 # By kind: default and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
@@ -77,33 +78,24 @@ def calibrate(
     SpotsError
         If the session has another board or other settings, or its presses give no calibration.
     """
-    released = True
+    undone = False
     while True:
         try:
-            if not released:
+            if undone:
                 bench.release()
-                released = True
-            _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
-            return
+                undone = False
+            return _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
         except UndoError:
-            undone, released = session.undo(), False
-            bench.spent += undone is not None
-            bench.guide.say(f"undone: {undone}" if undone else "there is no press to undo")
+            dropped, undone = session.undo(), True
+            bench.spent += dropped is not None
+            bench.guide.say(f"undone: {dropped}" if dropped else "there is no press to undo")
 
 
-def _run(
-    bench: Bench,
-    session: Session,
-    kind: str,
-    count: int,
-    strain_percent: float | None,
-    options: argparse.Namespace,
-) -> None:
+def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, options) -> None:
     session.check(bench.reader.conditions)
     steps = _Steps(bench, session)
     if kind == "joint":
-        steps.joint(count)
-        return
+        return steps.joint(count)
     if kind != "strain":
         steps.settle(options, kind)
     elif missing := missing_step(session):
@@ -112,20 +104,18 @@ def _run(
         steps.places("position", count, 0)
     elif kind == "force":
         steps.forces(count)
-    elif kind in ("fine", "rough"):
-        bench.reader.set_up(dark_s=DARK_S)
-        by_hand(bench, session, count, COUNTS[kind][1], kind == "rough")
-        steps.finish()
-        return
-    else:
+    elif kind == "strain":
         steps.places("strain", count, round(10_000 * strain_percent))
         bench.presser.stretch(0, bench.length_um)
-    if missing := missing_step(session):
-        bench.guide.say(f"next: {missing}")
     else:
-        if not session.of("hand"):
-            steps.marks()
-        steps.finish()
+        bench.reader.set_up(dark_s=DARK_S)
+        by_hand(bench, session, count, COUNTS[kind][1], kind == "rough")
+        return steps.finish()
+    if missing := missing_step(session):
+        return bench.guide.say(f"next: {missing}")
+    if not session.of("hand"):
+        steps.marks()
+    steps.finish()
 
 
 def missing_step(session: Session) -> str | None:

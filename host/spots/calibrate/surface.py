@@ -120,17 +120,9 @@ class Surface:
         rises = sizes.rise * _RATIO ** (np.arange(_FORCE) - 1.0)
         bends[:2] = rises[0] = _WIDE
         self._prior = np.concatenate([np.tile(bends, CHANNELS), rises])
-        self._mean = start._mean if start else self._lines()
+        self._mean = start._mean if start else np.zeros_like(self._prior)
         for _ in range(1 if start else _ROUNDS):
             self._solve()
-
-    def _lines(self) -> np.ndarray:
-        mean = np.zeros_like(self._prior)
-        share = 2 * self.taken.position_um / self.length_um - 1
-        series = mean[: CHANNELS * _PLACE].reshape(CHANNELS, _PLACE)
-        series[:, :2] = np.polynomial.polynomial.polyfit(share, self.taken.logs, 1).T
-        mean[CHANNELS * _PLACE] = 1.0
-        return mean
 
     def _solve(self) -> None:
         p = self.taken

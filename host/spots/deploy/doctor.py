@@ -20,7 +20,10 @@ from ..link.serial_link import SerialLink
 from .place import the_board
 
 _SPECTRA = 12
-_LIT = 4  # samples that are compared with the dark frames before and after them
+# Lit readings that are compared with the dark frames before and after them: at least this number,
+# and a period of a lamp at 50 Hz.
+_LIT = 4
+_LIT_S = 0.02
 # Time for a person to press, as an untouched strip is dark, or to unplug an LED.
 _WITHIN_S = 10.0
 _DIM = 0.01  # share of full scale; with less light a position is noise
@@ -190,12 +193,13 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2
+    count = max(_LIT, round(_LIT_S / reading_s))
     lit = (
         spectrum
-        for spectrum in board.spectra(1 + 3 * _LIT * reading_s)
+        for spectrum in board.spectra(1 + 3 * count * reading_s)
         if spectrum.time_s >= begun_s and not spectrum.flags & decode.LED_OFF
     )
-    samples = list(islice(lit, _LIT))
+    samples = list(islice(lit, count))
     after = board.command("dark")["dark"]
     if not samples:
         return 0, 0, True

@@ -66,7 +66,7 @@ class KeyEngine:
         self.tick(now_s)
         t = touch.t_us // TICK_US % TICKS
         flags = touch.flags & ~DROPPED  # the engine of the board has seen every sample
-        self._pad.take(flags, touch.position_um, touch.force_mN, touch.brightness_q20, t)
+        self._pad.take(flags, *touch.integers, touch.brightness_q20, t)
         self._pad.tick(t)
         if not flags & LED_OFF:  # a reading with the LED off does not show a finger
             self._heard_s = now_s

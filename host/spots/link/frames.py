@@ -69,8 +69,8 @@ class Touch(NamedTuple):
     contrast_q20, brightness_q20 : int
         Values of `contrast` and `brightness`, times 2**20.
     position_um : float
-        Distance of the press from the sensor's end of the strip, in um; NaN without a touch, and
-        while the LED is off.
+        Distance of the press from the sensor's end of the strip, in um; NaN without a press, and
+        while the LED is off. Below the force of a touch (`touching` is false), it is inaccurate.
     force_mN : float
         Force of the press, in mN; NaN without a calibration, and while the LED is off. If
         ``board.info["relative_force"]`` is true, the force has no unit.
@@ -104,6 +104,15 @@ class Touch(NamedTuple):
     def trusted(self) -> bool:
         """Whether position and force are valid: a finger touches, and no flag reports a fault."""
         return self.touching and not self.flags & DOUBTFUL
+
+    @property
+    def integers(self) -> tuple[int, int]:
+        """Position in um and force in mN as integers, with 0 instead of NaN."""
+        position_um, force_mN = self.position_um, self.force_mN
+        return (
+            0 if math.isnan(position_um) else int(position_um),
+            0 if math.isnan(force_mN) else int(force_mN),
+        )
 
     @property
     def contrast(self) -> float:
@@ -436,7 +445,9 @@ def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
 
 def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:
     flags, contrast, brightness, position_um, force_mN = _TOUCH.unpack(body)
-    if flags & _BLIND or not flags & decode.TOUCHING:
+    # A press that is too light for a touch has a position; without it, the host's key engine would
+    # find touches one reading later than the board.
+    if flags & _BLIND or not (flags & decode.TOUCHING or force_mN):
         position_um = math.nan
     if flags & _BLIND:
         force_mN = math.nan

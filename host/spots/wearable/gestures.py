@@ -106,7 +106,7 @@ class Gestures:
         self._now_s = touch.time_s
         t = touch.t_us // TICK_US % TICKS
         flags = touch.flags & ~DROPPED
-        self._contact.take(flags, touch.position_um, touch.force_mN, touch.brightness_q20, t)
+        self._contact.take(flags, *touch.integers, touch.brightness_q20, t)
         if self._tap and not self._path and self._now_s - self._tap.time_s > _AGAIN_S:
             self._report_tap()
         found, self._found = self._found, []

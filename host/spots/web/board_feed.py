@@ -201,7 +201,7 @@ def _settings(board: Board) -> dict:
 
 
 _FACTS = (
-    *("id", "board", "runtime", "firmware", "calibration", "length_um"),
+    *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
     *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
 

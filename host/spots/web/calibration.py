@@ -13,14 +13,13 @@ from ..calibrate.dialog import Progress, UndoError
 from ..calibrate.presser import Presser
 from ..calibrate.session import Session, Wanted, settings
 from ..calibrate.spectra import Reading, SpectrumReader
-from ..calibrate.steps import COUNTS, calibrate
+from ..calibrate.steps import COUNTS, LENGTH_UM, calibrate
 from ..errors import SpotsError, printable
 from ..guarded import sentence_of
 from ..link.board import Board
 from .orders import Orders
 from .state import PageState
 
-_LENGTH_UM = 85_000.0
 _SAID = 4  # number of messages that are shown
 _PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
 _ALONG = "hand", "position", "force", "mark"
@@ -79,7 +78,7 @@ class PageCalibration(Orders):
         self._path, self._state = path, state
         self._session = Session(path)
         self._step = 0
-        length_um = self._session.length_um or _LENGTH_UM
+        length_um = self._session.length_um or LENGTH_UM
         self._shown = {"running": False, "file": path.with_suffix(".toml").name}
         self._show(length_um=length_um)
 
@@ -125,13 +124,16 @@ class PageCalibration(Orders):
         # A board that was unplugged has lost its settings.
         if made is not None and made.board == board.info["id"]:
             board.command("set " + settings(made))
-        with SpectrumReader(board) as reader:
+        reader = SpectrumReader(board)
+        try:
             out = self._path.with_suffix(".toml")
             bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, out)
             options = Namespace(plan=None, keep_settings=False)
             taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
             count = usual if taken < usual else taken + _MORE
             calibrate(bench, self._session, start.kind, count, None, options)
+        finally:
+            reader.restore()
 
     # The dialog of the session, see `calibrate.dialog.Dialog`.
 

@@ -1,10 +1,10 @@
 """Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 
-from spots_device.layout import action
+from spots_device.layout import LIMITS, action, default_lines
 from spots_device.settings import checksum
 
 from ..controller.controller import controller_for
@@ -51,7 +51,7 @@ class Feel:
             self._gestures = Gestures()
             with contextlib.suppress(SpotsError):  # too slow for a gamepad
                 self._controller = controller_for(board, load_controller())
-            if not info["keys"] or info.get("layout") == checksum(layout.lines):
+            if not info["keys"] or _is_on(info, layout):
                 sink = SimpleNamespace(key=_ignored) if info["keys"] else self
                 self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
@@ -161,6 +161,13 @@ class Feel:
 
 def _ignored(*event) -> None:
     pass
+
+
+def _is_on(info: Mapping, layout: KeyLayout) -> bool:
+    """Return whether a board uses a layout, by its reply to ``hello``."""
+    zones = [line for line in layout.lines if line.split()[0] not in LIMITS]
+    stored = info.get("layout")
+    return zones == default_lines() if stored is None else stored == checksum(layout.lines)
 
 
 def layout_shown(layout: KeyLayout) -> dict:

@@ -1,6 +1,5 @@
 """The key layout that browsers with the token edit: checks it, stores it on board and disk."""
 
-import sys
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,6 @@ from spots_device.settings import checksum
 
 from ..atomic import write_text
 from ..errors import SpotsError
-from ..guarded import sentence_of
 from ..keyboard import keys
 from ..keyboard.layout import FLAVOURS, KeyLayout, compiled, load
 from ..link.board import Board
@@ -66,6 +64,7 @@ class LayoutEditor(Orders):
         If the name of the file does not end in ``.toml``, or the file is invalid.
     """
 
+    what = "the layout editor"
     request_max = 2 * _TEXT_MAX
 
     def __init__(self, path: Path, usual: KeyLayout, state: PageState):
@@ -106,16 +105,6 @@ class LayoutEditor(Orders):
         super().leave()
         self._show(None)
 
-    def _answer(self, answer: Future, handle, *arguments) -> None:
-        try:
-            answer.set_result(handle(*arguments))
-        except SpotsError as error:
-            answer.set_exception(error)
-        except Exception as error:
-            sentence = sentence_of("the layout editor", error)
-            print(f"spots: {sentence}", file=sys.stderr, flush=True)
-            answer.set_exception(SpotsError(sentence))
-
     def _check(self, request: Check) -> dict[str, Any]:
         layout = compiled(Path(self._path.name), request.text)
         return {"content": layout.content, "loses": self._lost(layout)}
@@ -130,9 +119,9 @@ class LayoutEditor(Orders):
         if not set(loses) <= set(request.loses):
             return {"loses": loses, "note": None}
         note = keys.push(board, layout)
-        write_text(layout.text, self._path)
         self.layout = layout
         self._show(board.command("hello"))
+        write_text(layout.text, self._path)  # last: an error must not hide what the board has
         return {"loses": [], "note": note}
 
     def _clear(self, request: Clear, board: Board) -> None:

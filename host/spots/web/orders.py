@@ -1,10 +1,13 @@
 """Passes requests of browsers to the thread that reads the board."""
 
+import sys
+from collections.abc import Callable
 from concurrent.futures import Future
 from queue import Empty, Full, Queue
 from typing import Any
 
 from ..errors import SpotsError
+from ..guarded import sentence_of
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 
@@ -27,6 +30,7 @@ class Orders:
         Key layout that the web UI shows and uses from now on; None: the layout does not change.
     """
 
+    what = "a request"  # for error messages
     request_max = 1024  # bytes
     layout: KeyLayout | None = None
 
@@ -81,6 +85,18 @@ class Orders:
                 return None
             if asked[1].set_running_or_notify_cancel():  # False after a timeout of the client
                 return asked
+
+    def _answer(self, answer: Future, handle: Callable, *arguments: Any) -> None:
+        """Call a function, and answer a request with its result or its error."""
+        try:
+            answer.set_result(handle(*arguments))
+        except SpotsError as error:
+            answer.set_exception(error)
+        except Exception as error:
+            # The client gets an answer at once, and the reader continues.
+            sentence = sentence_of(self.what, error)
+            print(f"spots: {sentence}", file=sys.stderr, flush=True)
+            answer.set_exception(SpotsError(sentence))
 
     def _refuse(self) -> None:
         while asked := self._next():

@@ -24,7 +24,7 @@ const PANELS = [
   [keyboard, ANSWER, "board", "touch", "keys"],
   [editor, ANSWER, "editor", "may_command", "board", "touch", "keys"],
   [calibration, LOOK, "calibration", "hold", "may_command", "board"],
-  [figures, READ, "touch"],
+  [figures, READ, "board", "touch"],
   [board, READ, "board", "connection"],
   [stick, LOOK, "stick"],
   [twin, LOOK, "twin"],

@@ -433,7 +433,7 @@ export function editor(root) {
   function show() {
     opener.hidden = !it || !may;
     root.hidden = !it || !may || !open;
-    opener.textContent = open ? "close the editor" : "edit keys";
+    opener.textContent = open ? "close" : "edit keys";
     opener.setAttribute("aria-expanded", String(!root.hidden));
     document.body.dataset.editing = root.hidden ? "off" : "on";
     if (!it) return;

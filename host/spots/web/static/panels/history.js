@@ -17,7 +17,7 @@ export function history(root) {
   layers.role = "slider";
   layers.ariaLabel = "Time of the values that are shown, in seconds before now";
   layers.ariaValueMin = String(-SPAN_S);
-  layers.ariaValueMax = "0";
+  layers.ariaValueMax = layers.ariaValueNow = "0";
   const paintScale = canvas(layers, HEIGHT), paintCurves = canvas(layers, HEIGHT);
   const points = [];
   let ahead_s = null;  // clock of the browser minus clock of the readings
