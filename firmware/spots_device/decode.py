@@ -42,15 +42,7 @@ KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP = range(5)
 HEAD_SIZE = 5
 
 HEADER_SIZE = 7  # bytes of a frame before its body
-TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 CRC_SIZE = 4  # bytes of a CRC-32
-
-# `tables` of a calibration. `WEIGHTS` has six weights for the contrast that selects a segment, and
-# six for the misfit. From `BOUNDS` on there are two elements for each segment: the contrast at
-# which it begins, and the place of its twelve weights. The segment's table follows its weights.
-# `FORCES` has the place of the table of forces. A table is the number of its knots, the knots, and
-# its columns.
-SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
 AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**24

@@ -11,8 +11,8 @@ their memory directly.
 from array import array
 from struct import pack_into
 
+from .calibration import BOUNDS, FORCES, SEGMENTS, WEIGHTS
 from .decode import (
-    BOUNDS,
     BRIGHTNESS,
     CONTRAST,
     CRC_SIZE,
@@ -20,7 +20,6 @@ from .decode import (
     FLAGS,
     FLOOR_SAMPLES,
     FORCE_MN,
-    FORCES,
     GAP,
     HEADER_SIZE,
     KIND,
@@ -31,14 +30,11 @@ from .decode import (
     NOT_CALIBRATED,
     POSITION_UM,
     SAMPLES,
-    SEGMENTS,
     SEQUENCE,
     TOO_DARK,
-    TOUCH_BODY,
     TOUCH_OFF_MN,
     TOUCH_ON_MN,
     TOUCHING,
-    WEIGHTS,
 )
 from .log2 import log2_q20
 from .smux import CHANNELS
@@ -50,6 +46,7 @@ DRIFT, LEARNS, SEEN = range(11, 14)
 MISFIT_Q12, TOLERANCE_Q12 = 15, 16
 LOGS, FOUND = 17, 27
 
+TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
 TOUCH_SIZE = HEADER_SIZE + 15
 
 
@@ -82,7 +79,7 @@ def estimate(state, tables, sums, floor, flags):
     state : sequence of int
         Settings and result, see decode.py.
     tables : sequence of int
-        Tables of the calibration, see decode.py; with 0 segments there is no
+        Tables of the calibration, see calibration.py; with 0 segments there is no
         calibration.
     sums, floor : sequence of int
         Six sums of counts over ``state[SAMPLES]`` samples, and six sums over

@@ -88,7 +88,7 @@ def traceback_on_board(folder, code):
 def test_a_traceback_names_file_and_function(tmp_path):
     raises = "from spots_device.runtime.common import run; run(None, None, None, None, None)"
     place = traceback_on_board(build("virtual", tmp_path), raises)
-    assert place == ("runtime/common.py", "run")
+    assert place == ("runtime/common", "run")
 
 
 def test_boards_get_machine_code_without_any_correction_of_signs():

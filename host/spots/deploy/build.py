@@ -141,7 +141,7 @@ def _compile(folder: Path, device: Device) -> None:
     for source in sorted(package.rglob("*.py")):
         # A traceback on the board shows this name, and -O3 leaves out line numbers: each module has
         # this name, and line numbers take 7 % of flash and heap.
-        name = source.relative_to(package).as_posix()
+        name = source.relative_to(package).with_suffix("").as_posix()
         code = source.read_text(encoding="utf-8")
         source.write_text(code.replace(*_SIGN), encoding="utf-8")
         run = subprocess.run(
