@@ -27,8 +27,14 @@ interpolate linearly between two strains. Segments are in the order of ascending
 from array import array
 from collections import namedtuple
 
-from .decode import BOUNDS, FORCES, SEGMENTS, WEIGHTS
 from .smux import CHANNELS, PIXELS
+
+# `tables` of a calibration. `WEIGHTS` has six weights for the contrast that selects a segment, and
+# six for the misfit. From `BOUNDS` on there are two elements for each segment: the contrast at
+# which it begins, and the place of its twelve weights. The segment's table follows its weights.
+# `FORCES` has the place of the table of forces. A table is the number of its knots, the knots, and
+# its columns.
+SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 ONE_Q13 = 1 << 13
 # Keeps every weighted sum of `kernel.estimate` inside 31 bits.
@@ -52,32 +58,6 @@ Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "
 
 class CalibrationError(ValueError):
     """Error for an invalid calibration; its message says why."""
-
-
-class Segment:
-    """A part of the strip with its own weights and tables.
-
-    Parameters
-    ----------
-    tables : memoryview of int
-        Tables of the calibration, see decode.py.
-    place : int
-        Place of the segment's weights.
-
-    Attributes
-    ----------
-    position, force : memoryview of int
-        Six weights each, Q13.
-    contrasts, positions_um, fits, offsets : memoryview of int
-        Columns of the table of knots (the points between which the board interpolates): contrast
-        and position, misfit of one press, and correction that is subtracted from the brightness.
-    """
-
-    def __init__(self, tables, place):
-        self.position = tables[place : place + CHANNELS]
-        self.force = tables[place + CHANNELS : place + 2 * CHANNELS]
-        columns = _columns(tables, place + 2 * CHANNELS, 4)
-        self.contrasts, self.positions_um, self.fits, self.offsets = columns
 
 
 class Calibration:
@@ -105,8 +85,8 @@ class Calibration:
     compensation : silicone.Compensation or None
         Corrects the force for hysteresis and creep; None if these were not calibrated.
     tables : array of int
-        All weights and tables, see decode.py; `coarse`, `fit`, the columns of forces and those of
-        the segments are views of it.
+        All weights and tables, see `SEGMENTS`; the columns of forces are views of it. The host has
+        more views, see views.py.
     drift_max : int
         Largest drift of the misfit (Q12) that keys accept. If an LED drifts so far, positions are
         wrong by 3 to 4 % of the strip's length.
@@ -148,21 +128,22 @@ class Calibration:
             _check_table("x", table)
         self.tables = pack(seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces)
         tables = memoryview(self.tables)
-        self.coarse = tables[WEIGHTS : WEIGHTS + CHANNELS]
-        self.fit = tables[WEIGHTS + CHANNELS : WEIGHTS + 2 * CHANNELS]
-        ends = BOUNDS + 2 * len(bounds)
-        self.bounds = array("i", bounds)
-        self.segments = tuple([Segment(tables, tables[i]) for i in range(BOUNDS + 1, ends, 2)])
-        columns = _columns(tables, tables[FORCES], 3)
+        columns = columns_of(tables, tables[FORCES], 3)
         self.brightnesses, self.forces_mN, self.tolerances = columns
-        coarse = sum(map(abs, self.coarse)) >> 1
-        self.drift_max = (self.bounds[-1] - self.bounds[0]) // max(1, coarse)
-        self.length_um = max(max(segment.positions_um) for segment in self.segments)
+        coarse = sum(map(abs, seen["coarse"])) >> 1
+        self.drift_max = (bounds[-1] - bounds[0]) // max(1, coarse)
+        self.length_um = max(max(knot[1] for knot in table) for table in knots)
         # The contrast falls by the decay times half the sum of the absolute weights.
-        part = self.segments[len(bounds) >> 1]
-        contrasts, x = part.contrasts, part.positions_um
-        fall = (contrasts[-1] - contrasts[0] << 7) // (sum(map(abs, part.position)) or 1) << 11
-        self.decay = min(abs(fall // (x[-1] - x[0])), 1000)
+        middle = len(bounds) >> 1
+        weights = seen["segment"][middle][:CHANNELS]
+        first, last = knots[middle][0], knots[middle][-1]
+        fall = (last[0] - first[0] << 7) // (sum(map(abs, weights)) or 1) << 11
+        self.decay = min(abs(fall // (last[1] - first[1])), 1000)
+
+    def __getattr__(self, name):
+        from .views import view  # not on boards
+
+        return view(self, name)
 
     def mismatch(self, conditions):
         """Return why this calibration cannot be used for readings, if their conditions differ.
@@ -193,7 +174,7 @@ class Calibration:
 
 
 def pack(weights, bounds, segments, tables, forces):
-    """Return weights and tables of a calibration as one array, see decode.py.
+    """Return weights and tables of a calibration as one array, see `SEGMENTS`.
 
     Parameters
     ----------
@@ -237,7 +218,8 @@ def _put(packed, place, knots):
     return place
 
 
-def _columns(tables, place, count):
+def columns_of(tables, place, count):
+    """Return views of the columns of a table, with its knots as the first."""
     size = tables[place]
     ends = range(place + 1 + size, place + 2 + count * size, size)
     return [tables[end - size : end] for end in ends]

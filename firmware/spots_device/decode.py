@@ -32,13 +32,8 @@ FLAGS, CONTRAST, BRIGHTNESS, POSITION_UM, FORCE_MN = range(5)
 SAMPLES, FLOOR_SAMPLES, LOG_SAMPLES = range(5, 8)
 # From the calibration.
 TOUCH_ON_MN, TOUCH_OFF_MN, DRIFT_MAX = range(8, 11)
-# Drift of the misfit, see `kernel._judge`.
-DRIFT, LEARNS, SEEN = range(11, 14)
-LIGHT = 14  # sum of the six sums
-# Misfit to one press and its tolerance in Q12, if the position is known.
-MISFIT_Q12, TOLERANCE_Q12 = 15, 16
-LOGS = 17  # work: six logarithms
-FOUND = 27  # work: up to three values of a table
+# Sum of the six sums. The other elements are for kernel.py.
+LIGHT = 14
 STATE_SIZE = 30
 
 # `head` of a frame: kind and sensor, sequence, halves of the time, and the flag `DROPPED` if frames
@@ -47,34 +42,13 @@ KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP = range(5)
 HEAD_SIZE = 5
 
 HEADER_SIZE = 7  # bytes of a frame before its body
-TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
-TOUCH_SIZE = HEADER_SIZE + 15
 CRC_SIZE = 4  # bytes of a CRC-32
-
-# `tables` of a calibration. `WEIGHTS` has six weights for the contrast that selects a segment, and
-# six for the misfit. From `BOUNDS` on there are two elements for each segment: the contrast at
-# which it begins, and the place of its twelve weights. The segment's table follows its weights.
-# `FORCES` has the place of the table of forces. A table is the number of its knots, the knots, and
-# its columns.
-SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
 AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**24
 
-
 _NO_TABLES = array("i", bytes(4))
-
-
-def _field(place):
-    """Return a property for an element of `Decode.state`."""
-
-    def get(self):
-        return self.state[place]
-
-    def put(self, value):
-        self.state[place] = value
-
-    return property(get, put)
+_FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
 
 
 class Decode:
@@ -94,17 +68,17 @@ class Decode:
         Position in um and force in mN; 0 if the flags mark them as unknown.
     """
 
-    flags = _field(FLAGS)
-    contrast = _field(CONTRAST)
-    brightness = _field(BRIGHTNESS)
-    position_um = _field(POSITION_UM)
-    force_mN = _field(FORCE_MN)
-
     def __init__(self):
         self.state = array("i", bytes(4 * STATE_SIZE))
         self.state[FLAGS] = NOT_CALIBRATED
         self.calibration = None
         self.scale(1, 4)
+
+    def __getattr__(self, name):
+        try:
+            return self.state[_FIELDS.index(name)]
+        except ValueError:
+            raise AttributeError(name)
 
     @property
     def calibration(self):
@@ -123,16 +97,8 @@ class Decode:
             self.state[TOUCH_OFF_MN] = calibration.touch_off_mN
             self.state[DRIFT_MAX] = calibration.drift_max
 
-    @property
-    def dark_samples(self):
-        """Number of samples in the dark sums that `update` gets.
-
-        The product of this number and the number of samples in a reading must be at most 256.
-        """
-        return self.state[FLOOR_SAMPLES]
-
     def scale(self, samples, dark_samples):
-        """Set the number of samples in readings and in the dark sums."""
+        """Set the numbers of samples in readings and dark sums; their product is at most 256."""
         state = self.state
         state[SAMPLES] = samples
         state[FLOOR_SAMPLES] = dark_samples
@@ -148,12 +114,12 @@ class Decode:
         samples : int
             Samples in the reading, 1 to `AVERAGE_MAX`.
         dark : sequence of int
-            Six sums of counts over `dark_samples` dark samples; zeros without a dark frame.
+            Six sums over as many dark samples as `scale` has set; zeros without a dark frame.
         flags : int
             Flags of the sums: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
         """
         from .kernel import estimate  # kernel.py imports this module
 
         if samples != self.state[SAMPLES]:
-            self.scale(samples, self.dark_samples)
+            self.scale(samples, self.state[FLOOR_SAMPLES])
         estimate(self.state, self.tables, sums, dark, flags)

@@ -16,7 +16,6 @@ from .decode import (
     KIND,
     TIME_HIGH,
     TIME_LOW,
-    TOUCH_BODY,  # noqa: F401 (of the host)
 )
 from .kernel import frame, touch
 from .smux import CHANNELS

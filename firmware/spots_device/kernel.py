@@ -11,45 +11,43 @@ their memory directly.
 from array import array
 from struct import pack_into
 
+from .calibration import BOUNDS, FORCES, SEGMENTS, WEIGHTS
 from .decode import (
-    BOUNDS,
     BRIGHTNESS,
     CONTRAST,
     CRC_SIZE,
-    DRIFT,
     DRIFT_MAX,
     FLAGS,
     FLOOR_SAMPLES,
     FORCE_MN,
-    FORCES,
-    FOUND,
     GAP,
     HEADER_SIZE,
     KIND,
-    LEARNS,
     LED_OFF,
     LIGHT,
     LOG_SAMPLES,
-    LOGS,
     MISFIT,
-    MISFIT_Q12,
     NOT_CALIBRATED,
     POSITION_UM,
     SAMPLES,
-    SEEN,
-    SEGMENTS,
     SEQUENCE,
-    TOLERANCE_Q12,
     TOO_DARK,
-    TOUCH_BODY,
     TOUCH_OFF_MN,
     TOUCH_ON_MN,
-    TOUCH_SIZE,
     TOUCHING,
-    WEIGHTS,
 )
 from .log2 import log2_q20
 from .smux import CHANNELS
+
+# Elements of `state`, see decode.py, that only this module uses: drift of the misfit, see `_judge`;
+# misfit to one press and its tolerance in Q12, if the position is known; six logarithms; up to
+# three values of a table.
+DRIFT, LEARNS, SEEN = range(11, 14)
+MISFIT_Q12, TOLERANCE_Q12 = 15, 16
+LOGS, FOUND = 17, 27
+
+TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
+TOUCH_SIZE = HEADER_SIZE + 15
 
 
 def unpack(burst, counts):
@@ -81,7 +79,7 @@ def estimate(state, tables, sums, floor, flags):
     state : sequence of int
         Settings and result, see decode.py.
     tables : sequence of int
-        Tables of the calibration, see decode.py; with 0 segments there is no
+        Tables of the calibration, see calibration.py; with 0 segments there is no
         calibration.
     sums, floor : sequence of int
         Six sums of counts over ``state[SAMPLES]`` samples, and six sums over

@@ -32,10 +32,10 @@ def unpack(burst: ptr8, counts: ptr32) -> int:
 @micropython.viper
 def accumulate(sums: ptr32, counts: ptr32, samples: int):
     for i in range(6):
-        if samples == 0:
-            sums[i] = counts[i]
-        else:
-            sums[i] = sums[i] + counts[i]
+        n = counts[i]
+        if samples:
+            n += sums[i]
+        sums[i] = n
 
 
 @micropython.viper
@@ -62,9 +62,6 @@ def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int)
             is_dark = 4
             continue
         # As in log2.log2_q20; its table has no negative number, so no sign is corrected.
-        if n >= 1 << 24:
-            state[17 + i] = 24 << 20
-            continue
         exponent = 23
         while n < 1 << 16:
             n <<= 8

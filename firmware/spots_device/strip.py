@@ -53,7 +53,7 @@ class Strip:
         Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 while an LED that is
         always on has no dark frame.
     baseline : dark.Baseline
-        The baseline. Its `floor`, six sums over `Decode.dark_samples` samples, is subtracted from
+        The baseline. Its `floor`, six sums that `Decode.scale` knows, is subtracted from
         each reading.
     """
 

@@ -185,7 +185,7 @@ class Uses:
             if decode.flags & TOUCHING and self._tracker.two:
                 self.two = True
                 # A spectrum that fits one press gets both bits, see contact.TWO_FIT.
-                decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
+                decode.state[FLAGS] |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
         if self._gamepad_on and not self.two:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
 

@@ -8,7 +8,7 @@ from bench import canned
 from smallint import SmallInt, small
 
 from spots_device.dark import WINDOW_SAMPLES, WINDOWS, Baseline, Dark
-from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES
+from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES, FLOOR_SAMPLES
 
 EXPOSURE_US = 10_000
 FULL = 65_535
@@ -181,6 +181,7 @@ def test_the_reading_is_scaled_to_the_average():
         board.app.strip.configure()
         board.run(2.0)
         strip = board.app.strip
-        assert strip.decode.dark_samples * average <= 256
-        mean = [one / strip.decode.dark_samples for one in strip.baseline.floor]
+        samples = strip.decode.state[FLOOR_SAMPLES]
+        assert samples * average <= 256
+        mean = [one / samples for one in strip.baseline.floor]
         assert mean == pytest.approx([1, 0, 2, 1, 0, 1], abs=0.01)

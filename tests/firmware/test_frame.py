@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from smallint import SmallInt
 
 from spots_device import frame, kernel
-from spots_device.decode import Decode
 
 
 class Clock:
@@ -67,11 +66,8 @@ def framer(now=0):
     return frame.Framer(port, frame.Time32(clock)), port
 
 
-def reading(**fields):
-    made = Decode()
-    for name, value in fields.items():
-        setattr(made, name, value)
-    return made.state
+def reading(flags=0, contrast=0, brightness=0, position_um=0, force_mN=0):
+    return [flags, contrast, brightness, position_um, force_mN]
 
 
 def test_a_touch_frame_is_these_28_bytes():

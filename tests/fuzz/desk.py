@@ -207,12 +207,7 @@ class Fingers:
 
 def shrink(calibration):
     """Replace all numbers of a calibration by a type that raises an error beyond 31 bits."""
-    for owner in (calibration, *calibration.segments):
-        for name, value in vars(owner).items():
-            if isinstance(value, array):
-                setattr(owner, name, small(value))
-            elif isinstance(value, tuple) and value and isinstance(value[0], array):
-                setattr(owner, name, tuple(small(part) for part in value))
+    calibration.tables = small(calibration.tables)
 
 
 def play_controller(controller, settings):

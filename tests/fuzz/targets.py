@@ -135,7 +135,7 @@ def calibration(data: bytes) -> None:
             for sums in ([1] * 6, [full] * 6, [1, full] * 3, [full, 1] * 3):
                 decode.update(small(sums), samples, small([0] * 6), 0)
                 assert 0 <= decode.force_mN <= 65_535
-            decode.update(small([full] * 6), samples, small([decode.dark_samples * 9] * 6), 0)
+            decode.update(small([full] * 6), samples, small([4 * 9] * 6), 0)
 
 
 def layout_lines(data: bytes) -> None:

@@ -23,10 +23,9 @@ from spots_device.decode import (
     HEADER_SIZE,
     LED_OFF,
     SATURATED,
-    TOLERANCE_Q12,
-    TOUCH_SIZE,
 )
 from spots_device.frame import TEXT_MAX
+from spots_device.kernel import TOLERANCE_Q12, TOUCH_SIZE
 from spots_device.layout import (
     CONSUMER,
     KEYBOARD,

@@ -145,7 +145,7 @@ def stage(board: str, folder: Path) -> None:
         _FIRMWARE,
         folder / "spots_device",
         ignore=shutil.ignore_patterns(
-            "__pycache__", f"*{others}.py", *([] if device.viper else [f"*{VIPER}.py"])
+            "__pycache__", "views.py", f"*{others}.py", *([] if device.viper else [f"*{VIPER}.py"])
         ),
         dirs_exist_ok=True,
     )

@@ -15,10 +15,10 @@ import msgspec
 from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 
 from spots_device import decode, fingers, frame
-from spots_device.kernel import CRC_SIZE
+from spots_device.kernel import CRC_SIZE, TOUCH_BODY
 
 _HEADER = struct.Struct(frame.HEADER)
-_TOUCH = struct.Struct("<" + frame.TOUCH_BODY)
+_TOUCH = struct.Struct("<" + TOUCH_BODY)
 _SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
 _KEY = struct.Struct("<" + frame.KEY_BODY)
 _CONTACT = struct.Struct("<" + frame.CONTACT_BODY)
@@ -494,7 +494,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
 }
 # Kinds whose body has one size: their type, and the format of the body for `struct`.
 LAYOUTS: dict[int, tuple[type[Reading], str]] = {
-    frame.TOUCH: (Touch, frame.TOUCH_BODY),
+    frame.TOUCH: (Touch, TOUCH_BODY),
     frame.SPECTRUM: (Spectrum, frame.SPECTRUM_BODY),
     frame.KEY: (Key, frame.KEY_BODY),
     frame.CONTACT: (Contact, frame.CONTACT_BODY),

@@ -10,7 +10,6 @@ from spots_device.decode import (
     DRIFT_MAX,
     HEAD_SIZE,
     HEADER_SIZE,
-    TOLERANCE_Q12,
     TOUCH_OFF_MN,
     TOUCH_ON_MN,
     Decode,
@@ -27,6 +26,7 @@ _BURST_US = 390
 _CLEAR_US = 73
 
 _encoded = bytearray(660)
+_COMPARED = 17  # elements of a state, up to the tolerance of the misfit
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * HEAD_SIZE))
@@ -64,7 +64,7 @@ def estimate(cases, results):
             case = readings[j]
             decode.scale(case[0], 4)
             kernel.estimate(decode.state, decode.tables, case[1], case[2], case[3])
-            for k in range(TOLERANCE_Q12 + 1):
+            for k in range(_COMPARED):
                 results[at] = decode.state[k]
                 at += 1
 
