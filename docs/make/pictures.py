@@ -16,7 +16,7 @@ from spots.deploy.staging import board_names, device_of
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
-from spots.link.calibrated import length_of
+from spots.link.calibrated import hello_calibrated
 from spots.link.frames import Touch
 from spots.linkage.twin_view import TwinView
 from spots.terminal.view import StripView
@@ -81,10 +81,10 @@ def main() -> None:
         print(path)
 
 
-def wirings() -> list[Path]:
-    """Draw the wiring of every real board as docs/wiring-BOARD.svg; return the paths.
+def wirings(folder: Path = _HERE) -> list[Path]:
+    """Draw the wirings of every real board, one for each kind of the LED; return the paths.
 
-    If the board file names a supply for the LED, each other wiring of the LED is drawn as well.
+    The names are wiring-BOARD.svg for `ldr`, and wiring-BOARD-KIND.svg.
     """
     template = _template("wiring")
     paths = []
@@ -94,11 +94,11 @@ def wirings() -> list[Path]:
             places = {name: (drawn[name], 1 / drawn["rows"]) for name in _WIRES}
             pins = [_pin(device.wiring[name], *place) for name, place in places.items()]
             wires = [_wire(_WIRES[name], *place) for name, place in places.items()]
-            for led in LEDS if "supply" in drawn else LEDS[:1]:
+            for led in LEDS:
                 more = {"gpio": ("supply", "led"), "always": ("supply",)}.get(led, ())
-                at = {
-                    f"{name}_y": f"{_height(drawn[name][1], 1 / drawn['rows']):g}" for name in more
-                }
+                at = {f"{name}_path": _out(*drawn[name], drawn["rows"]) for name in more}
+                ground_y = _height(drawn["ground"][1], 1 / drawn["rows"])
+                at["ground_y"] = f"{max(ground_y, _WIRES['ground'].breakout_y):g}"
                 more_pins = [
                     _pin(device.wiring[name], drawn[name], 1 / drawn["rows"]) for name in more
                 ]
@@ -109,7 +109,7 @@ def wirings() -> list[Path]:
                     led=_template(f"wiring-{led}").substitute(at).rstrip(),
                 )
                 kind = "" if led == "ldr" else f"-{led}"
-                paths.append(_HERE / f"wiring-{device.name}{kind}.svg")
+                paths.append(folder / f"wiring-{device.name}{kind}.svg")
                 atomic.write_text(text, paths[-1])
     return paths
 
@@ -131,6 +131,12 @@ def _pin(label: str, drawn: tuple[str, int], pitch: float) -> str:
         f'  <text x="{text_x}" y="{y + 4:g}" text-anchor="{anchor}" fill="#fff" font-size="12">'
         f"{label}</text>"
     )
+
+
+def _out(side: str, row: int, rows: int) -> str:
+    """Return the start of a path, from a pin to the margin of the board."""
+    y = _height(row, 1 / rows)
+    return f"M53 {y:g} H16" if side == "left" else f"M237 {y:g} H252"
 
 
 def _wire(wire: Wire, drawn: tuple[str, int], pitch: float) -> str:
@@ -198,7 +204,8 @@ def keyboard() -> Path:
     board, _ = open_fast("default", truth, seed=0)
     with board:
         push(board, layout)
-        engine = KeyEngine(layout, length_of(board), typed)
+        info = hello_calibrated(board)
+        engine = KeyEngine(layout, info["length_um"], typed, info["decay"])
         board.command("stream touch")
         for frame in board.frames():
             if isinstance(frame, Touch):
@@ -223,7 +230,8 @@ def wearable() -> Path:
             if isinstance(frame, Touch):
                 touch = frame
                 found += gestures.take(frame, board.now_s())
-        picture = wearable_view.picture(touch, length_of(board), found, mapping.names, board.stats)
+        length_um = hello_calibrated(board)["length_um"]
+        picture = wearable_view.picture(touch, length_um, found, mapping.names, board.stats)
     return _drawn(picture, "wearable.svg", 'make demo ARGS="--use wearable"')
 
 

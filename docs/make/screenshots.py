@@ -14,6 +14,7 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.web.board_feed import BoardReader, finder
 from spots.web.calibration import PageCalibration
+from spots.web.layout_editor import LayoutEditor
 from spots.web.serve import Server
 from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
@@ -47,6 +48,7 @@ async def main() -> None:
         await strip(browser)
         await linkage(browser)
         await calibration(browser)
+        await editor(browser)
         await browser.close()
 
 
@@ -127,6 +129,30 @@ async def calibration(browser: Browser) -> None:
             await page.screenshot(path=_HERE / "page-calibration.png")
             await context.close()
             print(_HERE / "page-calibration.png")
+        reader.stop()
+
+
+async def editor(browser: Browser) -> None:
+    """Take the screenshot of a layout editor with a finger on the strip."""
+    with TemporaryDirectory() as folder:
+        state, layout = PageState(), load("mini")
+        orders = {"layout": LayoutEditor(Path(folder) / "mine.toml", layout, state)}
+        open_board = finder("virtual", "default", "demo", seed=0)
+        reader = BoardReader(open_board, layout, state, orders=orders.values())
+        async with Server(state, orders=orders) as server:
+            reader.start()
+            context = await browser.new_context(
+                viewport={"width": 1180, "height": 800}, device_scale_factor=1.5
+            )
+            page = await context.new_page()
+            await page.goto(server.url)
+            await page.locator("#edit").click(timeout=_LONG_MS)
+            await page.locator("#editor .zone").nth(3).click()
+            await page.get_by_role("combobox", name="double tap").fill("ctrl+z")
+            await page.locator("#editor .zone.lit").wait_for(timeout=_LONG_MS)
+            await page.screenshot(path=_HERE / "page-editor.png")
+            await context.close()
+            print(_HERE / "page-editor.png")
         reader.stop()
 
 

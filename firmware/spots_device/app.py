@@ -20,6 +20,7 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
+_COLLECT_EVERY = const(16)  # commands
 _SKIPPED = const(2)  # passes to skip: the first ones after a command are late
 _COUNTED = const(16)  # passes in the mean
 _LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
@@ -103,13 +104,14 @@ class BoardApp:
         self._uid = uid
         self._clock = clock
         self._sensor = sensor
-        self._serial = serial
+        self._read = serial.read
         self._time = Time32(clock)
         self._reader = LineReader()
         self.reboot = False
-        self.feed = _nothing  # called in every step; feeds the watchdog if one runs
+        self.feed = None  # called in every step if a watchdog runs
         self.interrupt_at = _nothing  # sets the interrupt character, like micropython.kbd_intr
         self._left = False
+        self._answered = 0
         self._leave_until = None  # ticks
         self.meter = Meter()
         self.settings = BoardSettings(board)
@@ -142,7 +144,7 @@ class BoardApp:
                     try:
                         try:
                             while not self.reboot:
-                                self.step()
+                                self._run()
                         finally:
                             self._leave()
                     finally:
@@ -168,47 +170,60 @@ class BoardApp:
             self.strip.stop()
         self._left = True
 
+    def _run(self):
+        # The handler is outside of the loop: no frame of a pass then needs the heap, see strip.py.
+        try:
+            while not self.reboot:
+                self._pass()
+        except (OSError, SensorError) as error:
+            self.reconnect.lose(error)
+
     def step(self):
         """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
-        self.feed()
-        self._listen()
+        try:
+            self._pass()
+        except (OSError, SensorError) as error:
+            self.reconnect.lose(error)
+
+    def _pass(self):
+        if self.feed is not None:
+            self.feed()
+        byte = self._read()
+        if byte >= 0:
+            self._listen(byte)
         self.uses.pump()
         if self.reconnect.lost:
             self._time.update()  # must be updated more often than the ticks wrap
             self.reconnect.search()
             return
-        sensor = self._sensor
-        wait_us = sensor.remaining_us()
+        wait_us = self._sensor.remaining_us()
         if wait_us > 0:
             self._clock.sleep_us(min(wait_us, _SLICE_US))
             if wait_us > _SLICE_US:
                 return
-        try:
-            if sensor.poll():
-                if self.reconnect.fault:
-                    self.reconnect.sampled()
-                self.strip.take()
-        except (OSError, SensorError) as error:
-            self.reconnect.lose(error)
+        if self._sensor.poll():
+            if self.reconnect.fault:
+                self.reconnect.sampled()
+            self.strip.take()
 
     def measure(self):
         """Start to measure how long each sample takes; the loop is slightly slower meanwhile."""
         self.meter.restart()
-        self.step = self._measured_step
+        self._pass = self._measured_pass
 
-    def _measured_step(self):
+    def _measured_pass(self):
         clock, sensor = self._clock, self._sensor
         wait_us = 0 if self.reconnect.lost else sensor.remaining_us()
         if wait_us > _SLICE_US:
-            return BoardApp.step(self)  # a pass without a sample is not measured
+            return BoardApp._pass(self)  # a pass without a sample is not measured
         if wait_us > 0:
             clock.sleep_us(wait_us)
         began, complete = clock.ticks_us(), sensor.complete
-        BoardApp.step(self)
+        BoardApp._pass(self)
         if self.reconnect.lost or sensor.complete == complete:
             return
         if self.meter.add(clock.ticks_diff(clock.ticks_us(), began)):
-            del self.step
+            del self._pass
 
     def log(self, level, text):
         """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""
@@ -288,6 +303,7 @@ class BoardApp:
         self._time.update()
         self.uses.apply(found)
         self.measure()
+        gc.collect()  # frees the garbage of parsing
         return why_not
 
     def _sensor_lost(self):
@@ -305,6 +321,7 @@ class BoardApp:
         reply["calibration"] = checksum(self.calibration.lines) if calibration else None
         reply["length_um"] = calibration and calibration.length_um
         reply["decay"] = calibration and calibration.decay
+        reply["relative_force"] = calibration and calibration.relative_force
         reply["layout"] = checksum(self.uses.layout_lines) if self.uses.layout_lines else None
         return reply
 
@@ -357,19 +374,24 @@ class BoardApp:
             self.replies.log("error", "%s not used: %s" % (what, error))
             return []
 
-    def _listen(self):
+    def _listen(self, byte):
         # At most one command per pass, so a flood from the host cannot starve sampling.
         for _ in range(LINE_MAX):
-            byte = self._serial.read()
+            if self._reader.feed(byte):
+                self._answer()
+                return
+            byte = self._read()
             if byte < 0:
                 return
-            if self._reader.feed(byte):
-                try:
-                    reply = self._commands.handle(self._reader.line())
-                except ValueError as error:
-                    reply = {"re": "", "error": str(error)}
-                if reply is not None:
-                    self.replies.send(reply)
-                # Collect garbage now: a host expects a pause here, but a later pause costs samples.
-                gc.collect()
-                return
+
+    def _answer(self):
+        try:
+            reply = self._commands.handle(self._reader.line())
+        except ValueError as error:
+            reply = {"re": "", "error": str(error)}
+        if reply is not None:
+            self.replies.send(reply)
+        # A collection costs samples, but here a host expects a pause.
+        self._answered += 1
+        if self._answered % _COLLECT_EVERY == 0:
+            gc.collect()

@@ -14,6 +14,7 @@ from array import array
 from micropython import const
 
 from . import exposure
+from .kernel import unpack
 from .pacing import Pacing
 from .smux import CHANNELS, smux_map
 
@@ -75,6 +76,7 @@ class AS7341:
     def __init__(self, bus, clock):
         self._bus = bus
         self._clock = clock
+        self._ticks_us = clock.ticks_us
         self._pair = bytearray(2)
         self._byte = bytearray(1)
         self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
@@ -84,6 +86,7 @@ class AS7341:
         self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
         self._written = bytearray(2 * len(_CHECKED))
         self._check = 0
+        self._asked = 0  # ticks at the beginning of the last poll
         self._settled = 0
         self.pacing = Pacing(clock)
         self.counts = array("i", bytes(4 * CHANNELS))
@@ -215,45 +218,54 @@ class AS7341:
         OSError
             If transfers failed for the same time. Until then, the next poll repeats the transfer.
         """
-        clock = self._clock
-        now = clock.ticks_us()
-        burst = self._burst
+        self._asked = self._ticks_us()
         try:
-            self._bus.read_into(_STATUS, burst)
-            if burst[0] & _AINT:
-                self._bus.write(self._clear)
+            found = self._read_burst()
         except OSError:
-            self.recover()
-            if self._overdue(now):
+            self._fail()
+            if self._is_overdue():
                 raise
-            self.retries += 1
-            clock.sleep_us(_AGAIN_US)
             return False
-        if not burst[0] & _AINT:
-            if self._overdue(now):
-                raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
-            self.pacing.early(now)
-            return False
-        complete = self.pacing.found(now, clock.ticks_us())
+        return self._take() if found else self._wait()
+
+    def _read_burst(self):
+        burst = self._burst
+        self._bus.read_into(_STATUS, burst)
+        if burst[0] & _AINT:
+            self._bus.write(self._clear)
+            return True
+        return False
+
+    def _take(self):
+        complete = self.pacing.found(self._asked, self._ticks_us())
         if complete is None:
-            self.complete = now
+            self.complete = self._asked
             return False
         self.complete = complete
-        saturated = bool(burst[1] & _ASAT)
-        counts = self.counts
-        for i in range(CHANNELS):
-            count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
-            counts[i] = count
-            if count >= self.full_scale:
-                saturated = True
-        self.saturated = saturated
+        most = unpack(self._burst, self.counts)
+        self.saturated = most >= self.full_scale or self._burst[1] & _ASAT > 0
         if not self.steady:
-            # Not compared again once it is steady, because ticks that are too old compare wrongly.
-            # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
-            longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
-            began = clock.ticks_add(self.complete, -longest_us)
-            self.steady = clock.ticks_diff(began, self._settled) >= 0
+            self._settle()
         return True
+
+    def _fail(self):
+        self.recover()
+        if not self._is_overdue():
+            self.retries += 1
+            self._clock.sleep_us(_AGAIN_US)
+
+    def _wait(self):
+        if self._is_overdue():
+            raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
+        self.pacing.early(self._asked)
+        return False
+
+    def _settle(self):
+        # Not compared again once it is steady, because ticks that are too old compare wrongly.
+        # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
+        longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
+        began = self._clock.ticks_add(self.complete, -longest_us)
+        self.steady = self._clock.ticks_diff(began, self._settled) >= 0
 
     def check(self):
         """Compare two registers with their written values; each call checks the next of 3 pairs.
@@ -288,8 +300,8 @@ class AS7341:
         reply["retries"] = self.retries
         reply["full_scale"] = self.full_scale
 
-    def _overdue(self, now):
-        silent_us = self._clock.ticks_diff(now, self.complete)
+    def _is_overdue(self):
+        silent_us = self._clock.ticks_diff(self._asked, self.complete)
         return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US
 
     def _configure(self, atime, astep, gain, led_mA):

@@ -6,11 +6,15 @@ Each line is one statement. Weights are in Q13, logarithms in Q20::
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
+    relative                   forces have no unit, because no scale was used; usually left out
     coarse 1 -2 ...            six weights, sum 0: a contrast that chooses the segment
     fit 1 -2 ...               six weights, sum 0: the misfit to a single press
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
                                (sum 0), six for the force (sum 8192); one line for each segment
     f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
+    silicone 4200 300 1000 ... compensation of hysteresis and creep: gain, three half widths in mN,
+                               their weights, three time constants in ms, their shares of the
+                               force (all in Q12); without this line, forces are not compensated
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which the next segment begins
     x -123456 85000 77 -5      knot of that segment: contrast -> position in um, value of 'fit' for
@@ -23,6 +27,7 @@ interpolate linearly between two strains. Segments are in the order of ascending
 from array import array
 from collections import namedtuple
 
+from .decode import BOUNDS, FORCES, SEGMENTS, WEIGHTS
 from .smux import CHANNELS, PIXELS
 
 ONE_Q13 = 1 << 13
@@ -36,7 +41,7 @@ _LOG_MAX = 1 << 28
 _STRAIN_Q = 12
 
 # Name of a statement: number of its integers.
-_ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6}
+_ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "silicone": 13}
 _MANY = {"segment": 12, "f": 3}
 
 
@@ -54,28 +59,25 @@ class Segment:
 
     Parameters
     ----------
-    weights : sequence of int
-        Twelve weights in Q13: six for the position, six for the force.
-    knots : tuple of array
-        Four arrays of n integers: `contrasts`, `positions_um`, `fits`, `offsets`.
+    tables : memoryview of int
+        Tables of the calibration, see decode.py.
+    place : int
+        Place of the segment's weights.
 
     Attributes
     ----------
-    position, force : array of int
+    position, force : memoryview of int
         Six weights each, Q13.
-    contrasts, positions_um, fits, offsets : array of int
+    contrasts, positions_um, fits, offsets : memoryview of int
         Columns of the table of knots (the points between which the board interpolates): contrast
         and position, misfit of one press, and correction that is subtracted from the brightness.
-    weights, columns : tuple of array
-        The same weights and columns, in the form for `kernel.estimate`.
     """
 
-    def __init__(self, weights, knots):
-        self.position = array("i", weights[:CHANNELS])
-        self.force = array("i", weights[CHANNELS:])
-        self.weights = self.position, self.force
-        self.contrasts, self.positions_um, self.fits, self.offsets = knots
-        self.columns = knots[1:]
+    def __init__(self, tables, place):
+        self.position = tables[place : place + CHANNELS]
+        self.force = tables[place + CHANNELS : place + 2 * CHANNELS]
+        columns = _columns(tables, place + 2 * CHANNELS, 4)
+        self.contrasts, self.positions_um, self.fits, self.offsets = columns
 
 
 class Calibration:
@@ -98,6 +100,13 @@ class Calibration:
     ----------
     conditions : Conditions
         Board and settings with which the calibration was made.
+    relative_force : bool
+        Whether forces have no unit: 3000 is the mean light of the presses, 6000 twice that light.
+    compensation : silicone.Compensation or None
+        Corrects the force for hysteresis and creep; None if these were not calibrated.
+    tables : array of int
+        All weights and tables, see decode.py; `coarse`, `fit`, the columns of forces and those of
+        the segments are views of it.
     drift_max : int
         Largest drift of the misfit (Q12) that keys accept. If an LED drifts so far, positions are
         wrong by 3 to 4 % of the strip's length.
@@ -106,39 +115,51 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
-        seen = {"segment": [], "f": []}
+        seen = {name: [] for name in _MANY}
         strains = []
         for line in lines:
             words = line.split()
             if words:
                 _take(line, words, seen, strains)
         for name in ("board", "plan") + tuple(_ONCE):
-            if name not in seen:
+            if name not in seen and name != "silicone":
                 raise CalibrationError("the line '%s' is missing" % name)
+        self.relative_force = "relative" in seen
         self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
         self.touch_on_mN, self.touch_off_mN = seen["touch"]
         if not 0 < self.touch_off_mN <= self.touch_on_mN:
             raise CalibrationError("'touch' needs two forces, 0 < end <= begin")
-        self.coarse = array("i", _weights("coarse", seen["coarse"], 0))
-        self.fit = array("i", _weights("fit", seen["fit"], 0))
-        self.weights = self.coarse, self.fit
-        self.brightnesses, self.forces_mN, self.tolerances = _table("f", seen["f"])
-        self.columns = self.forces_mN, self.tolerances
-        if not 0 <= self.forces_mN[0] < self.forces_mN[-1] <= FORCE_MAX_MN:
+        _weights("coarse", seen["coarse"], 0)
+        _weights("fit", seen["fit"], 0)
+        forces = seen["f"]
+        _check_table("f", forces)
+        if not 0 <= forces[0][1] < forces[-1][1] <= FORCE_MAX_MN:
             raise CalibrationError(
                 "the forces of 'f' must be from 0 to 65535 mN, the last above the first"
             )
+        self.compensation = None
+        if "silicone" in seen:
+            from .silicone import Compensation  # not every strip needs it
+
+            self.compensation = Compensation(seen["silicone"])
         _check_strains(strains, seen["segment"])
-        bounds, tables = _between(strains, strain_ppm)
+        bounds, knots = _between(strains, strain_ppm)
+        for table in knots:
+            _check_table("x", table)
+        self.tables = pack(seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces)
+        tables = memoryview(self.tables)
+        self.coarse = tables[WEIGHTS : WEIGHTS + CHANNELS]
+        self.fit = tables[WEIGHTS + CHANNELS : WEIGHTS + 2 * CHANNELS]
+        ends = BOUNDS + 2 * len(bounds)
         self.bounds = array("i", bounds)
-        self.segments = tuple(
-            Segment(weights, _table("x", knots)) for weights, knots in zip(seen["segment"], tables)
-        )
+        self.segments = tuple([Segment(tables, tables[i]) for i in range(BOUNDS + 1, ends, 2)])
+        columns = _columns(tables, tables[FORCES], 3)
+        self.brightnesses, self.forces_mN, self.tolerances = columns
         coarse = sum(map(abs, self.coarse)) >> 1
         self.drift_max = (self.bounds[-1] - self.bounds[0]) // max(1, coarse)
         self.length_um = max(max(segment.positions_um) for segment in self.segments)
         # The contrast falls by the decay times half the sum of the absolute weights.
-        part = self.segments[len(tables) >> 1]
+        part = self.segments[len(bounds) >> 1]
         contrasts, x = part.contrasts, part.positions_um
         fall = (contrasts[-1] - contrasts[0] << 7) // (sum(map(abs, part.position)) or 1) << 11
         self.decay = min(abs(fall // (x[-1] - x[0])), 1000)
@@ -169,6 +190,57 @@ class Calibration:
         else:
             return None
         return "the calibration was made %s; set this, or calibrate again" % what
+
+
+def pack(weights, bounds, segments, tables, forces):
+    """Return weights and tables of a calibration as one array, see decode.py.
+
+    Parameters
+    ----------
+    weights : sequence of int
+        Six weights for the contrast that selects a segment, and six for the misfit.
+    bounds : sequence of int
+        Contrast at which each segment begins.
+    segments : sequence of sequence of int
+        Twelve weights for each segment.
+    tables : sequence of sequence of sequence of int
+        The knots of each segment, with four values each.
+    forces : sequence of sequence of int
+        The knots of the table of forces, with three values each.
+    """
+    ends = BOUNDS + 2 * len(bounds)
+    size = ends + 2 * CHANNELS * len(bounds) + 4 * sum(map(len, tables)) + len(tables)
+    packed = array("i", bytes(4 * (size + 1 + 3 * len(forces))))
+    packed[SEGMENTS] = len(bounds)
+    packed[FORCES] = size
+    for i in range(2 * CHANNELS):
+        packed[WEIGHTS + i] = weights[i]
+    place = ends
+    for i in range(len(bounds)):
+        packed[BOUNDS + 2 * i] = bounds[i]
+        packed[BOUNDS + 2 * i + 1] = place
+        for weight in segments[i]:
+            packed[place] = weight
+            place += 1
+        place = _put(packed, place, tables[i])
+    _put(packed, place, forces)
+    return packed
+
+
+def _put(packed, place, knots):
+    packed[place] = len(knots)
+    place += 1
+    for column in range(len(knots[0])):
+        for knot in knots:
+            packed[place] = knot[column]
+            place += 1
+    return place
+
+
+def _columns(tables, place, count):
+    size = tables[place]
+    ends = range(place + 1 + size, place + 2 + count * size, size)
+    return [tables[end - size : end] for end in ends]
 
 
 class CalibrationSlot:
@@ -261,6 +333,8 @@ def _take(line, words, seen, strains):
             raise CalibrationError("'plan' needs six different diodes")
     elif name in _ONCE:
         seen[name] = _integers(line, _ONCE[name])
+    elif line == "relative":
+        seen[line] = None
     else:
         raise CalibrationError("'%s' is not a line of a calibration: remove it" % line[:40])
 
@@ -283,7 +357,7 @@ def _weights(name, weights, total):
     return weights
 
 
-def _table(name, knots):
+def _check_table(name, knots):
     if not 2 <= len(knots) <= KNOTS_MAX:
         raise CalibrationError("'%s' needs 2 to %d knots" % (name, KNOTS_MAX))
     rises = knots[1][1] > knots[0][1]
@@ -295,7 +369,6 @@ def _table(name, knots):
             raise CalibrationError("the table of '%s' is not monotone" % name)
         if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
             raise CalibrationError("the knots of '%s' lie too far apart: add knots" % name)
-    return tuple(array("i", [knot[i] for knot in knots]) for i in range(len(knots[0])))
 
 
 def _check_strains(strains, segments):
@@ -313,7 +386,7 @@ def _check_strains(strains, segments):
         if sorted(set(bounds)) != bounds:
             raise CalibrationError("the values of 'from' must ascend")
         for table in tables:
-            _table("x", table)
+            _check_table("x", table)
 
 
 def _between(strains, strain_ppm):

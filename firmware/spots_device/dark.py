@@ -13,8 +13,8 @@ from array import array
 
 from micropython import const
 
-from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, TOUCHING
-from .kernel import accumulate, follow
+from .decode import LED_OFF, LIGHT, MISFIT, NOT_CALIBRATED, SAMPLES, TOUCHING
+from .kernel import accumulate
 from .smux import CHANNELS
 
 WINDOW_SAMPLES = const(4)
@@ -179,9 +179,16 @@ class Dark:
 
 
 class OddLight:
-    """Detects changes of the ambient light since the last dark frame. Allocates nothing."""
+    """Detects changes of the ambient light since the last dark frame. Allocates nothing.
 
-    def __init__(self):
+    Parameters
+    ----------
+    dark : Dark
+        The dark frame, which is requested again after a change.
+    """
+
+    def __init__(self, dark):
+        self._dark = dark
         self.restart()
 
     def restart(self):
@@ -189,40 +196,33 @@ class OddLight:
         self._odd_us = 0
         self._quiet = -1
 
-    def take(self, flags, sums, samples, lasted_us, age_us):
-        """Process a reading; return whether the dark frame must be measured again.
+    def take(self, flags, state, lasted_us):
+        """Process a reading.
 
         Parameters
         ----------
         flags : int
             Flag bits of `decode`.
-        sums : sequence of int
-            Six sums of counts over `samples` samples.
-        samples : int
-            Samples in the reading.
-        lasted_us, age_us : int
-            Duration of the reading, and age of the dark frame, in us.
+        state : array of int
+            State of the strip, see decode.py.
+        lasted_us : int
+            Duration of the reading in us.
         """
-        if not self._is_odd(flags, sums, samples):
+        if flags & NOT_CALIBRATED:
+            return  # without a calibration, the spectrum of a press is unknown
+        if flags & (TOUCHING | LED_OFF):
+            odd = flags & MISFIT
+        else:
+            light = state[LIGHT] // state[SAMPLES]
+            if self._quiet < 0:
+                self._quiet = light
+            odd = abs(light - self._quiet) > _ODD_COUNTS
+        if not odd:
             self._odd_us = 0
         elif self._odd_us < _ODD_US:
             self._odd_us += lasted_us
-        else:
-            return age_us >= _ODD_EVERY_US
-        return False
-
-    def _is_odd(self, flags, sums, samples):
-        if flags & NOT_CALIBRATED:
-            return False  # without a calibration, the spectrum of a press is unknown
-        if flags & (TOUCHING | LED_OFF):
-            return flags & MISFIT
-        light = 0
-        for i in range(CHANNELS):
-            light += sums[i]
-        light //= samples
-        if self._quiet < 0:
-            self._quiet = light
-        return abs(light - self._quiet) > _ODD_COUNTS
+        elif self._dark.age_us >= _ODD_EVERY_US:
+            self._dark.request()
 
 
 class Baseline:
@@ -310,3 +310,34 @@ class Baseline:
         half = 1 << self._shift >> 1
         for i in range(CHANNELS):
             self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift
+
+
+def follow(rest, floor, sums, samples, dark, shift, up, down):
+    """Move the baseline (the counts of the untouched strip) towards a reading.
+
+    Parameters
+    ----------
+    rest : sequence of int
+        The baseline, changed in place: six dark-subtracted counts in Q12.
+    floor : sequence of int
+        Output: dark frame plus baseline, shifted right by `shift` bits and rounded. `estimate`
+        subtracts it.
+    sums : sequence of int
+        Six sums of counts over `samples` samples.
+    samples : int
+        Samples in the reading.
+    dark : sequence of int
+        Dark frame: six counts in Q12.
+    shift : int
+        Right shift from Q12 to the scale of `floor`.
+    up, down : int
+        The baseline moves by a part of its distance to the reading: 2**-`up` or 2**-`down`.
+    """
+    half = 1 << shift >> 1
+    for i in range(CHANNELS):
+        gap = (sums[i] * 4 // samples << 10) - dark[i] - rest[i]
+        level = rest[i] + (gap >> (up if gap > 0 else down))
+        if level < 0:
+            level = 0
+        rest[i] = level
+        floor[i] = dark[i] + level + half >> shift

@@ -6,12 +6,16 @@ position contrast. Weights with the sum 1 that cancel the decay give a value tha
 light only: the brightness. The best weights change along the strip, so a coarse contrast selects
 a segment with its own weights. Another set of weights measures the misfit to a single press.
 All integers fit 31 bits; nothing is allocated.
+
+This module has the layout of the arrays that the functions of kernel.py read and write.
+kernel_viper.py has the same numbers as literals, because a name costs a look-up there.
 """
 
 from array import array
 
-from .kernel import SCRATCH, estimate
+from .log2 import log2_q20
 
+# Flags of a reading, see docs/protocol.md.
 TOUCHING = 1 << 0
 SATURATED = 1 << 1
 TOO_DARK = 1 << 2
@@ -21,8 +25,56 @@ DROPPED = 1 << 5
 NOT_CALIBRATED = 1 << 6
 LED_OFF = 1 << 7
 
+# `state` of a strip. First the fields of a TOUCH frame: contrast and brightness in Q20 of log2;
+# values that are not known are 0.
+FLAGS, CONTRAST, BRIGHTNESS, POSITION_UM, FORCE_MN = range(5)
+# Samples in the reading, samples in the floor, and log2 of their product in Q20.
+SAMPLES, FLOOR_SAMPLES, LOG_SAMPLES = range(5, 8)
+# From the calibration.
+TOUCH_ON_MN, TOUCH_OFF_MN, DRIFT_MAX = range(8, 11)
+# Drift of the misfit, see `kernel._judge`.
+DRIFT, LEARNS, SEEN = range(11, 14)
+LIGHT = 14  # sum of the six sums
+# Misfit to one press and its tolerance in Q12, if the position is known.
+MISFIT_Q12, TOLERANCE_Q12 = 15, 16
+LOGS = 17  # work: six logarithms
+FOUND = 27  # work: up to three values of a table
+STATE_SIZE = 30
+
+# `head` of a frame: kind and sensor, sequence, halves of the time, and the flag `DROPPED` if frames
+# or samples are missing before this one.
+KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP = range(5)
+HEAD_SIZE = 5
+
+HEADER_SIZE = 7  # bytes of a frame before its body
+TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
+TOUCH_SIZE = HEADER_SIZE + 15
+CRC_SIZE = 4  # bytes of a CRC-32
+
+# `tables` of a calibration. `WEIGHTS` has six weights for the contrast that selects a segment, and
+# six for the misfit. From `BOUNDS` on there are two elements for each segment: the contrast at
+# which it begins, and the place of its twelve weights. The segment's table follows its weights.
+# `FORCES` has the place of the table of forces. A table is the number of its knots, the knots, and
+# its columns.
+SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
+
 DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
 AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**24
+
+
+_NO_TABLES = array("i", bytes(4))
+
+
+def _field(place):
+    """Return a property for an element of `Decode.state`."""
+
+    def get(self):
+        return self.state[place]
+
+    def put(self, value):
+        self.state[place] = value
+
+    return property(get, put)
 
 
 class Decode:
@@ -30,25 +82,61 @@ class Decode:
 
     Attributes
     ----------
+    state : array of int
+        The fields, and all else that `kernel.estimate` needs of a strip.
+    tables : array of int
+        The tables of the calibration.
     flags : int
         Flag bits of this module, without `DROPPED`, which the framer sets.
     contrast, brightness : int
         Q20, in units of log2.
     position_um, force_mN : int
         Position in um and force in mN; 0 if the flags mark them as unknown.
-    dark_samples : int
-        Number of samples in the dark sums that `update` gets. The product of this number
-        and the number of samples in a reading must be at most 256.
     """
 
+    flags = _field(FLAGS)
+    contrast = _field(CONTRAST)
+    brightness = _field(BRIGHTNESS)
+    position_um = _field(POSITION_UM)
+    force_mN = _field(FORCE_MN)
+
     def __init__(self):
+        self.state = array("i", bytes(4 * STATE_SIZE))
+        self.state[FLAGS] = NOT_CALIBRATED
         self.calibration = None
-        self.dark_samples = 4
-        self.flags = NOT_CALIBRATED
-        self.contrast = self.brightness = self.position_um = self.force_mN = 0
-        self._drift = self._learns = self._seen = 0
-        self._scratch = array("i", bytes(4 * SCRATCH))
-        self._reading = array("i", bytes(4 * 4))
+        self.scale(1, 4)
+
+    @property
+    def calibration(self):
+        """The `calibration.Calibration` in use, or None."""
+        return self._calibration
+
+    @calibration.setter
+    def calibration(self, calibration):
+        self._calibration = calibration
+        self.tables = _NO_TABLES
+        self.compensation = None
+        if calibration is not None:
+            self.compensation = calibration.compensation
+            self.tables = calibration.tables
+            self.state[TOUCH_ON_MN] = calibration.touch_on_mN
+            self.state[TOUCH_OFF_MN] = calibration.touch_off_mN
+            self.state[DRIFT_MAX] = calibration.drift_max
+
+    @property
+    def dark_samples(self):
+        """Number of samples in the dark sums that `update` gets.
+
+        The product of this number and the number of samples in a reading must be at most 256.
+        """
+        return self.state[FLOOR_SAMPLES]
+
+    def scale(self, samples, dark_samples):
+        """Set the number of samples in readings and in the dark sums."""
+        state = self.state
+        state[SAMPLES] = samples
+        state[FLOOR_SAMPLES] = dark_samples
+        state[LOG_SAMPLES] = log2_q20(samples * dark_samples)
 
     def update(self, sums, samples, dark, flags):
         """Decode one reading.
@@ -64,41 +152,8 @@ class Decode:
         flags : int
             Flags of the sums: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
         """
-        calibration = self.calibration
-        if calibration is None:
-            flags |= NOT_CALIBRATED
-        if flags & LED_OFF:
-            self.contrast = self.brightness = self.position_um = self.force_mN = 0
-            # Without light a touch cannot be detected: the state of the touch does not change.
-            self.flags = flags | self.flags & TOUCHING
-            return
-        scratch = self._scratch
-        reading = self._reading
-        found = estimate(calibration, sums, samples, dark, self.dark_samples, scratch, reading)
-        self.contrast, self.brightness, self.position_um, force_mN = reading
-        self.force_mN = force_mN
-        misfit, tolerance = scratch[2], scratch[1]
-        if found:
-            flags |= TOO_DARK
-        elif calibration and abs(misfit) > tolerance:
-            flags |= MISFIT
-        if force_mN:
-            touching = self.flags & TOUCHING
-            if force_mN >= (calibration.touch_off_mN if touching else calibration.touch_on_mN):
-                flags |= TOUCHING
-                # Drift shifts the misfit of every press alike. The third reading of a touch gives
-                # this shift, if the previous touch gave the same: two fingers seldom touch together
-                # twice in a row. A reading that fits one press up to the shift is untrusted, but
-                # good enough for a key, see contact.TWO_FIT.
-                if not touching:
-                    self._learns = 3
-                if self._learns:
-                    self._learns -= 1
-                    if not self._learns:
-                        limit = calibration.drift_max
-                        if abs(misfit - self._seen) <= tolerance:
-                            self._drift = min(max(misfit, -limit), limit)
-                        self._seen = misfit
-                if flags & MISFIT and abs(misfit - self._drift) <= tolerance:
-                    flags |= TOO_DARK
-        self.flags = flags
+        from .kernel import estimate  # kernel.py imports this module
+
+        if samples != self.state[SAMPLES]:
+            self.scale(samples, self.dark_samples)
+        estimate(self.state, self.tables, sums, dark, flags)

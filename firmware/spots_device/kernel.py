@@ -9,12 +9,58 @@ their memory directly.
 """
 
 from array import array
+from struct import pack_into
 
+from .decode import (
+    BOUNDS,
+    BRIGHTNESS,
+    CONTRAST,
+    CRC_SIZE,
+    DRIFT,
+    DRIFT_MAX,
+    FLAGS,
+    FLOOR_SAMPLES,
+    FORCE_MN,
+    FORCES,
+    FOUND,
+    GAP,
+    HEADER_SIZE,
+    KIND,
+    LEARNS,
+    LED_OFF,
+    LIGHT,
+    LOG_SAMPLES,
+    LOGS,
+    MISFIT,
+    MISFIT_Q12,
+    NOT_CALIBRATED,
+    POSITION_UM,
+    SAMPLES,
+    SEEN,
+    SEGMENTS,
+    SEQUENCE,
+    TOLERANCE_Q12,
+    TOO_DARK,
+    TOUCH_BODY,
+    TOUCH_OFF_MN,
+    TOUCH_ON_MN,
+    TOUCH_SIZE,
+    TOUCHING,
+    WEIGHTS,
+)
 from .log2 import log2_q20
 from .smux import CHANNELS
 
-SCRATCH = 11  # length of the work array of `estimate`: seven logarithms, four sums
-CRC_SIZE = 4  # bytes of a CRC-32
+
+def unpack(burst, counts):
+    """Copy six little-endian counts from `burst`, after its first two bytes; return the largest."""
+    most = 0
+    for i in range(CHANNELS):
+        count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
+        counts[i] = count
+        if count > most:
+            most = count
+    return most
 
 
 def accumulate(sums, counts, samples):
@@ -27,144 +73,143 @@ def accumulate(sums, counts, samples):
             sums[i] += counts[i]
 
 
-def follow(rest, floor, sums, samples, dark, shift, up, down):
-    """Move the baseline (the counts of the untouched strip) towards a reading.
+def estimate(state, tables, sums, floor, flags):
+    """Estimate flags, contrast, brightness, position and force of a reading.
 
     Parameters
     ----------
-    rest : sequence of int
-        The baseline, changed in place: six dark-subtracted counts in Q12.
-    floor : sequence of int
-        Output: dark frame plus baseline, shifted right by `shift` bits and rounded. `estimate`
-        subtracts it.
-    sums : sequence of int
-        Six sums of counts over `samples` samples.
-    samples : int
-        Samples in the reading.
-    dark : sequence of int
-        Dark frame: six counts in Q12.
-    shift : int
-        Right shift from Q12 to the scale of `floor`.
-    up, down : int
-        The baseline moves by a part of its distance to the reading: 2**-`up` or 2**-`down`.
+    state : sequence of int
+        Settings and result, see decode.py.
+    tables : sequence of int
+        Tables of the calibration, see decode.py; with 0 segments there is no
+        calibration.
+    sums, floor : sequence of int
+        Six sums of counts over ``state[SAMPLES]`` samples, and six sums over
+        ``state[FLOOR_SAMPLES]`` samples that are subtracted from them. ``sums *
+        state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24.
+    flags : int
+        Flags of the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
     """
-    half = 1 << shift >> 1
+    touching = state[FLAGS] & TOUCHING
+    for i in range(CONTRAST, FORCE_MN + 1):
+        state[i] = 0
+    if not tables[SEGMENTS]:
+        flags |= NOT_CALIBRATED
+    if flags & LED_OFF:
+        # Without light a touch cannot be detected: the state of the touch does not change.
+        state[FLAGS] = flags | touching
+        return
+    state[LIGHT] = sums[0] + sums[1] + sums[2] + sums[3] + sums[4] + sums[5]
+    if not _take_logs(state, sums, floor):
+        flags |= TOO_DARK
+    elif tables[SEGMENTS]:
+        flags |= _judge(state, touching) if _locate(state, tables) else TOO_DARK
+    state[FLAGS] = flags
+
+
+def _take_logs(state, sums, floor):
     for i in range(CHANNELS):
-        gap = (sums[i] * 4 // samples << 10) - dark[i] - rest[i]
-        level = rest[i] + (gap >> (up if gap > 0 else down))
-        if level < 0:
-            level = 0
-        rest[i] = level
-        floor[i] = dark[i] + level + half >> shift
-
-
-def look_up(knots, columns, at, found):
-    """Interpolate the columns of a table linearly; constant beyond both ends.
-
-    Parameters
-    ----------
-    knots : sequence of int
-        Ascending arguments of the table.
-    columns : tuple of sequences of int
-        Columns of the table, with a value for each knot.
-    at : int
-        Argument at which to interpolate.
-    found : sequence of int
-        Output: one rounded value for each column.
-    """
-    low = 0
-    high = len(knots) - 1
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if at < knots[middle]:
-            high = middle
-        else:
-            low = middle
-    start = knots[low]
-    width = knots[low + 1] - start
-    offset = min(max(at - start, 0), width)
-    half = width >> 1
-    for column in range(len(columns)):
-        values = columns[column]
-        value = values[low]
-        found[column] = value + (offset * (values[low + 1] - value) + half) // width
-
-
-def estimate(calibration, sums, samples, dark, dark_samples, scratch, reading):
-    """Estimate contrast, brightness, position in um and force in mN from sums of counts.
-
-    Parameters
-    ----------
-    calibration : calibration.Calibration or None
-        Calibration of the strip; without it, all values are 0.
-    sums, dark : sequence of int
-        Six sums of counts over `samples` samples, and six dark sums over `dark_samples` samples.
-        ``sums * dark_samples`` and ``dark * samples`` must be at most 2**24.
-    samples, dark_samples : int
-        Samples in the reading and in the dark sums.
-    scratch : sequence of int
-        Work array with `SCRATCH` elements. If the position is known, element 2 is the misfit to
-        one press and element 1 its tolerance, both in Q12.
-    reading : sequence of int
-        Output: contrast and brightness in Q20 of log2, position in um, force in mN. Unknown values
-        are 0.
-
-    Returns
-    -------
-    int
-        1 if the light is too low for a position, else 0.
-    """
-    for i in range(4):
-        reading[i] = 0
-    if not _take_logs(sums, samples, dark, dark_samples, scratch):
-        return 1
-    if calibration is None:
-        return 0
-    coarse, fit = calibration.weights
-    reading[0] = contrast = _dot(coarse, scratch)
-    fit = _dot(fit, scratch) >> 8
-    part = calibration.segments[_below(calibration.bounds, contrast)]
-    at = _dot(part.position, scratch)
-    brightness = _dot(part.force, scratch) - scratch[CHANNELS]
-    look_up(part.contrasts, part.columns, at, scratch)
-    reading[1] = brightness = brightness - scratch[2]
-    if brightness < calibration.brightnesses[0]:
-        return 1
-    reading[2] = scratch[0]
-    scratch[2] = fit - scratch[1]
-    look_up(calibration.brightnesses, calibration.columns, brightness, scratch)
-    reading[3] = scratch[0]
-    return 0
-
-
-def _take_logs(sums, samples, dark, dark_samples, logs):
-    for i in range(CHANNELS):
-        net = sums[i] * dark_samples - samples * dark[i]
+        net = sums[i] * state[FLOOR_SAMPLES] - state[SAMPLES] * floor[i]
         if net <= 0:
             return False
-        logs[i] = log2_q20(net)
-    logs[CHANNELS] = log2_q20(samples * dark_samples)
+        state[LOGS + i] = log2_q20(net)
     return True
 
 
-def _dot(weights, logs):
+def _locate(state, tables):
+    # Find contrast, brightness, position, force and misfit; return whether there is a position.
+    contrast = state[CONTRAST] = _dot(tables, WEIGHTS, state)
+    misfit = _dot(tables, WEIGHTS + CHANNELS, state) >> 8
+    place = BOUNDS + 2 * tables[SEGMENTS] - 2
+    while place > BOUNDS and contrast < tables[place]:
+        place -= 2
+    place = tables[place + 1]
+    contrast = _dot(tables, place, state)
+    brightness = _dot(tables, place + CHANNELS, state) - state[LOG_SAMPLES]
+    look_up(tables, place + 2 * CHANNELS, contrast, state, 3)
+    brightness -= state[FOUND + 2]
+    state[BRIGHTNESS] = brightness
+    if brightness < tables[tables[FORCES] + 1]:
+        return False
+    state[POSITION_UM] = state[FOUND]
+    state[MISFIT_Q12] = misfit - state[FOUND + 1]
+    look_up(tables, tables[FORCES], brightness, state, 2)
+    state[FORCE_MN] = state[FOUND]
+    state[TOLERANCE_Q12] = state[FOUND + 1]
+    return True
+
+
+def _judge(state, touching):
+    # Return the flags of a reading whose position is known.
+    misfit = state[MISFIT_Q12]
+    tolerance = state[TOLERANCE_Q12]
+    flags = MISFIT if abs(misfit) > tolerance else 0
+    force_mN = state[FORCE_MN]
+    # A lamp or two fingers: light that fits no press begins a touch at twice the force.
+    on_mN = state[TOUCH_ON_MN] << (1 if flags else 0)
+    if not force_mN or force_mN < (state[TOUCH_OFF_MN] if touching else on_mN):
+        return flags
+    # Drift shifts the misfit of every press alike. The third reading of a touch gives this shift,
+    # if the previous touch gave the same: two fingers seldom touch together twice in a row. A
+    # reading that fits one press up to the shift is untrusted, but good enough for a key, see
+    # contact.TWO_FIT.
+    if not touching:
+        state[LEARNS] = 3
+    if state[LEARNS]:
+        state[LEARNS] -= 1
+        if not state[LEARNS]:
+            if abs(misfit - state[SEEN]) <= tolerance:
+                state[DRIFT] = min(max(misfit, -state[DRIFT_MAX]), state[DRIFT_MAX])
+            state[SEEN] = misfit
+    if flags and abs(misfit - state[DRIFT]) <= tolerance:
+        flags |= TOO_DARK
+    return flags | TOUCHING
+
+
+def _dot(tables, first, state):
     # Sum of weight (Q13) times logarithm (Q20), in Q20. The split keeps all values within 31 bits,
     # for logarithms below 2**25 and a sum of absolute weights of at most 2**16.
     high = low = 0
     for i in range(CHANNELS):
-        weight = weights[i]
-        log = logs[i]
-        high += weight * (log >> 13)
-        low += weight * (log & 8191)
+        log = state[LOGS + i]
+        high += tables[first + i] * (log >> 13)
+        low += tables[first + i] * (log & 8191)
     return high + (low >> 13)
 
 
-def _below(bounds, value):
-    # Return the last i with bounds[i] <= value, or 0.
-    i = len(bounds) - 1
-    while i > 0 and value < bounds[i]:
-        i -= 1
-    return i
+def look_up(tables, place, at, state, columns):
+    """Interpolate columns of a table linearly; constant beyond both ends.
+
+    Parameters
+    ----------
+    tables : sequence of int
+        Contains the table.
+    place : int
+        Place of the table: the number n of its knots, n knots, n values for each column.
+    at : int
+        Argument at which to interpolate.
+    state : sequence of int
+        Output: one rounded value for each column, from `FOUND` on.
+    columns : int
+        Number of columns.
+    """
+    size = tables[place]
+    low = _knot_below(tables, place + 1, place + size, at)
+    width = tables[low + 1] - tables[low]
+    at = min(max(at - tables[low], 0), width)
+    for column in range(FOUND, FOUND + columns):
+        low += size
+        state[column] = tables[low] + (at * (tables[low + 1] - tables[low]) + (width >> 1)) // width
+
+
+def _knot_below(tables, low, high, at):
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if at < tables[middle]:
+            high = middle
+        else:
+            low = middle
+    return low
 
 
 def _crc_tables():
@@ -234,13 +279,28 @@ def cobs_encode(source, size, target):
 
 
 _crc = array("H", bytes(4))
+_TOUCH = "<" + TOUCH_BODY
 
 
-def frame(payload, size, encoded):
-    """Append the CRC to the first `size` bytes of `payload`, and encode both into `encoded`.
+def frame(head, payload, size, encoded):
+    """Write header and CRC of a frame, and encode it with COBS; return its length in bytes.
 
-    `payload` must have room for `CRC_SIZE` more bytes. Returns the length of the frame in bytes.
+    Parameters
+    ----------
+    head : sequence of int
+        Header, see decode.py. The sequence is increased.
+    payload : bytearray
+        Has the body after `HEADER_SIZE` bytes, and room for `CRC_SIZE` more bytes.
+    size : int
+        Bytes of header and body.
+    encoded : bytearray
+        Output: the frame and its delimiter.
     """
+    payload[0] = head[KIND]
+    for i in range(SEQUENCE, GAP):
+        payload[2 * i - 1] = head[i] & 0xFF
+        payload[2 * i] = head[i] >> 8
+    head[SEQUENCE] = (head[SEQUENCE] + 1) & 0xFFFF
     crc = _crc
     crc[0] = crc[1] = 0xFFFF
     crc32(payload, size, crc)
@@ -249,3 +309,18 @@ def frame(payload, size, encoded):
     payload[size + 2] = ~crc[1] & 0xFF
     payload[size + 3] = ~crc[1] >> 8 & 0xFF
     return cobs_encode(payload, size + CRC_SIZE, encoded)
+
+
+def touch(head, payload, state, encoded):
+    """Encode the reading in `state` as a TOUCH frame; arguments and result as of `frame`."""
+    pack_into(
+        _TOUCH,
+        payload,
+        HEADER_SIZE,
+        state[FLAGS] | head[GAP],
+        state[CONTRAST],
+        state[BRIGHTNESS],
+        state[POSITION_UM],
+        state[FORCE_MN],
+    )
+    return frame(head, payload, TOUCH_SIZE, encoded)

@@ -1,12 +1,14 @@
 """Arithmetic and framing of a sample in machine code; replaces kernel.py on some boards.
 
+The literals are those of decode.py.
+
 The code is correct with words of 32 bits and of 64 bits. With 64 bits, ``ptr32`` loads unsigned
 values: a negative number is then too large by 2**32, and results are too large by multiples of it.
-Where the sign matters, ``x - ((x >> 31) + 1 >> 1 << 16 << 16)`` corrects this; with 32 bits it
-changes nothing. ``ptr32`` stores the lower 32 bits, which are always correct.
+``ptr32`` stores the lower 32 bits, which are always correct. Where the sign matters, ``(x ^ sign) -
+sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 bits it changes nothing.
 
-No index and no argument is checked. A call between two functions costs about ten additions, so code
-that runs for every channel is written inline.
+No index and no argument is checked. A call costs about as much as fifty additions, and a look-up of
+a name or attribute twenty, so each step of a sample is one function that needs only its arguments.
 """
 
 from array import array
@@ -15,8 +17,16 @@ import micropython
 
 from .log2 import TABLE
 
-SCRATCH = 11
-CRC_SIZE = 4
+
+@micropython.viper
+def unpack(burst: ptr8, counts: ptr32) -> int:
+    most = 0
+    for i in range(6):
+        count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
+        counts[i] = count
+        if count > most:
+            most = count
+    return most
 
 
 @micropython.viper
@@ -29,153 +39,145 @@ def accumulate(sums: ptr32, counts: ptr32, samples: int):
 
 
 @micropython.viper
-def follow(
-    rest: ptr32,
-    floor: ptr32,
-    sums: ptr32,
-    samples: int,
-    dark: ptr32,
-    shift: int,
-    up: int,
-    down: int,
-):
-    half = 1 << shift >> 1
+def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int):
+    sign = 1
+    sign <<= 31
+    touching = state[0] & 1
+    for i in range(1, 5):
+        state[i] = 0
+    if tables[0] == 0:
+        flags |= 64
+    if flags & 128:
+        state[0] = flags | touching
+        return
+
+    light = 0
+    is_dark = 0
+    logs = ptr32(TABLE)
     for i in range(6):
-        level = rest[i]
-        gap = ((sums[i] * 4 // samples) << 10) - dark[i] - level
-        if gap > 0:
-            level += gap >> up
-        else:
-            level += gap >> down
-        if level < 0:
-            level = 0
-        rest[i] = level
-        floor[i] = (dark[i] + level + half) >> shift
-
-
-@micropython.viper
-def look_up(knots, columns, at: int, found: ptr32):
-    words = ptr32(knots)
-    low = 0
-    high = int(len(knots)) - 1
-    while high - low > 1:
-        middle = (low + high) >> 1
-        knot = words[middle]
-        knot -= (knot >> 31) + 1 >> 1 << 16 << 16
-        if at < knot:
-            high = middle
-        else:
-            low = middle
-    start = words[low]
-    start -= (start >> 31) + 1 >> 1 << 16 << 16
-    width = words[low + 1] - start
-    width -= (width >> 31) + 1 >> 1 << 16 << 16
-    offset = at - start
-    if offset < 0:
-        offset = 0
-    if offset > width:
-        offset = width
-    half = width >> 1
-    for column in range(int(len(columns))):
-        values = ptr32(columns[column])
-        value = values[low]
-        rise = values[low + 1] - value
-        rise -= (rise >> 31) + 1 >> 1 << 16 << 16
-        found[column] = value + (offset * rise + half) // width
-
-
-@micropython.viper
-def estimate(
-    calibration, sums: ptr32, samples: int, dark: ptr32, dark_samples: int, scratch, reading: ptr32
-) -> int:
-    logs = ptr32(scratch)
-    for i in range(4):
-        reading[i] = 0
-
-    table = ptr32(TABLE)
-    for i in range(7):
-        n = samples * dark_samples
-        if i < 6:
-            n = sums[i] * dark_samples - samples * dark[i]
-            if n <= 0:
-                return 1
+        n = sums[i]
+        light += n
+        n = n * state[6] - state[5] * floor[i]
+        if n <= 0:
+            is_dark = 4
+            continue
         # As in log2.log2_q20; its table has no negative number, so no sign is corrected.
         if n >= 1 << 24:
-            logs[i] = 24 << 20
+            state[17 + i] = 24 << 20
             continue
         exponent = 23
-        if n < 1 << 8:
-            n <<= 16
-            exponent -= 16
-        if n < 1 << 16:
+        while n < 1 << 16:
             n <<= 8
             exponent -= 8
-        if n < 1 << 20:
-            n <<= 4
-            exponent -= 4
-        if n < 1 << 22:
-            n <<= 2
-            exponent -= 2
-        if n < 1 << 23:
+        while n < 1 << 23:
             n <<= 1
             exponent -= 1
         step = (n >> 14) & 511
-        base = table[step]
-        fraction = base + (((n & 16383) * (table[step + 1] - base)) >> 14)
-        logs[i] = (exponent << 20) + ((fraction + 8) >> 4)
-    if not calibration:  # viper has no 'is'
-        return 0
+        low = logs[step]
+        low += ((n & 16383) * (logs[step + 1] - low)) >> 14
+        state[17 + i] = (exponent << 20) + ((low + 8) >> 4)
+    state[14] = light
+    if is_dark or flags & 64:
+        state[0] = flags | is_dark
+        return
 
     # Contrast and fit by the weights of the whole strip, then position and force by the segment's.
-    rows = calibration.weights
-    part = rows
+    first = 2
     for row in range(4):
         if row == 2:
-            contrast = logs[7]
-            contrast -= (contrast >> 31) + 1 >> 1 << 16 << 16
-            bounds = ptr32(calibration.bounds)
-            i = int(len(calibration.bounds)) - 1
-            while i > 0:
-                bound = bounds[i]
-                bound -= (bound >> 31) + 1 >> 1 << 16 << 16
-                if contrast >= bound:
-                    break
-                i -= 1
-            part = calibration.segments[i]
-            rows = part.weights
-        weights = ptr32(rows[row & 1])
+            at = (state[23] ^ sign) - sign
+            state[1] = at
+            first = 12 + 2 * tables[0]
+            while first > 14 and at < (tables[first] ^ sign) - sign:
+                first -= 2
+            first = tables[first + 1]
         high = 0
         low = 0
         for i in range(6):
-            weight = weights[i]
-            log = logs[i]
-            high += weight * (log >> 13)
-            low += weight * (log & 8191)
-        low -= (low >> 31) + 1 >> 1 << 16 << 16
-        logs[7 + row] = high + (low >> 13)
-    reading[0] = contrast
-    at = logs[9]
-    at -= (at >> 31) + 1 >> 1 << 16 << 16
-    brightness = logs[10] - logs[6]
-    fit = logs[8]
-    fit -= (fit >> 31) + 1 >> 1 << 16 << 16
-    fit >>= 8
+            weight = tables[first]
+            n = state[17 + i]
+            high += weight * (n >> 13)
+            low += weight * (n & 8191)
+            first += 1
+        state[27] = low
+        state[23 + row] = high + (((state[27] ^ sign) - sign) >> 13)
 
-    look_up(part.contrasts, part.columns, at, scratch)
-    brightness -= logs[2]
-    brightness -= (brightness >> 31) + 1 >> 1 << 16 << 16
-    reading[1] = brightness
-    knots = ptr32(calibration.brightnesses)
-    least = knots[0]
-    least -= (least >> 31) + 1 >> 1 << 16 << 16
-    if brightness < least:
-        return 1
-    reading[2] = logs[0]
-    logs[2] = fit - logs[1]
+    # The table of positions, then that of forces.
+    at = (state[25] ^ sign) - sign
+    for row in range(2):
+        size = tables[first]
+        low = first + 1
+        high = first + size
+        while high - low > 1:
+            n = (low + high) >> 1
+            if at < (tables[n] ^ sign) - sign:
+                high = n
+            else:
+                low = n
+        n = (tables[low] ^ sign) - sign
+        at -= n
+        width = (tables[low + 1] ^ sign) - sign - n
+        if at < 0:
+            at = 0
+        if at > width:
+            at = width
+        half = width >> 1
+        for i in range(3 - row):
+            low += size
+            n = tables[low]
+            state[27 + i] = tables[low + 1] - n
+            state[27 + i] = n + (at * ((state[27 + i] ^ sign) - sign) + half) // width
+        if row == 0:
+            state[2] = state[26] - state[7] - state[29]
+            at = (state[2] ^ sign) - sign
+            first = tables[1]
+            if at < (tables[first + 1] ^ sign) - sign:
+                state[0] = flags | 4
+                return
+            state[3] = state[27]
+            state[15] = (((state[24] ^ sign) - sign) >> 8) - state[28]
+    state[4] = state[27]
+    tolerance = (state[28] ^ sign) - sign
+    state[16] = tolerance
 
-    look_up(calibration.brightnesses, calibration.columns, brightness, scratch)
-    reading[3] = logs[0]
-    return 0
+    misfit = (state[15] ^ sign) - sign
+    n = misfit
+    if n < 0:
+        n = 0 - n
+    if n > tolerance:
+        flags |= 16
+    force_mN = state[4]
+    least_mN = state[8]
+    if flags & 16:
+        least_mN <<= 1
+    if touching:
+        least_mN = state[9]
+    if force_mN and force_mN >= least_mN:
+        flags |= 1
+        if touching == 0:
+            state[12] = 3
+        if state[12]:
+            state[12] = state[12] - 1
+            if state[12] == 0:
+                n = misfit - ((state[13] ^ sign) - sign)
+                if n < 0:
+                    n = 0 - n
+                if n <= tolerance:
+                    n = misfit
+                    most = state[10]
+                    if n > most:
+                        n = most
+                    if n < 0 - most:
+                        n = 0 - most
+                    state[11] = n
+                state[13] = misfit
+        if flags & 16:
+            n = misfit - ((state[11] ^ sign) - sign)
+            if n < 0:
+                n = 0 - n
+            if n <= tolerance:
+                flags |= 4
+    state[0] = flags
 
 
 def _crc_table():
@@ -193,45 +195,44 @@ _CRC = _crc_table()
 
 
 @micropython.viper
-def crc32(data: ptr8, size: int, crc: ptr16):
+def frame(head: ptr32, payload: ptr8, size: int, encoded: ptr8) -> int:
+    payload[0] = head[0]
+    for i in range(1, 4):
+        payload[2 * i - 1] = head[i]
+        payload[2 * i] = head[i] >> 8
+    head[1] = (head[1] + 1) & 0xFFFF
     table = ptr32(_CRC)
-    value = crc[0] | crc[1] << 16
+    crc = 0 - 1
     for i in range(size):
-        value ^= data[i]
-        value = (value >> 4 & 0x0FFFFFFF) ^ table[value & 15]
-        value = (value >> 4 & 0x0FFFFFFF) ^ table[value & 15]
-    crc[0] = value & 0xFFFF
-    crc[1] = value >> 16 & 0xFFFF
-
-
-@micropython.viper
-def cobs_encode(source: ptr8, size: int, target: ptr8) -> int:
+        crc ^= payload[i]
+        crc = (crc >> 4 & 0x0FFFFFFF) ^ table[crc & 15]
+        crc = (crc >> 4 & 0x0FFFFFFF) ^ table[crc & 15]
+    for _ in range(4):
+        payload[size] = crc ^ 0xFF
+        crc >>= 8
+        size += 1
     code_at = 0
     write = 1
-    for read in range(size):
-        byte = source[read]
+    for i in range(size):
+        byte = payload[i]
         if byte:
-            target[write] = byte
+            encoded[write] = byte
             write += 1
         if byte == 0 or write - code_at == 255:
-            target[code_at] = write - code_at
+            encoded[code_at] = write - code_at
             code_at = write
             write += 1
-    target[code_at] = write - code_at
-    target[write] = 0
+    encoded[code_at] = write - code_at
+    encoded[write] = 0
     return write + 1
 
 
-_crc = array("H", bytes(4))
-
-
 @micropython.viper
-def frame(payload, size: int, encoded) -> int:
-    crc = ptr16(_crc)
-    crc[0] = 0xFFFF
-    crc[1] = 0xFFFF
-    crc32(payload, size, _crc)
-    data = ptr8(payload)
-    for i in range(4):
-        data[size + i] = crc[i >> 1] >> ((i & 1) << 3) & 0xFF ^ 0xFF
-    return int(cobs_encode(payload, size + 4, encoded))
+def touch(head, payload, state, encoded) -> int:
+    words = ptr32(state)
+    body = ptr32(payload)
+    ptr8(payload)[7] = words[0] | ptr32(head)[4]
+    for i in range(1, 4):
+        body[i + 1] = words[i]
+    ptr16(payload)[10] = words[4]
+    return int(frame(head, payload, 22, encoded))

@@ -56,6 +56,8 @@ class Pacing:
         self.exposure_us = 0  # nominal period
         self._off = 0  # relative deviation of the chip's period from nominal, Q20
         self._creep = 0
+        # From the period: time from a sample to the next poll, and the longest delay of a poll.
+        self._step_us = self._late_us = 0
         self._early = 0
         self._was_early = False
         self._locked = False
@@ -73,10 +75,10 @@ class Pacing:
 
         Allocates.
         """
-        self.period_us = period_us - period_us // _TRUST
         self.exposure_us = period_us
         self._chip_us = period_us + (period_us * self._off >> _Q)
         self._creep = period_us >> 8
+        self._set_period(period_us - period_us // _TRUST)
         self.due = self._add(now, self.period_us)
         self.missed = self.slack_us = 0
         self.sampled = self.lasted_us = self.longest_us = 0
@@ -130,22 +132,22 @@ class Pacing:
             Ticks at the end of the sample; at most `slack_us` too late. None if the sample must
             not be used, because its time is unknown after a stall. It is then counted in `missed`.
         """
-        late = self._diff(after, self.due)
         if self._was_early:
-            doubtful = self._diff(before, self._early) > _WIDE_US
-        else:
-            doubtful = not self._locked
-        if doubtful or late > self.period_us - (self.period_us >> 2):
+            if self._diff(before, self._early) > _WIDE_US:
+                return self._doubt(before, after)
+        elif not self._locked:
+            return self._doubt(before, after)
+        due = self.due
+        if self._diff(after, due) > self._late_us:
             return self._doubt(before, after)
         if self._was_early:
             self._bracket(before)
-            self.due = before
-        complete = self.due
-        self._locked = True
-        self._was_early = False
+            self._locked = True
+            self._was_early = False
+            due = before
         self._samples += 1
-        self.due = self._add(complete, self.period_us - self._creep)
-        return complete
+        self.due = self._add(due, self._step_us)
+        return due
 
     def _bracket(self, now):
         self.slack_us = self._diff(now, self._early)
@@ -154,22 +156,30 @@ class Pacing:
             # The sample ended slightly before this poll: round.
             self.missed += self._count(now, self._chip_us >> 1) - 1
         if self._samples > 0:
-            low_us = self._diff(self._early, self._reference)
-            bound = low_us // self._samples
-            if bound > self.period_us or self._samples >= _FRESH:
-                self.period_us = self._chip_us = bound
-            low_us = self._diff(self._early, self._began)
-            high_us = self._diff(now, self._first)
-            if high_us - low_us << _SHARE < high_us:
-                self.sampled = self._taken + self._samples
-                self.lasted_us = low_us
-                self.longest_us = high_us
+            self._measure(now)
         if self._samples < 0 or self._diff(now, self._began) > _LONG_US:
             self._begin(self._early, now)
         if self._samples < 0 or self._samples >= _RENEW:
             self._taken += max(0, self._samples)
             self._reference = now
             self._samples = 0
+
+    def _measure(self, now):
+        bound = self._diff(self._early, self._reference) // self._samples
+        if bound > self.period_us or self._samples >= _FRESH:
+            self._chip_us = bound
+            self._set_period(bound)
+        low_us = self._diff(self._early, self._began)
+        high_us = self._diff(now, self._first)
+        if high_us - low_us << _SHARE < high_us:
+            self.sampled = self._taken + self._samples
+            self.lasted_us = low_us
+            self.longest_us = high_us
+
+    def _set_period(self, period_us):
+        self.period_us = period_us
+        self._step_us = period_us - self._creep
+        self._late_us = period_us - (period_us >> 2)
 
     def _begin(self, first, began):
         self._first = first
@@ -193,7 +203,7 @@ class Pacing:
             self._begin(self._early, before)
             self._taken = 0
             self._samples = 1
-            self.due = self._add(before, self.period_us - self._creep)
+            self.due = self._add(before, self._step_us)
         else:
             self._samples = -1
             self.due = self._add(after, RETRY_US)

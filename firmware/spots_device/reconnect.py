@@ -58,7 +58,6 @@ class Reconnect:
             return
         self.lost = False
         self._on_found()
-        gc.collect()  # frees the garbage of imports and parsing
 
     def restart(self):
         """Restart the sensor with the present settings; does nothing while it is lost."""

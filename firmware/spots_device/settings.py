@@ -6,12 +6,11 @@ last good copy. So at least one valid file exists at every moment of a save. Onl
 """
 
 import os
-from array import array
+from binascii import crc32
 
 from . import exposure
 from .calibration import STRAIN_MAX_PPM
 from .decode import AVERAGE_MAX
-from .kernel import crc32
 from .smux import smux_map
 
 SETTINGS_FILE = "settings.txt"
@@ -157,11 +156,10 @@ class BoardSettings:
 
 def checksum(lines):
     """Return the CRC-32 of lines (list of str, without line ends) as eight hexadecimal digits."""
-    crc = array("H", (0xFFFF, 0xFFFF))
+    crc = 0
     for line in lines:  # line by line: the memory may not suffice for all lines in one piece
-        data = (line + "\n").encode()
-        crc32(data, len(data), crc)
-    return "%04x%04x" % (crc[1] ^ 0xFFFF, crc[0] ^ 0xFFFF)
+        crc = crc32((line + "\n").encode(), crc)
+    return "%08x" % crc
 
 
 def save_lines(path, lines):

@@ -10,9 +10,9 @@ from micropython import const
 
 from .calibration import Conditions
 from .dark import Baseline, Dark, OddLight
-from .decode import DARK_SUBTRACTED, LED_OFF, SATURATED, TOUCHING, Decode
+from .decode import DARK_SUBTRACTED, FLAGS, LED_OFF, SATURATED, TOUCHING, Decode
 from .exposure import AGAIN, DONE, choose
-from .kernel import accumulate
+from .kernel import accumulate, estimate
 from .smux import CHANNELS
 
 IDLE_US = const(1_000_000)  # time without a touch before the LED may be switched off
@@ -65,15 +65,19 @@ class Strip:
         self.decode = Decode()
         self._dark = Dark()
         self.baseline = Baseline(self._dark)
-        self._odd_light = OddLight()
+        self._odd_light = OddLight(self._dark)
         self.stream_touch = self.stream_spectrum = False
         self._uid = uid
         self._pacing = sensor.pacing
         self._framer = framer
         self._uses = uses
         self._time = time
-        self._add = clock.ticks_add
+        self._reading = self.decode.state
         self._sums = array("i", bytes(4 * CHANNELS))
+        # Of the settings, see `configure`.
+        self._average = 1
+        self._follows = False
+        self._mains_hz = 0
         self._samples = self._flags = 0
         self._state = _UNKNOWN
         self.lit_flags = DARK_SUBTRACTED
@@ -120,6 +124,13 @@ class Strip:
     def configure(self):
         """Apply the settings that need no restart of the sensor."""
         values = self.settings.values
+        if self._average != values["average"]:
+            self._average = values["average"]
+            self._samples = self._flags = 0
+        self._mains_hz = values["mains_hz"]
+        self._follows = values["baseline"]
+        if self.baseline.followed and not self._follows:
+            self.baseline.forget()
         if values["led"] == "always":
             self._dark.schedule(0, 0)
         else:
@@ -173,6 +184,9 @@ class Strip:
 
     # Processing of a sample.
 
+    # The functions that run for every sample need at most 11 words for locals and arguments.
+    # MicroPython takes a larger frame from the heap, which costs about 80 us on an RP2040.
+
     def take(self):
         """Process the sample that the sensor has just read."""
         sensor = self.sensor
@@ -181,77 +195,82 @@ class Strip:
             self._missed = missed
             self._framer.gap()
         dark = self._dark
-        if dark.age_us < dark.every_us:
-            dark.age_us += dark.exposure_us
+        age_us = dark.age_us
+        if age_us < dark.every_us:
+            dark.age_us = age_us + dark.exposure_us
         if self._state == _LIT:
             if sensor.steady:
                 self._take_lit(sensor)
         elif self._state != _UNKNOWN:
             self._take_blink(sensor)
-        # Only a requested dark frame may interrupt an average.
-        due = dark.wanted or (
-            dark.age_us >= dark.every_us
-            and not self._samples
-            and (self._idle_us >= IDLE_US or dark.always)
-        )
-        if due and self._state <= _UNKNOWN:
-            self._start_blink(sensor)
-        elif (
-            self._state == _LIT
-            and self.settings.values["mains_hz"]
-            and self._search is None
-            and (dark.always or not self.decode.flags & TOUCHING)
-            and sensor.drifted()
-        ):
-            self.start()
+        if dark.wanted or dark.age_us >= dark.every_us:
+            self._start_blink_if_due(sensor)
+        elif self._mains_hz:
+            self._correct_drift(sensor)
 
     def _take_lit(self, sensor):
-        accumulate(self._sums, sensor.counts, self._samples)
+        sums = sensor.counts
+        if self._average > 1:
+            sums = self._sums
+            accumulate(sums, sensor.counts, self._samples)
         if sensor.saturated:
             self._flags |= SATURATED
         self._samples += 1
         if self._search is not None:
             self._judge(sensor)
-        elif self._samples >= self.settings.values["average"]:
-            self._emit(self._flags)
+        elif self._samples >= self._average:
+            self._emit(sums, self._flags)
 
-    def _emit(self, flags):
+    def _emit(self, sums, flags):
         sensor = self.sensor
-        sums = self._sums
-        samples = self._samples
-        lasted_us = samples * sensor.exposure_us
-        flags |= self.lit_flags if sensor.led_on else LED_OFF
-        decode = self.decode
         baseline = self.baseline
-        if samples != baseline.samples and sensor.led_on:
-            decode.dark_samples = baseline.rescale(samples)
-        decode.update(sums, samples, baseline.floor, flags)
-        flags = decode.flags
+        if sensor.led_on:
+            flags |= self.lit_flags
+            if self._samples != baseline.samples:
+                self._rescale()
+        else:
+            flags |= LED_OFF
+        estimate(self._reading, self.decode.tables, sums, baseline.floor, flags)
+        self._send(sums, self._samples * sensor.exposure_us)
+
+    def _rescale(self):
+        self.decode.scale(self._samples, self.baseline.rescale(self._samples))
+
+    def _send(self, sums, lasted_us):
+        flags = self._reading[FLAGS]
         if flags & TOUCHING:
             self._idle_us = 0
         elif self._idle_us < IDLE_US:
             self._idle_us += lasted_us
-        self._time.set(self._add(sensor.complete, -(lasted_us >> 1)))
+        self._time.set(self.sensor.complete, lasted_us >> 1)
+        compensation = self.decode.compensation
+        if compensation is not None:
+            compensation.take(self._reading, self._time.high << 6 | self._time.low >> 10)
         uses = self._uses
-        rests = uses.take(self.index, decode)
+        if uses.active:
+            uses.take(self.index, self.decode)
         if self.stream_touch:
-            self._framer.touch(self.index, decode)
+            self._framer.touch(self.index, self._reading)
         # Readings of two fingers look like ambient light. They have less weight in the detection,
         # because a dark frame costs readings.
-        odd_us = lasted_us >> 3 if uses.two else lasted_us
-        if self._odd_light.take(flags, sums, samples, odd_us, self._dark.age_us):
-            self._dark.request()
-        if self.settings.values["baseline"]:
-            if not flags & LED_OFF:
-                baseline.follow(sums, samples, self._idle_us, rests)
-        elif baseline.followed:
-            baseline.forget()
+        if uses.two:
+            lasted_us >>= 3
+        self._odd_light.take(flags, self._reading, lasted_us)
+        if self._follows and not flags & LED_OFF:
+            self._follow(sums)
         if self.stream_spectrum:
-            if samples > 1:
-                for i in range(CHANNELS):
-                    sums[i] = (sums[i] + (samples >> 1)) // samples
-            self._framer.spectrum(self.index, decode.flags, sensor.gain, sums)
+            self._send_spectrum(sums)
         self._samples = self._flags = 0
+
+    def _follow(self, sums):
+        self.baseline.follow(sums, self._samples, self._idle_us, self._uses.rests)
+
+    def _send_spectrum(self, sums):
+        samples = self._samples
+        if samples > 1:
+            for i in range(CHANNELS):
+                sums[i] = (sums[i] + (samples >> 1)) // samples
+        self._framer.spectrum(self.index, self._reading[FLAGS], self.sensor.gain, sums)
 
     # Rare operations.
 
@@ -282,6 +301,22 @@ class Strip:
         self.baseline.forget()
         self._samples = self._flags = 0
 
+    def _start_blink_if_due(self, sensor):
+        # Only a requested dark frame may interrupt an average.
+        dark = self._dark
+        due = dark.wanted or (not self._samples and (self._idle_us >= IDLE_US or dark.always))
+        if due and self._state <= _UNKNOWN:
+            self._start_blink(sensor)
+
+    def _correct_drift(self, sensor):
+        if (
+            self._state == _LIT
+            and self._search is None
+            and (self._dark.always or not self._reading[FLAGS] & TOUCHING)
+            and sensor.drifted()
+        ):
+            self.start()
+
     def _start_blink(self, sensor):
         sensor.switch_led(False)
         self._samples = self._flags = 0
@@ -297,9 +332,8 @@ class Strip:
                 return
         elif sensor.steady:
             complete = self._dark.add(sensor.counts)
-        accumulate(self._sums, sensor.counts, 0)
         self._samples = 1
-        self._emit(LED_OFF)
+        self._emit(sensor.counts, LED_OFF)
         if complete:
             self._end_blink(sensor)
 

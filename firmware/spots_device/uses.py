@@ -4,7 +4,7 @@ A board without USB HID sends keys as frames only. Modules of disabled functions
 which saves memory.
 """
 
-from .decode import MISFIT, TOO_DARK, TOUCHING
+from .decode import BRIGHTNESS, FLAGS, FORCE_MN, MISFIT, POSITION_UM, TOO_DARK, TOUCHING
 
 # Name of each USB interface, and the setting that enables it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
@@ -41,10 +41,14 @@ class Uses:
 
     Attributes
     ----------
+    active : bool
+        Whether `take` must get each reading.
     streams_contacts : bool
         Whether CONTACT frames are streamed.
     two : bool
         Whether the last reading may be of two fingers.
+    rests : bool
+        Whether the touch has not moved for so long that it cannot be a finger.
     fault : str or None
         Sentence that says why the USB interfaces could not be opened at start, or None.
     """
@@ -55,7 +59,7 @@ class Uses:
         self._time = time
         self._usb = usb
         self._sensor = 0
-        self._rests = self.two = self.streams_contacts = False
+        self.rests = self.two = self.streams_contacts = False
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
@@ -65,7 +69,7 @@ class Uses:
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
         self._outputs = ()  # the same as a tuple: iterating over it allocates nothing
-        self._keys_on = self._gamepad_on = False
+        self._keys_on = self._gamepad_on = self.active = False
         self.layout_lines = layout_lines
         self._open()
 
@@ -171,29 +175,26 @@ class Uses:
             Number of the sensor, from 0.
         decode : decode.Decode
             Contains the reading.
-
-        Returns
-        -------
-        bool
-            True if the touch has not moved for so long that it cannot be a finger.
         """
         self._sensor = sensor
-        self._rests = self.two = False
-        tracker = self._tracker
-        if tracker is not None:
-            t = self._time.high << 6 | self._time.low >> 10
-            tracker.take(decode.flags, decode.position_um, decode.force_mN, decode.brightness, t)
-            if self._keys_on:
-                self._keypad.tick(t)
+        self.rests = self.two = False
+        if self._tracker is not None:
+            self._track(decode)
             if self._fingers is not None:
                 self._fingers.send(sensor, decode)
-            if decode.flags & TOUCHING and tracker.two:
+            if decode.flags & TOUCHING and self._tracker.two:
                 self.two = True
                 # A spectrum that fits one press gets both bits, see contact.TWO_FIT.
                 decode.flags |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
         if self._gamepad_on and not self.two:
             self._axes.take(decode.flags, decode.position_um, decode.force_mN)
-        return self._rests
+
+    def _track(self, decode):
+        state = decode.state
+        t = self._time.high << 6 | self._time.low >> 10
+        self._tracker.take(state[FLAGS], state[POSITION_UM], state[FORCE_MN], state[BRIGHTNESS], t)
+        if self._keys_on:
+            self._keypad.tick(t)
 
     def key(self, page, usage, modifiers, pressed):
         """Send a key event as a frame, and as a USB report if there is a keyboard interface.
@@ -214,7 +215,7 @@ class Uses:
 
     def stuck(self):
         """Record that the present touch is not a finger."""
-        self._rests = True
+        self.rests = True
 
     def pump(self):
         """Offer the oldest report of each queue to the host; return True if no report waits."""
@@ -262,6 +263,7 @@ class Uses:
             tracker.sink = keypad
         self._tracker = tracker
         self._fingers = None
+        self._activate()
         if not self.streams_contacts:
             self._contacts = None
         elif calibration is not None:
@@ -279,6 +281,11 @@ class Uses:
             self._tracker = tracker or own
             fingers.attach(self._tracker, keypad)
             self._fingers = fingers
+            self._activate()
+
+    def _activate(self):
+        self.active = self._tracker is not None or self._gamepad_on
+        self.rests = self.two = False
 
     def _get_layout(self):
         if self._layout is None:

@@ -1,8 +1,8 @@
 """Atomic writes of files and folders: a reader sees the old content or the new, never a part.
 
 A file or folder is written under a random name in the same folder, and renamed when it is complete.
-The random name is created exclusively, so no link is followed. A killed process leaves this
-temporary file behind; a write in the same folder at least an hour later removes it.
+The random name is created exclusively, so no link is followed. If the process is killed, the
+temporary file remains; a write in the same folder at least an hour later removes it.
 """
 
 import errno

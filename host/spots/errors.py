@@ -38,7 +38,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 class SpotsError(Exception):
-    """An error that the user can correct: the text says what is wrong and what to do.
+    """An error that the user can correct: its text names the problem and the remedy.
 
     The command line prints the text as one line and exits with code 2. Control characters in the
     text are escaped, and a very long text is cut in its middle.

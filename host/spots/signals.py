@@ -34,7 +34,7 @@ _CONTINUING = _numbers("SIGCONT")
 
 
 class _Section:
-    """Defers signals while the main thread is in its ``with`` block. Reentrant.
+    """Defers signals while the main thread is in the block ``with SECTION``. Reentrant.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 
 
 def on_console_event(event: int, released: threading.Event) -> bool:
-    """Interrupt the main thread as Ctrl-C does, and wait until it has released all outputs.
+    """Interrupt the main thread as Ctrl-C does; wait until that thread has released all outputs.
 
     Windows calls this in another thread.
 

@@ -1,1 +1,1 @@
-"""The simulated sensor and the virtual board; shares no code with driver or decoder."""
+"""Simulated sensor and virtual board, which share no code with the driver and the decoder."""

@@ -18,7 +18,9 @@ _STEP_MM = 1e-3
 
 
 class Bound:
-    """Smallest standard deviations with which six counts determine position and light.
+    """The Cramer-Rao bound of a simulated sensor, for readings with six counts.
+
+    The bound limits the estimates of a press's position, and of the light that the press couples.
 
     Parameters
     ----------
@@ -35,7 +37,7 @@ class Bound:
     average : int
         Number of samples in a reading.
     change : Change
-        Change of the sensor since the calibration.
+        Change of the sensor since its calibration.
     """
 
     def __init__(
@@ -94,8 +96,8 @@ class Bound:
         Returns
         -------
         tuple of float
-            Smallest standard deviation of the position in um, and of the natural logarithm of the
-            light.
+            Smallest standard deviations: of the position in um, and of the natural logarithm of the
+            coupled light.
         """
         counts = self.counts(position_um, force_mN, **press)
         step_um = 1000 * _STEP_MM

@@ -9,16 +9,16 @@ from typing import Protocol
 
 
 class SimulationClock(Protocol):
-    """Interface of a simulation's clock, which counts simulated or real time."""
+    """Interface of the clock of a simulation, which counts simulated time or real time."""
 
     def now_us(self) -> float:
         """Return the time since power-on, in us."""
 
     def spend_us(self, duration_us: float) -> None:
-        """Advance a simulated clock by the duration of a transfer or a sleep, in us."""
+        """Advance a simulated clock by the duration of a transfer; a real clock ignores this."""
 
     def pause_us(self, duration_us: float) -> None:
-        """Wait for a time in us while the board does nothing."""
+        """Let `duration_us` microseconds pass, in which the board does nothing."""
 
 
 @dataclass
@@ -73,14 +73,14 @@ class BusCost:
 
 @dataclass
 class I2CBus:
-    """A simulated I2C controller: 9 clocks a byte, and START, STOP, repeated START.
+    """A simulated I2C controller: 9 clocks for a byte, 1 for START, STOP or repeated START.
 
     Attributes
     ----------
     chip : chip.AS7341
         The chip on the bus.
     clock : SimulationClock
-        Advanced by each transfer.
+        Clock that each transfer advances.
     frequency_hz : int
         Frequency of the bus in Hz.
     ledger : BusCost
@@ -197,7 +197,7 @@ class I2CBus:
         self.chip.switch_light(bool(level))
 
     def refuse(self) -> None:
-        """Spend the time of an address without acknowledgement, and raise OSError(ENODEV)."""
+        """Spend the bus time of an address that no chip acknowledges; raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

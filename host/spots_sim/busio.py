@@ -41,7 +41,7 @@ class I2C:
         self._locked = False
 
     def scan(self) -> list[int]:
-        """Return the 7-bit addresses that acknowledge."""
+        """Return the 7-bit addresses at which a chip acknowledges."""
         return [address for address in _ADDRESSES if self._acknowledges(address)]
 
     def writeto(self, address: int, buffer, *, start: int = 0, end: int | None = None) -> None:
@@ -145,8 +145,8 @@ class I2C:
 def simulated_time(driver: ModuleType, clock: SimulationClock) -> Iterator[None]:
     """Replace ``sleep`` and ``monotonic`` in a driver module by a simulated clock.
 
-    For drivers with ``from time import monotonic, sleep``. The module ``time`` is not changed. The
-    original functions are restored at the end of the ``with`` block.
+    Use this for drivers with ``from time import monotonic, sleep``; the module ``time`` is not
+    changed. The original functions are restored at the end of the ``with`` block.
 
     Parameters
     ----------

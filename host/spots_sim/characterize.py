@@ -47,7 +47,7 @@ def measure(
     change_name : str or None
         Change file (a path or a name): changes of the sensor since the calibration.
     hand : Hand
-        How the calibration is corrected after these changes (re-zero).
+        Options of the re-zero: a few presses that correct the calibration after these changes.
 
     Raises
     ------

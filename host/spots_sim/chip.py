@@ -359,7 +359,7 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Append to the FIFO those values that FIFO_MAP selects; a full FIFO drops them."""
+        """Append the counts that FIFO_MAP selects to the FIFO; a full FIFO drops new counts."""
         for bit, value in enumerate((self._live[0], *counts)):
             if self._main[0xFC] & 1 << bit:
                 if len(self._fifo) < _FIFO_ENTRIES:

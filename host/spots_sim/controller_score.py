@@ -20,7 +20,7 @@ _STEP_S = 0.001
 
 
 class ControllerScore:
-    """Compares the axis X with its true value, computed from the scenario's only finger.
+    """Compares a controller's axis X with the true X, computed from the scenario's only finger.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ControllerScore:
         self.states = 0
 
     def read(self, touch: Touch, state: State) -> None:
-        """Compare a state with the true X at the time of its reading.
+        """Compare the axis X of a gamepad state with the true X at the time of the reading.
 
         Parameters
         ----------
@@ -68,14 +68,14 @@ class ControllerScore:
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare the change of X since the last state with the finger's movement.
+        """Compare the change of X since the last sent state with the finger's movement.
 
         Parameters
         ----------
         state : State
             Gamepad state that was sent.
         now_s : float
-            Time of sending in seconds, on the link's clock.
+            Host time at which the state was sent, in seconds.
         """
         start_s = max(self._last_s, now_s - 1) - _BACK_S
         end_s = now_s + (_LIFT_S if state[:3] == REST[:3] else 0)
@@ -87,7 +87,7 @@ class ControllerScore:
         self.states += 1
 
     def _wanted(self, time_s: float) -> int | None:
-        """Return the true axis X at a time; None if the number of fingers is not 1."""
+        """Return the true X at `time_s` (host time); None if the number of fingers is not 1."""
         presses = self._scenario.presses(time_s - self._started_s)
         if len(presses) != 1 or self._settings is None:
             return None

@@ -1,7 +1,7 @@
 """Runs the firmware in CPython on a simulated bus, for computers without MicroPython.
 
-It runs one pass of the firmware's loop at a time. Limits: it has no prompt, so it cannot be
-flashed; it has no watchdog; and memory and integers are not limited.
+Each call of `CPythonBoard.step` runs one pass of the firmware's loop. Limits: the board has no
+prompt, so it cannot be flashed; it has no watchdog; its memory and integers are not limited.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _loading = threading.Lock()  # guards `sys.modules` while it contains a stand-in
 
 
 class BoardPort(Protocol):
-    """The board's end of its serial port. The methods do not block."""
+    """A board's end of a serial port. The methods do not block."""
 
     def receive(self) -> bytes:
         """Return all bytes that the host has written since the last call."""
@@ -50,7 +50,7 @@ class BoardPort(Protocol):
 class PowerLostError(BaseException):
     """Interrupts the firmware at a power failure.
 
-    It is derived from `BaseException`, because the firmware may catch each `Exception`.
+    It is derived from `BaseException`, because the firmware may catch any `Exception`.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class CPythonBoard:
         self._requests.bus = bus
 
     def step(self) -> None:
-        """Run one pass of the firmware's loop; boot after a reboot, a crash or a power failure."""
+        """Run one pass of the firmware's loop; after a reset, crash or power loss, boot again."""
         try:
             if self._app.reboot:
                 self._app.run()  # ends at once, and cleanly
@@ -163,7 +163,7 @@ class CPythonBoard:
 
 
 def _load(folder: Path) -> str:
-    """Import a new copy of the firmware with a folder as file system; return the package's name.
+    """Import a new copy of the firmware whose file system is `folder`; return its package's name.
 
     Each boot needs a new copy, so that a reset loses all state and boards share no state.
     """
@@ -199,7 +199,10 @@ def _load(folder: Path) -> str:
 
 
 class _Requests:
-    """The board's clock, transfers, waits and LED pin; a power failure stops all but the clock."""
+    """Handles the board's requests: clock, transfers, waits, LED pin.
+
+    After a power failure begins, all requests except those for the clock raise PowerLostError.
+    """
 
     def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):
         self.bus = bus
@@ -230,7 +233,7 @@ class _Requests:
 
 
 class _Sensor:
-    """The I2C bus for the driver `spots_device.as7341`; it accesses the registers of the sensor."""
+    """Accesses the sensor's registers over I2C, for the driver `spots_device.as7341`."""
 
     def __init__(self, requests: _Requests):
         self._requests = requests
@@ -291,7 +294,7 @@ class _UsbDevice:
 class InProcessBoard(CPythonBoard):
     """A `CPythonBoard` whose serial port is a pair of buffers in this process.
 
-    Its parameters are those of `CPythonBoard` without `port`.
+    Its parameters are those of `CPythonBoard` except `port`.
     """
 
     free_bytes = None

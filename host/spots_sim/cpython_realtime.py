@@ -102,7 +102,7 @@ class NoisyPort:
     Parameters
     ----------
     port : BoardPort
-        Port without faults.
+        Port whose bytes to damage.
     faults : Faults
         Faults of the scenario.
     clock : RealClock

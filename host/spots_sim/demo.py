@@ -67,7 +67,8 @@ def demo(
     layout : str, optional
         Key layout of the application `keyboard`: a path or a name.
     rezeroed : bool, optional
-        Whether the calibration was corrected after the strip's change (re-zero). Needs `fast`.
+        Whether a re-zero corrected the calibration after the change in the sensor file. Needs
+        `fast`.
     warm : bool, optional
         Whether the LED is warm at the start. Needs `fast`.
 
@@ -172,7 +173,7 @@ def open_fast(
     warm: bool = False,
     lines: tuple[str, ...] | None = None,
 ) -> tuple[Board, hashlib._Hash]:
-    """Open a calibrated virtual board in simulated time, and hash all bytes that it sends.
+    """Open a calibrated virtual board in simulated time, and hash all bytes that the board sends.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def open_fast(
     faults : Faults, optional
         Faults of the link, the I2C bus and the board.
     rezeroed : bool, optional
-        Whether the calibration was corrected after the strip's change (re-zero).
+        Whether a re-zero corrected the calibration after the change in the sensor file.
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
@@ -194,7 +195,7 @@ def open_fast(
     Returns
     -------
     board : Board
-        The caller must close it.
+        The board, which the caller must close.
     digest : hash object
         SHA-256 of all bytes from the board; updated while the board is read.
 

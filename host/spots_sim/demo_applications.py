@@ -34,7 +34,7 @@ _PLAIN_LINES_PER_S = 4
 def play_controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    """Show a controller without a gamepad device; return the results of the run.
+    """Run and show a controller without a gamepad device, and return the results of the run.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def play_controller(
     started_s : float
         Host time in seconds at which the scenario's time is 0.
     seconds : float or None
-        Time after which to end, in seconds of the link's clock; no limit if None.
+        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if None.
     quiet : bool
         True to print and draw nothing.
 
@@ -95,7 +95,7 @@ def type_on_board(
     started_s : float
         Host time in seconds at which the scenario's time is 0.
     seconds : float or None
-        Time after which to end, in seconds of the link's clock; no limit if None.
+        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if None.
     quiet : bool
         True to print and draw nothing.
     layout_name : str, optional
@@ -104,9 +104,9 @@ def type_on_board(
     Returns
     -------
     dict
-        ``typed``: the text. ``presses``: number of key presses. ``keys_down`` at the end.
-        ``host_agrees``: whether the host's key engine gave the same events. Also all values of
-        `TypingScore.summary`.
+        ``typed``: the text. ``presses``: number of key presses. ``keys_down``: number of keys that
+        are still pressed at the end. ``host_agrees``: whether the host's key engine gave the same
+        events. Also all values of `TypingScore.summary`.
 
     Raises
     ------
@@ -158,14 +158,14 @@ class _Events:
 
 
 def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
-    """Show the gestures of a board, and return their names.
+    """Show the gestures that are recognised on a board's strip, and return their names.
 
     Parameters
     ----------
     board : Board
         A calibrated virtual board.
     seconds : float or None
-        Time after which to end, in seconds of the link's clock; no limit if None.
+        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if None.
     quiet : bool
         True to print and draw nothing.
 

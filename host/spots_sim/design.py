@@ -1,4 +1,4 @@
-"""``spots design``: finds dye and exposure with the best resolution for a strip of some length.
+"""``spots design``: finds dye and exposure for the best resolution on a strip of a given length.
 
 With ``--out`` it also writes moulds, drawings and instructions for the strip, see `strip_shape`.
 
@@ -114,7 +114,7 @@ class Design:
 
 
 def timing(rate_hz: float) -> tuple[int, int]:
-    """Return the exposure in us and the samples per reading that give a rate of readings in Hz."""
+    """Return exposure in us and samples per reading that give `rate_hz` readings per second."""
     reading_us = 1e6 / rate_hz
     average = min(AVERAGE_MAX, max(1, math.ceil(reading_us / _LONGEST_US)))
     exposure_us = min(MAX_US, max(MIN_US, int(reading_us / average)))
@@ -176,7 +176,10 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return gain code, exposure in us and LED current in mA that ``auto`` sets; None if dark."""
+    """Return gain code, exposure in us and LED current in mA that the command ``auto`` would set.
+
+    None if the light is too weak at every setting.
+    """
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
     outcome = AGAIN
@@ -257,8 +260,8 @@ def sensor_toml(found: Design) -> str:
 def design_command(options: argparse.Namespace) -> None:
     """Run ``spots design`` with the options that `cli` parsed.
 
-    ``options.out`` is a folder for the sensor file and a figure; if moulds can be made for the
-    length, also for moulds, drawings and recipe. With None, no files are written.
+    The folder ``options.out`` gets the sensor file and a figure and, if moulds can be made for the
+    length, moulds, drawings and recipe. If ``options.out`` is None, no files are written.
     """
     out, shape = options.out, None
     recipe = strip_recipe.checked(options.strips)

@@ -3,7 +3,8 @@
 Both pieces have the same length and are put between LED and sensor in turn. The ratio of their
 counts is the decay by the dye times a factor that is the same for all channels: how well each piece
 touches. So only differences between channels are used. The result is the dye strength whose decay
-(`optics`, Eq. 1 of the paper) fits these differences best; the dose is proportional to it.
+(`optics`, Eq. 1 of the paper) fits these differences best. The dose is proportional to this
+strength.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
             dark = plan[int(counts.argmin())]
             raise SpotsError(
                 f"channel {dark} is dark through the {name} test piece: push the piece against LED "
-                "and chip, or cast a shorter piece or a smaller dose"
+                "and chip, or cast a shorter piece or one with a smaller dose"
             )
     columns = [Optics.names.index(name) for name in plan]
     seen = _even(np.log(dyed / clear))
@@ -147,7 +148,7 @@ def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> floa
     Raises
     ------
     SpotsError
-        If the dose is out of range: it needs a tint with more or less pigment.
+        If the dose is out of range. Then a tint with more or less pigment is needed.
     """
     found = test_dose * wanted_per_mm / measured_per_mm
     low, high = _DOSES

@@ -1,4 +1,4 @@
-"""Measures whether strips with other lengths and dyes have the same response."""
+"""Measures whether strips of different lengths and dye strengths have the same response."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Response:
 def family(
     sensor: SensorFile, channels: tuple[str, str], seed: int, exposure_us: int
 ) -> dict[str, dict[float, Response]]:
-    """Measure the responses of strips with other lengths and dyes, with the real firmware.
+    """Measure the responses of strips of different lengths and dyes, with the real firmware.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
 Each fault has its own random generator, which depends only on the seed. So the sensor's noise is
 the same with and without faults, and one fault does not change another. All times are simulated
-times. Each of these classes can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages
-transfers, and `BoardFaults` applies faults of power and clock before each request of the board.
+times. The classes can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages transfers,
+and `BoardFaults` applies faults of power and clock before each request of the board.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Spells:
         return spell
 
     def active(self, now_us: float) -> bool:
-        """Return whether the fault acts at a time in us."""
+        """Return whether the fault acts at the time `now_us`."""
         while self.begun(now_us):
             pass
         return now_us < self._until_us
@@ -117,7 +117,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes of one direction. How the bytes are divided into calls has no effect.
+    """Damages the bytes sent in one direction. Their division into calls has no effect.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ class FaultyBus:
         return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Set the wires and return the level of SDA, like `bus.I2CBus.lines`.
+        """Set the levels of SCL and SDA, and return the level of SDA, as `bus.I2CBus.lines` does.
 
         Parameters
         ----------
@@ -331,7 +331,7 @@ class FaultyBus:
 
 
 class BoardFaults:
-    """Faults of the power and the clock of a board; call `step` before each of its requests.
+    """Faults of a board's power and clock; call `step` before each request of the board.
 
     Parameters
     ----------

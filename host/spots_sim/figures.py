@@ -50,7 +50,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
     run : measurements.Run
         Results to draw.
     responses : dict
-        Responses of strips with other lengths and dyes, from `family.family`.
+        Responses of strips of different lengths and dyes, from `family.family`.
     out : Path
         Existing folder for the PNG files.
 

@@ -19,6 +19,7 @@ import msgspec
 from spots import toml
 
 from .change import Change, ChangeInTime, Temperature
+from .silicone import Silicone
 
 DATA = Path(__file__).parent / "data"
 
@@ -117,7 +118,7 @@ class ContactFile(toml.Strict):
 
 
 class Converter(toml.Strict):
-    """Noise of the chip (`chip.ChipNoise`) and behaviour that no document defines (`Quirks`)."""
+    """The chip's noise (`chip.ChipNoise`), and behaviour that no document defines (`Quirks`)."""
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive
@@ -195,7 +196,7 @@ class SensorFile(toml.Strict):
     ----------
     length_mm : float
         Length of the strip at rest, in mm.
-    led, dye, contact, converter, stretch, surroundings, joint, temperature
+    led, dye, contact, silicone, converter, stretch, surroundings, joint, temperature
         Tables of the file; their classes describe them.
     change : change.Change
         Change of the sensor since its calibration.
@@ -210,6 +211,7 @@ class SensorFile(toml.Strict):
     surroundings: Surroundings = Surroundings()
     joint: JointFile = JointFile()
     temperature: Temperature = Temperature()
+    silicone: Silicone = Silicone()
     change: Change = Change()
 
     @property
@@ -356,7 +358,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Faults of the power: brown-outs stop board and sensor, the others affect the sensor alone."""
+    """Power faults: brown-outs stop board and sensor; the other faults affect the sensor only."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -537,7 +539,7 @@ def load_change(name: str | Path) -> Change:
 
 @contextmanager
 def changed(sensor: str, change: str | None) -> Iterator[str]:
-    """Write a temporary sensor file that includes a change, for the duration of the context.
+    """Write a temporary sensor file that includes a change; remove it after the ``with`` block.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Measures typing and a joint while the LED warms up: ``python -m spots_sim.from_cold 20``.
 
-The argument is a number of simulated minutes. The strip was calibrated with a warm LED, and has
-changed since then as the table ``[change]`` of its sensor file says.
+The argument is a number of simulated minutes. The strip was calibrated with a warm LED. It has
+changed since then as the table ``[change]`` of its sensor file describes.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def joint(
     -------
     list of dict
         One entry for each minute, measured in its middle: ``minute``; ``rezeroed``, whether the
-        drift was corrected before; ``accuracy_deg``, the mean absolute error of single readings.
+        drift is corrected by then; ``accuracy_deg``, the mean absolute error of single readings.
     """
     with Rig(sensor, seed, 10_000, average) as rig:
         conditions, lines = rig.conditions, rig.lines

@@ -20,7 +20,10 @@ _LATER = {
 
 
 def board_id(sensor: SensorFile) -> str:
-    """Return the id, 8 bytes in hexadecimal; the table ``[change]`` does not affect it."""
+    """Return the id of a sensor's virtual board: 8 bytes in hexadecimal.
+
+    The table ``[change]`` of the sensor file does not affect the id.
+    """
     keys = msgspec.to_builtins(sensor)
     del keys["change"]
     for (table, key), default in _LATER.items():

@@ -1,7 +1,7 @@
 """Stores calibrations of simulated strips in a folder, so that other processes can reuse them.
 
-The environment variable SPOTS_CALIBRATIONS names the folder. The calibrations in it are valid for
-one version of firmware and simulator: use an empty folder for another version.
+The environment variable SPOTS_CALIBRATIONS names the folder; without it, nothing is stored. The
+calibrations are valid for one version of firmware and simulator: use an empty folder for another.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ T = TypeVar("T")
 
 
 def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Return a decorator that caches a function's results in memory, and in a folder if set.
+    """Return a decorator that caches a function's results in memory, and as files in a folder.
+
+    The environment variable SPOTS_CALIBRATIONS names the folder; without it, no file is written.
 
     Parameters
     ----------

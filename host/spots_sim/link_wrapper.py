@@ -13,7 +13,7 @@ class LinkWrapper:
     Parameters
     ----------
     link : Link
-        The other link.
+        The link to wrap.
     """
 
     def __init__(self, link: Link):
@@ -51,9 +51,10 @@ class Tap(LinkWrapper):
     Parameters
     ----------
     link : Link
-        The other link.
+        The link to wrap.
     look : callable
-        ``look(data, now_s)`` receives the bytes of a read, and the time of the link's clock in s.
+        ``look(data, now_s)`` receives the bytes of a read, and the present time by the link's
+        clock in s.
     """
 
     def __init__(self, link: Link, look: Callable[[bytes, float], None]):

@@ -113,7 +113,7 @@ def run(options) -> None:
 
 
 def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet: bool) -> dict:
-    """Show the default linkage on its path and return the results of the run.
+    """Show the default linkage following the default path, and return the results of the run.
 
     Parameters
     ----------

@@ -36,15 +36,15 @@ class LockstepLink:
     folder : Path, optional
         File system of the board. By default a temporary folder with the firmware.
     started_s : float
-        Time in seconds during which supply and LED were on before the board boots.
+        Time for which supply and LED have been on when the board boots, in seconds.
     board : str
         Name of the virtual board, ``virtual`` or ``virtual_circuitpython``.
     faults : faults.Faults, optional
         Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, added at each read of registers, on MicroPython only;
-        0 by default. A function ``busy_us(free_bytes) -> float`` gets the free bytes of the heap.
-        The board then reports them with each transfer, which doubles the cost of a simulation.
+        0 by default. The argument of a function ``busy_us(free_bytes) -> float`` is the number of
+        free heap bytes, which the board reports at each transfer. This doubles the run time.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
 
@@ -114,7 +114,7 @@ class LockstepLink:
             self._board.step()
 
     def sleep(self, duration_s: float) -> None:
-        """Run the board for a time in seconds and discard the data that it sends."""
+        """Run the board for `duration_s` seconds, and discard the data that the board sends."""
         end_us = self.clock.now_us() + 1e6 * duration_s
         while self.clock.now_us() < end_us:
             self._board.step()

@@ -109,12 +109,14 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
 
 
 def deviation(survey: Survey, path: Path) -> Path:
-    """Draw the deviation over the workspace before and after kinematic calibration, as in Fig. 7C.
+    """Draw the end point's error over the workspace, as in Fig. 7C.
+
+    Three maps: with nominal lengths, with true lengths, and after a kinematic calibration.
 
     Parameters
     ----------
     survey : Survey
-        Measured deviations in mm.
+        Measured errors in mm.
     path : Path
         PNG file to write.
 

@@ -83,7 +83,7 @@ def characterize(
     change : Change
         Change of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        How the calibration is corrected after that change (re-zero).
+        Options of the re-zero: a few presses that correct the calibration after that change.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def characterize(
 
 
 def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
-    """Return the standard deviation of the position divided by its Cramer-Rao bound.
+    """Return the standard deviation of the measured position divided by its Cramer-Rao bound.
 
     Parameters
     ----------
@@ -190,16 +190,16 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 
 
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
-    """Press `count` times around a position; return errors of the position and their bound.
+    """Press `count` times around `place_um`; compare the errors of the position with their bound.
 
     Returns
     -------
     errors : numpy.ndarray, shape (count,)
-        Errors of the position, in um.
+        Errors of the board's position, in um.
     scatter : float
         Standard deviation of these errors, in um.
     pair_scatter : float
-        Standard deviation of the errors of the estimate by `pair`, in um.
+        Standard deviation of the errors of `pair`, the estimate from two channels, in um.
     least : float
         Cramer-Rao bound of the standard deviation, in um.
     untrusted : float
@@ -270,10 +270,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Return the noise of `pair` divided by its bound, and signal-to-noise ratios, at `x_um`.
+    """Compare the noise of the estimate `pair` with its bound at the positions `x_um`.
 
-    Readings are single samples here: the board rounds the mean counts of averaged readings, and
-    this rounding would change the noise.
+    Returns the ratios of noise and bound, and signal-to-noise ratios. Readings are single samples
+    here, because the board rounds the mean counts of several, and this would change the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -325,7 +325,7 @@ def _force(rig: Rig, run: Run) -> None:
 
 
 def _threshold_mN(rig: Rig) -> float:
-    """Return the least force in mN that gives a position in the middle of the strip."""
+    """Return the least force in mN at which a press in the strip's middle gives a position."""
     low, high = 0.0, FORCE_MN
     while high - low > _THRESHOLD_STEP_MN:
         middle = (low + high) / 2

@@ -1,7 +1,7 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-It gives the true positions, with which a digital twin is compared. It shares no formula with
-`linkage.fivebar`.
+It returns the true positions, with which a digital twin is compared. This module shares no formula
+with `linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Motion:
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return the end point's x and y in mm at times in s; constant outside the motion."""
+        """Return the end point's x and y in mm at times in s, at rest outside the motion."""
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
@@ -177,7 +177,7 @@ class Mechanism:
 
 
 class JointScenario:
-    """Scenario of a strip in a joint: an indenter slides on it while the joint bends it.
+    """Scenario of a strip in a joint: the joint bends the strip and slides an indenter on it.
 
     Like `scenario.Scenario`, it has ``pose``, ``presses``, ``change`` and ``ambient_uW_cm2``.
 
@@ -204,11 +204,11 @@ class JointScenario:
         self._period_s = float(time_s[-1] - time_s[0]) if again else math.inf
 
     def pose(self, time_s: float) -> Pose:
-        """Return the bend of the strip at a time in seconds."""
+        """Return the bend of the strip at `time_s` seconds; strain and leak are 0."""
         return Pose(bend_deg=float(self._at(time_s, self._bend_deg)))
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return a list with the press of the joint's indenter at a time in seconds."""
+        """Return a list of one press: that of the joint's indenter at `time_s` seconds."""
         place_mm = float(self._at(time_s, self._place_mm))
         return [Press(place_mm, self._force_mN, _WIDTH_MM)]
 

@@ -147,7 +147,10 @@ class Optics:
     def _spread(
         self, width_mm: float, strain: float, tilt_percent: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the decay per mm, and the mean of exp(-k x) over a contact centred at x = 0."""
+        """Return, per wavelength, the decay k per mm, and the mean of exp(-k x) over a contact.
+
+        The contact is centred at x = 0.
+        """
         volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
         decay = self._clear + self._dyed / volume
         half = decay * width_mm / 2
@@ -156,7 +159,7 @@ class Optics:
         return decay, spread - tilt_percent / 100 * (half / 3 + half**3 / 30)
 
     def source_uW_cm2(self, led_mA: float) -> float:
-        """Return the LED's irradiance in uW/cm2 at the sensor, for a full contact beside it."""
+        """Return the LED's irradiance at the sensor in uW/cm2, for a full contact at the sensor."""
         light_mA = led_mA / (1 + led_mA / self._led.bend_mA)
         return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 

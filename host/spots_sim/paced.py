@@ -11,7 +11,7 @@ from .lockstep import LockstepLink
 class PacedLink(LinkWrapper):
     """A `lockstep.LockstepLink` that never runs ahead of real time.
 
-    The two boards of a linkage must have the same clock, so their links get the same `epoch_s`.
+    The links of a linkage's two boards must have the same clock: give both the same `epoch_s`.
 
     Parameters
     ----------

@@ -15,10 +15,12 @@ from spots.guarded import Guarded
 
 from .scenario import Held, Press
 
-_PRESS = re.compile(r"press at ([\d.]+) mm with (?:(?:about )?(\d+) g|(a firm finger)|([\d.]+) N)")
+_PRESS = re.compile(
+    r"press at ([\d.]+) mm with (?:(?:about )?(\d+) g|(a firm|your hardest)|([\d.]+) N)"
+)
 _QUESTION = re.compile(r"what (?:does|do) the ruler|what do ruler and scale show")
-_FINGER_MM = 8.0
-_FIRM_MN = (2500.0, 6000.0)  # of a press without a scale
+_FINGER_MM, _INDENTER_MM = 8.0, 4.0
+_FIRM_MN, _HARD_MN = (2500.0, 6000.0), (6000.0, 10_000.0)  # of presses without a scale
 _GRAM_MN = 9.80665
 _STARTS_S = 0.4  # from the request to the press
 _EARLY_S = 0.5  # a press that is lifted early
@@ -43,7 +45,7 @@ class Habits:
     typos : float
         Share of presses whose position the person types wrongly, by 10 mm or more.
     width_mm : float
-        Width of the finger or indenter, in mm.
+        Width of the finger in mm, for presses without a scale; the others are with an indenter.
     """
 
     place_mm: float = 0.5
@@ -83,7 +85,7 @@ class Person:
         """Do what a message of the session asks for."""
         if found := _PRESS.search(text):
             place_mm, grams, firm, newtons = found.groups()
-            low, high = _FIRM_MN
+            low, high = _HARD_MN if firm == "your hardest" else _FIRM_MN
             force_mN = (
                 _GRAM_MN * float(grams)
                 if grams
@@ -91,17 +93,18 @@ class Person:
                 if firm
                 else 1000 * float(newtons)
             )
-            self._press(float(place_mm), force_mN)
+            width_mm = self._habits.width_mm if firm else _INDENTER_MM
+            self._press(float(place_mm), force_mN, width_mm)
         elif text.startswith("release"):
             self._move([])
 
-    def _press(self, asked_mm: float, asked_mN: float) -> None:
+    def _press(self, asked_mm: float, asked_mN: float, width_mm: float) -> None:
         rng, habits = self._rng, self._habits
         self.presses += 1
         # Position and force differ from those asked for; the person reads them off with an error.
         at_mm = np.clip(asked_mm + rng.uniform(-2, 2), 0, self._length_mm)
         force_mN = asked_mN * rng.uniform(0.85, 1.15)
-        press = Press(float(at_mm), float(force_mN), habits.width_mm)
+        press = Press(float(at_mm), float(force_mN), width_mm)
         self._shown = (
             float(np.clip(at_mm + habits.place_mm * rng.uniform(-1, 1), 0, self._length_mm)),
             float(force_mN * (1 + habits.force_share * rng.uniform(-1, 1))),

@@ -44,7 +44,7 @@ class PipedBoard:
     Attributes
     ----------
     busy_us : callable, float or None
-        Present value of the parameter. A function needs a board that was started with a function.
+        Present value of the parameter; can be a function only if the parameter was a function.
     free_bytes : int or None
         Free bytes of the heap, as last reported by the board.
     """

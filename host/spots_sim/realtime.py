@@ -84,7 +84,7 @@ class Console(PseudoTerminal):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Read the host's bytes `data`, and send ``damaged(data)`` to the board."""
+        """Read the host's bytes, and send to the board the bytes that ``damaged(data)`` returns."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
@@ -128,11 +128,11 @@ class PortNoise:
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
-        """Send the host's bytes, damaged, to the board; only for a port that is not the console."""
+        """Damage the host's bytes and send them to the board, if the port is not the console."""
         self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:
-        """Send the board's bytes, damaged, to the host."""
+        """Damage the board's bytes and send them to the host."""
         data = os.read(self.from_board, 4096)
         self.to_host.write(self._faults.to_host(data, self._clock.now_us()))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from spots.calibrate.bench import Bench
+from spots.calibrate.bench import Bench, samples_of
 from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.guide import Guide
 from spots.calibrate.presses import FIRM_MN, MARKS
@@ -32,7 +32,7 @@ _NOBODY = Path("characterize")
 
 @dataclass(frozen=True)
 class Hand:
-    """Options of a re-zero: marked positions are pressed again, to correct a calibration.
+    """Options of a re-zero: marked positions are pressed again to correct a calibration.
 
     Attributes
     ----------
@@ -131,7 +131,8 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     bench, reader = silent_bench(rig.stage, presser), rig.stage.reader
     places_um = [share * rig.stage.length_um for share in MARKS]
     reader.set_up(dark_s=DARK_S)
-    logs = rig.stage.read(places_um, [FIRM_MN], bench.mark_samples).logs
+    samples = samples_of("mark", rig.conditions.exposure_us)
+    logs = rig.stage.read(places_um, [FIRM_MN], samples).logs
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
     )

@@ -37,7 +37,7 @@ class Rig:
     Attributes
     ----------
     along : dict of int to Presses
-        Presses of the calibration along the strip, by strain in ppm.
+        The calibration's presses along the strip, for each strain in ppm.
     noise : Noise
         Noise of the counts, measured from these presses.
     lines : tuple of str
@@ -119,7 +119,7 @@ class Rig:
         self.board.command("stream touch spectrum")
 
     def _dark_frame(self) -> list[int]:
-        """Return the dark frame of a board that has averaged as many dark samples as it can."""
+        """Let the board average as many dark samples as it can, and return its dark frame."""
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
@@ -129,7 +129,7 @@ class Rig:
         return self.board.command("get")["dark"]
 
     def readings(self, position_um: float, force_mN: float, count: int):
-        """Press the strip and return readings that lie completely within the press.
+        """Press the strip, and return readings whose integration lies completely within the press.
 
         Parameters
         ----------

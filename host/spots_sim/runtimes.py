@@ -16,7 +16,7 @@ _PORT = "SPOTS_VIRTUAL_PORT", ("pty", "socket")
 
 
 def is_cpython(board: str = "virtual") -> bool:
-    """Return whether the firmware runs in CPython: by default, if MicroPython is not installed.
+    """Return whether the firmware runs in CPython: by default, only if MicroPython is missing.
 
     Parameters
     ----------
@@ -34,7 +34,9 @@ def is_cpython(board: str = "virtual") -> bool:
 
 
 def is_socket() -> bool:
-    """Return whether the serial port is a TCP socket on loopback: by default, if there is no PTY.
+    """Return whether the serial port is a TCP socket on loopback.
+
+    By default, it is a socket only if this system has no pseudo-terminals.
 
     Raises
     ------

@@ -26,7 +26,7 @@ def is_reset(request: bytes) -> bool:
 
 
 def is_poll(request: bytes) -> bool:
-    """Return whether the request reads registers, as in most passes of the board's loop."""
+    """Return whether the request reads registers, as most passes of the board's loop do."""
     return request[0] == protocol.READ
 
 

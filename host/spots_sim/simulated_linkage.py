@@ -64,7 +64,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, then its joint, then apply the change in its sensor file.
+    """Calibrate a simulated strip and its joint, then apply the change in the sensor file.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ class Simulation:
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
 
     def readings(self) -> Iterator[tuple[int, Touch]]:
-        """Yield (number of the joint, reading) until the end of the motion."""
+        """Yield pairs of joint index (0 or 1) and reading until the end of the motion."""
         left_s = self.motion.seconds - max(board.now_s() for board in self.boards)
         for joint, touch in readings(self.boards, left_s):
             yield joint, touch._replace(flags=touch.flags & ~self._misfits)
@@ -273,7 +273,10 @@ def _strips(
 
 
 def _seeds(seed: int, what: int) -> list[int]:
-    """Return a seed for each strip: for its properties (`what` is 0), or for the noise of a run."""
+    """Return a random seed for each of the two strips.
+
+    The seeds are for the strips' properties if `what` is 0; otherwise, for the noise of a run.
+    """
     return [int(s) for s in np.random.SeedSequence((seed, what)).generate_state(2)]
 
 

@@ -69,7 +69,7 @@ class Stage:
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
 
     def expose(self, exposure_us: int | None = None) -> None:
-        """Search gain and LED current on the board, under a full press near the sensor.
+        """Let the board search gain and LED current, under a full press near the sensor.
 
         Parameters
         ----------

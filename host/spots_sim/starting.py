@@ -1,4 +1,4 @@
-"""Start and end of a process with a virtual board, and its pseudo-terminal."""
+"""Start and end of a virtual board's process, and the board's pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def report(message: dict) -> None:
 
 
 def when_parent_ends(action: Callable[[], object]) -> None:
-    """Call a function once standard input closes or the parent process ends.
+    """Call a function as soon as standard input closes or the parent process ends.
 
     A thread waits for this. If this process still runs 5 s after the call, the thread ends the
     process. An error in the thread also ends the process.

@@ -39,7 +39,7 @@ def closed(tray, lid, depth: float):
     Returns
     -------
     manifold3d.Manifold
-        The lid is turned over about its long axis and lies on the tray.
+        Tray and lid together. The lid is turned over about its long axis, and lies on the tray.
     """
     return tray + lid.rotate((180, 0, 0)).translate((0, 0, FLOOR + depth + LID))
 
@@ -74,7 +74,7 @@ def _width(solid) -> float:
 
 
 def assembly(shape: StripShape) -> dict:
-    """Return the parts of a finished strip in their places.
+    """Return the parts of a finished strip at their positions.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ class _Sheet:
         self.elements: list[str] = []
 
     def end(self, height: float) -> _Sheet:
-        """Set the height of the sheet, and write the common note at its lower edge."""
+        """Set the height of the sheet in pixels; write the note of all sheets at the lower edge."""
         self.height = height
         self.text(_MARGIN, height - 14, _NOTE)
         return self
@@ -155,7 +155,7 @@ class _View:
         sheet.elements.append("</g>")
 
     def note(self, u: float, v: float, dx: float, dy: float, text: str) -> None:
-        """Write a text (dx, dy) pixels from the point (u, v), and a line between them."""
+        """Write a text (dx, dy) pixels from the point (u, v); draw a line from text to point."""
         x, y = self.at(u, v)
         self._sheet.line(x, y, x + dx, y + dy, "leader")
         right = dx >= 0

@@ -273,7 +273,10 @@ def _mortise(bottom: float):
 
 
 def _pocket(shape: StripShape) -> tuple[tuple, tuple]:
-    """Return the breakout's pocket, (x, y) ranges in mm; the chip then faces the dyed guide."""
+    """Return the x range and the y range in mm of the breakout's pocket in the sensor cap.
+
+    The chip of a breakout in the pocket faces the dyed guide.
+    """
     board, (x, y) = shape.board, shape.board.window_mm
     middle = GUIDE_THICKNESS / 2
     return (

@@ -120,7 +120,8 @@ def batches(shape: StripShape, strips: int) -> list[Batch]:
     Returns
     -------
     list of Batch
-        Clear guides with the clear test piece, dyed test piece, dyed guides, supports.
+        Four batches: for clear guides and the clear test piece, for the dyed test piece, for dyed
+        guides, and for supports.
 
     """
     test_ml, guide_ml = guide_mm3(TEST_LENGTH) / 1000, shape.guide_mm3 / 1000

@@ -190,7 +190,7 @@ def guide_mm3(length_mm: float) -> float:
 
 
 def _simpson(area: Callable[[float], float], low: float, high: float) -> float:
-    """Return the integral of a quadratic `area`; Simpson's rule is exact for it."""
+    """Return the integral of a quadratic `area` from `low` to `high`, by Simpson's rule (exact)."""
     # Evaluated just inside the limits, because the area jumps at a ledge.
     inside = (high - low) * 1e-9
     ends = area(low + inside) + area(high - inside)

@@ -86,7 +86,7 @@ def survey(
     pitch_mm: float = 10.0,
     **condition: bool,
 ) -> Survey:
-    """Calibrate a linkage at some positions, then measure its error on a grid over its workspace.
+    """Calibrate a linkage, then measure its digital twin's error on a grid over the workspace.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def survey(
     exposure_us : int
         Integration time in us; a reading is one exposure.
     pitch_mm : float
-        Distance between two positions of the grid, in mm.
+        Distance between neighbouring positions of the grid, in mm.
     **condition : bool
         ``rezeroed`` and ``misfits``, see `simulated_linkage.Simulation`.
 
@@ -151,7 +151,7 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Result of a digital twin with the true lengths, after a motion along a path.
+    """Positions that a digital twin with the true lengths estimated during a motion on a path.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ def follow(
     report=lambda terminal: None,
     **condition: bool,
 ) -> PathRun:
-    """Move the end point of a simulated linkage along a path; compare it with a digital twin.
+    """Move the end point of a simulated linkage along a path; compare path and digital twin.
 
     Parameters
     ----------
@@ -280,8 +280,8 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
     """Return x and y in mm of a grid that covers the workspace, in random order.
 
-    `pitch_mm` is the distance between two positions. Each is moved by up to `jitter_mm`; `rng` is
-    the random generator.
+    `pitch_mm` is the distance between neighbouring positions. Each position is then moved by up to
+    `jitter_mm`; `rng` is the random generator.
     """
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1
@@ -299,9 +299,10 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Return positions `places` (x, y in mm), angles and their standard errors, see `visited`.
+    """Stop at the positions `places` (x, y in mm) and read both joints, see `visited`.
 
-    Positions without a reading are left out: there, the LED was off for a dark frame.
+    Returns positions, joint angles, and their standard errors. A position is left out if its
+    reading fell into a dark frame, during which the LED is off.
     """
     angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
     read = np.isfinite(angles).all(axis=0)
@@ -313,7 +314,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return the position errors in mm from random errors of the angles, shape (draws, n).
+    """Return position errors in mm that random errors of the angles cause, shape (draws, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
     positions. `rng` is the random generator.

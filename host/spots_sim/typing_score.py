@@ -163,7 +163,10 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Match presses with touches: return {press index: touch index}, and unmatched presses."""
+        """Match presses with touches of the same key.
+
+        Returns a dict of touch index by press index, and a list of the unmatched presses.
+        """
         right: dict[int, int] = {}
         matched, others = set(), []
         for p, (time_s, key) in enumerate(presses):

@@ -38,7 +38,7 @@ def typed(
     sensor : str, optional
         Sensor file: a path or a name.
     rezeroed : bool, optional
-        Whether the calibration was corrected after the change in the sensor file (re-zero).
+        Whether a re-zero corrected the calibration after the change in the sensor file.
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional

@@ -109,7 +109,7 @@ class Typist:
         self.seconds = start_s
 
     def type(self, text: str) -> None:
-        """Add the fingers that type a text.
+        """Add the touches that type a text to the scenario.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class Typist:
                 self.do(self._rows[layer][key], slot)
 
     def do(self, key, slot: str = "tap") -> None:
-        """Add the touch that triggers an action of a key, at a random position on the key.
+        """Add a touch that triggers an action of a key, at a random position on the key.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class Typist:
         self.seconds += pause_s
 
     def press(self, share: float, held_s: float, force_mN: float) -> None:
-        """Add one finger.
+        """Add a touch of one finger to the scenario.
 
         Parameters
         ----------

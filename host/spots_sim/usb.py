@@ -1,4 +1,4 @@
-"""The simulated USB host of a virtual board, which receives its HID reports."""
+"""The simulated USB host, which receives the HID reports of a virtual board."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class UsbHost:
             raise OSError(errno.ENODEV, "the host sleeps")
 
     def offer(self, interface: int, report: bytes) -> None:
-        """Put a report into its endpoint.
+        """Put a HID report into the endpoint of its interface.
 
         Parameters
         ----------

@@ -56,7 +56,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     Returns
     -------
     Board
-        The caller must close it.
+        The board, which the caller must close.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
 
 
 def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
-    """Validate the files of the virtual board.
+    """Validate the sensor and scenario file of a virtual board.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     Returns
     -------
     board : Board
-        When it is closed, the virtual board stops.
+        The board. Closing it stops the virtual board.
     started_s : float
         Host time in seconds at which the scenario's time is 0.
 

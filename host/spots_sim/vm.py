@@ -1,4 +1,4 @@
-"""A real MicroPython process that runs the unmodified firmware; two pipes carry its requests."""
+"""A MicroPython process that runs the unmodified firmware; two pipes carry requests and answers."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class MicroPythonProcess:
     simulated_time : bool
         True if the board uses the simulator's clock, False for real time.
     stdin, stdout : int
-        File descriptors of the board's end of the serial port with the prompt.
+        File descriptors of the board's end of the serial port that has the prompt.
     folder : Path, optional
         File system of the board. By default a temporary folder, which `close` removes.
     board : str

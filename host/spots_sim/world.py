@@ -11,6 +11,7 @@ from .chip import AS7341, ChipNoise, Quirks
 from .files import ContactFile, SensorFile
 from .optics import Optics
 from .scenario import flicker
+from .silicone import Memory
 
 # Longest step in which the movement of a finger is followed within one integration.
 _STEP_US = 2_500.0
@@ -69,6 +70,7 @@ class World:
         self._warm_start = warm
         self._optics_at = lru_cache(_KEPT)(partial(Optics, sensor))
         self._pin_on = False
+        self._memory = None if sensor.silicone.ideal else Memory(sensor.silicone)
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
         """Return the counts of an ideal converter at gain 1x, for each diode.
@@ -141,8 +143,12 @@ class World:
     def _light(self, rates: np.ndarray, time_s: float) -> None:
         # Add the light of one moment.
         pose = self._scenario.pose(time_s)
-        for press in self._scenario.presses(time_s):
-            share = coupling(self._sensor.contact, press.force_mN)
+        presses = self._scenario.presses(time_s)
+        forces_mN = [press.force_mN for press in presses]
+        if self._memory:
+            forces_mN = self._memory.effective_mN(presses, time_s)
+        for press, force_mN in zip(presses, forces_mN):
+            share = coupling(self._sensor.contact, force_mN)
             if share > 0:
                 rates += share * self._optics.press(
                     press.position_mm,

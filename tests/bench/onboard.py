@@ -70,12 +70,12 @@ class Spots:
         """Run arithmetic and framing alone, without averaging, dark frames and time."""
         update = self._update
         touch = self._touch
-        decode = self._decode
+        state = self._decode.state
         counts = self.app.strip.sensor.counts
         dark = self.app.strip.baseline.floor
         for _ in range(samples):
             update(counts, 1, dark, 0)
-            touch(0, decode)
+            touch(0, state)
 
     def dark(self):
         return [total / _DARK_SAMPLES for total in self.app.strip.dark_frame()]

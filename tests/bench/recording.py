@@ -20,6 +20,7 @@ from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
 from spots_device import PROTOCOL
+from spots_device.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
 from spots_device.frame import Framer
 
 _READINGS = 5000
@@ -29,12 +30,12 @@ _INFO = {"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "plan": [
 _CLOCK = {"last_us": 0, "low_s": 0.0, "high_s": 0.0}
 
 
-class _Reading:
-    flags, contrast, brightness, position_um, force_mN = 1, 3 << 18, 12 << 20, 42_500, 3_000
+# flags, contrast, brightness, position_um, force_mN
+_READING = 1, 3 << 18, 12 << 20, 42_500, 3_000
 
 
 class _Time:
-    low = high = 0
+    head = [0] * HEAD_SIZE
 
 
 class _Link:
@@ -47,9 +48,9 @@ class _Link:
         framer = Framer(self, _Time)
         for i in range(_READINGS):
             t_us = round(1e6 * i / rate_Hz)
-            _Time.low, _Time.high = t_us & 0xFFFF, t_us >> 16 & 0xFFFF
+            _Time.head[TIME_LOW], _Time.head[TIME_HIGH] = t_us & 0xFFFF, t_us >> 16 & 0xFFFF
             self._begun = bytearray()
-            framer.touch(0, _Reading)
+            framer.touch(0, _READING)
             if spectra:
                 framer.spectrum(0, 1, 9, [1000 + i] * 6)
             self._pieces.append(bytes(self._begun))

@@ -6,6 +6,7 @@ import json
 import time
 
 from spots_device import PROTOCOL
+from spots_device.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
 from spots_device.frame import Framer
 
 CLOSING_UM = -1
@@ -94,7 +95,8 @@ class StandIn:
         self._port.set_time()
         if self.closing and self.closed_at is None:
             self.closed_at, self.position_um = self._port.count, CLOSING_UM
-        self._framer.touch(0, self)
+        fields = self.flags, self.contrast, self.brightness, self.position_um, self.force_mN
+        self._framer.touch(0, fields)
         self._framer.spectrum(0, self.flags, 9, (1000, 2000, 3000, 4000, 5000, 6000))
 
 
@@ -104,11 +106,12 @@ class _Port:
     def __init__(self):
         self.out = b""
         self.count = 0
+        self.head = [0] * HEAD_SIZE
         self.set_time()
 
     def set_time(self) -> None:
         self.t_us = time.monotonic_ns() // 1000 & 0xFFFFFFFF
-        self.low, self.high = self.t_us & 0xFFFF, self.t_us >> 16
+        self.head[TIME_LOW], self.head[TIME_HIGH] = self.t_us & 0xFFFF, self.t_us >> 16
 
     def write(self, buffer: bytes, size: int) -> bool:
         self.out += buffer[:size]

@@ -17,12 +17,12 @@ class Sink(bytearray):
         return True
 
 
-class Reading:
-    flags, contrast, brightness, position_um, force_mN = 1, 3 << 20, -(5 << 20), 42_500, 3_000
+# flags, contrast, brightness, position_um, force_mN
+READING = 1, 3 << 20, -(5 << 20), 42_500, 3_000
 
 
 class Time:
-    low, high = 1, 2
+    head = [0, 0, 1, 2, 0]
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def stream():
     sink = Sink()
     framer = frame.Framer(sink, Time)
     for _ in range(32):
-        framer.touch(0, Reading)
+        framer.touch(0, READING)
     return bytes(sink)
 
 

@@ -18,8 +18,16 @@ UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}
 
 
 def light_of(stage):
-    """Examine a board in simulated time; return its findings on the light."""
-    return [finding for finding in examine_board(stage.board) if finding.check == "light"]
+    """Examine a board in simulated time; return its findings on the light.
+
+    A person unplugs an LED that is always on when asked to.
+    """
+    found = []
+    for finding in examine_board(stage.board):
+        if finding.check == "light":
+            found.append(finding)
+            stage.held.unplugged |= "unplug the LED or" in finding.text
+    return found
 
 
 @pytest.mark.parametrize("room", ["default", "daylight"])
@@ -66,12 +74,56 @@ def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
         assert "LDR" not in verdict.text
 
 
+def test_a_flickering_lamp_is_not_the_led():
+    lamp = {"irradiance_uW_cm2": 200.0, "flicker_hz": 120.0, "flicker_percent": 100.0}
+    sensor = replaced(load(SensorFile, "daylight"), led=UNWIRED, surroundings=lamp)
+    with Stage(sensor) as stage:
+        stage.board.command("set mains_hz=0 exposure_us=1000")  # short samples show the flicker
+        stage.press(NEAR_UM, 8_000)
+        verdict = light_of(stage)[-1]
+    assert not verdict.ok
+
+
+@pytest.mark.parametrize("kind", ["default", "gpio", "always"])
+def test_ambient_light_that_enters_at_a_press_is_not_the_leds(kind):
+    with Stage(replaced(load(SensorFile, kind), led=UNWIRED)) as stage:
+        stage.held.ambient_uW_cm2 = lambda *_: 75.0 if stage.held.press else 0.0
+        stage.press(NEAR_UM, 8_000)
+        *_, verdict = light_of(stage)
+    assert not verdict.ok
+
+
+def test_an_led_that_is_always_on_and_stays_lit_does_not_pass():
+    with Stage(load(SensorFile, "always")) as stage:
+        stage.press(NEAR_UM, 8_000)
+        asked, verdict = [found for found in examine_board(stage.board) if found.check == "light"]
+    assert "unplug the LED or cover its end" in asked.text
+    assert not verdict.ok
+    assert "the LED's supply" in verdict.text
+
+
 def test_an_led_that_is_always_on_needs_its_dark_frame_first():
     with Stage(load(SensorFile, "always")) as stage:
         stage.board.command("set gain=5")
         (verdict,) = light_of(stage)
     assert not verdict.ok
     assert "spots dark" in verdict.text
+
+
+@pytest.mark.parametrize("kind", ["default", "gpio", "always"])
+def test_a_calibrated_strip_with_any_led_passes_every_check(kind):
+    sensor = load(SensorFile, kind)
+    lines = calibrate(sensor)
+    with Stage(sensor) as stage:
+        stage.expose()
+        upload(stage.board, list(lines))
+        stage.press(NEAR_UM, 6_000)
+        stage.board.command("stream off")
+        list(stage.board.spectra(0.1))  # those of the exposure search
+        for finding in examine_board(stage.board):
+            stage.held.unplugged |= "unplug the LED or" in finding.text
+            assert finding.ok, finding
+    assert finding.text == "a strip of 85 mm"
 
 
 def test_a_press_that_comes_when_it_is_asked_for_passes():

@@ -1,7 +1,10 @@
 """The strip's LED in its three kinds: driven by the sensor, switched by a pin, or always on."""
 
+import json
+
 import pytest
 
+from spots.cli import main
 from spots.errors import SpotsError
 from spots.link.connect import upload
 from spots.link.frames import Touch
@@ -158,3 +161,13 @@ def test_a_strip_of_any_led_is_calibrated_and_measures(kind):
             error_um = [touch.position_um - 1000 * place_mm for touch in touches]
             assert abs(sum(error_um) / 10) < 300
             assert not any(touch.flags & decode.MISFIT for touch in touches)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_demo_of_any_led_follows_the_finger(kind, capsys):
+    arguments = ["--fast", "--seconds", "6", "--json", "--sensor", kind]
+    assert main(["demo", *arguments]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["lost"] == result["bad_crc"] == 0
+    assert result["touches"] >= 2
+    assert result["position_rmse_um"] < 150

@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import re
 
 import msgspec
 import numpy as np
@@ -72,23 +73,44 @@ def errors_um(stage, made):
     return np.array(found)
 
 
+def relative_forces(stage, made):
+    """Return readings of the force and the light of presses with ascending forces."""
+    decode = Decode()
+    decode.calibration = Calibration(made.lines)
+    found = []
+    for force_mN in (1000.0, 2000.0, 4000.0, 8000.0):
+        stage.press(0.4 * stage.length_um, force_mN)
+        counts = stage.reader.read(16).counts
+        decode.update([round(64 * c) for c in counts], 64, [0] * 6, 0)
+        found.append((decode.force_mN, counts.sum()))
+    return np.array(found).T
+
+
 @pytest.fixture(scope="module")
 def rough(sensor, tmp_path_factory):
     path = tmp_path_factory.mktemp("rough") / "a.jsonl"
     with Stage(sensor, seed=3) as stage:
         room = Room(stage, Habits())
         made = calibrate(room, path, "rough", steps.COUNTS["rough"][0], plan=None)
-        return path, made, room, errors_um(stage, made)
+        assert stage.board.command("hello")["relative_force"] is True
+        return path, made, room, errors_um(stage, made), relative_forces(stage, made)
 
 
 def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(rough):
-    _, made, room, errors = rough
+    _, made, room, errors, _ = rough
     assert room.person.presses <= 12
     assert np.abs(errors).mean() < 1000
-    assert made.relative_force
+    assert "relative" in made.lines
     assert not any("scale" in question for question, _ in room.asked)
+    assert not re.search(r"press at .*\d (g|N)\b", room.getvalue())
     assert made.residuals[0].force_rms_mN is None
     assert made.marks is not None
+
+
+def test_a_relative_force_is_proportional_to_the_light(rough):
+    forces, light = rough[4]
+    assert forces / light == pytest.approx(np.mean(forces / light), rel=0.02)
+    assert 2000 < forces[2] < 4000  # 3000 is the mean light of the presses, of 2.5 to 6 N
 
 
 def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough, tmp_path):
@@ -99,7 +121,8 @@ def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough
         stage.reader.set_up()
         room = Room(stage, Habits(place_mm=0.1, force_share=0.01, slips=0))
         made = calibrate(room, path, "fine", 22)
-        assert not made.relative_force
+        assert "relative" not in made.lines
+        assert stage.board.command("hello")["relative_force"] is False
         assert np.abs(errors_um(stage, made)).mean() < 200
     assert len(Session(path).of("hand")) == 22
     assert made.residuals[0].force_rms_mN < 300
@@ -120,7 +143,28 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     assert "57.0 mm with" in said
     assert said.count("is removed: its light is that of") == 1
     assert said.count("undone: ") == 1
-    assert len(Session(path).of("hand")) == 20
+    assert room.person.presses == 20 + 6
+    assert len(Session(path).of("hand")) >= 18
+
+
+@pytest.mark.parametrize(("kind", "most"), [("rough", 12), ("fine", 45)])
+def test_repeated_presses_replace_others(sensor, tmp_path, kind, most):
+    path = tmp_path / "a.jsonl"
+    with Stage(sensor, seed=3) as stage:
+        room = Room(stage, Habits())
+        room.answers = ["", "", "", *["again"] * 3, *[""] * 9, *["again"] * 6]
+        calibrate(room, path, kind, steps.COUNTS[kind][0], plan=None)
+    assert room.person.presses <= most
+    assert len(Session(path).of("hand")) >= steps.COUNTS[kind][1]
+
+
+def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
+    path = tmp_path / "a.jsonl"
+    with Stage(sensor, seed=3) as stage:
+        room = Room(stage, Habits(slips=1.0))
+        calibrate(room, path, "rough", steps.COUNTS["rough"][0])
+    assert "press again" not in room.getvalue()
+    assert room.person.presses == 1 + len(Session(path).of("hand")) == 11
 
 
 @pytest.mark.parametrize(

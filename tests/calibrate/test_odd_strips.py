@@ -34,8 +34,14 @@ def test_a_brown_dye_under_a_narrow_green_phosphor_is_calibrated(sensor, fwhm_nm
 
 
 def test_a_strip_whose_touches_begin_above_the_force_of_a_measurement_is_refused(sensor):
-    green = structs.replace(sensor.led, phosphor_nm=540.0, phosphor_fwhm_nm=60.0, blue_share=0.3)
-    brown = structs.replace(sensor.dye, strength_per_mm=0.014, edge_nm=640.0, edge_width_nm=60.0)
+    green = structs.replace(
+        sensor.led,
+        phosphor_nm=540.0,
+        phosphor_fwhm_nm=60.0,
+        blue_share=0.3,
+        irradiance_uW_cm2_per_mA=6.0,
+    )
+    brown = structs.replace(sensor.dye, strength_per_mm=0.022, edge_nm=640.0, edge_width_nm=60.0)
     with pytest.raises(SpotsError, match=r"needs 3\.\d N for a touch, .* more light"):
         characterize(structs.replace(sensor, led=green, dye=brown), 1, 100_000)
 

@@ -175,7 +175,7 @@ def test_the_list_of_boards(capsys):
     assert rows["pico"]["sda"] == "GP4, pin 6"
     assert main(["boards"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ["name", "title", "runtime", "arch", "sda", "scl"]
+    assert lines[0].split() == ["name", "title", "runtime", "arch", "sda", "scl", "led"]
     assert len(lines) == 1 + len(rows)
 
 
@@ -199,6 +199,15 @@ def test_every_board_with_pins_has_a_picture_of_its_wiring():
         assert all(f">{pin}</text>" in picture for pin in pins)
 
 
+def test_every_picture_of_a_wiring_is_as_its_board_file_says(tmp_path):
+    from make.pictures import wirings
+
+    drawn = {path.name: path.read_text(encoding="utf-8") for path in wirings(tmp_path)}
+    assert drawn == {
+        path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("wiring-*.svg")
+    }
+
+
 def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
     # Physical pins: 1 to 20 down the left side with USB up, 21 to 40 up the right side.
     for name in ("pico", "pico2"):
@@ -212,13 +221,16 @@ def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
             assert re.search(rf'<text x="{x}"[^>]*>[^<]*pin {pin}<', picture)
 
 
-@pytest.mark.parametrize(("led", "pins"), [("gpio", ("9", "40")), ("always", ("40",))])
-def test_the_wiring_of_other_leds_is_drawn_with_their_pins(led, pins):
-    for name in ("pico", "pico2"):
+@pytest.mark.parametrize(("led", "more"), [("gpio", ("supply", "led")), ("always", ("supply",))])
+def test_the_wiring_of_other_leds_is_drawn_with_their_pins(led, more):
+    for name in set(board_names()) - {"virtual", "virtual_circuitpython"}:
+        wiring = device_of(name).wiring
         picture = (DOCS / f"wiring-{name}-{led}.svg").read_text(encoding="utf-8")
-        assert all(f"pin {pin}<" in picture for pin in (*pins, "6", "7", "36", "38"))
+        for pin in ("power", "ground", "sda", "scl", *more):
+            x = {"left": 72, "right": 218}[wiring["drawn"][pin][0]]
+            assert re.search(rf'<text x="{x}"[^>]*>{re.escape(wiring[pin])}<', picture)
         assert "LDR" not in picture
-    assert "LDR" in (DOCS / "wiring-pico.svg").read_text(encoding="utf-8")
+        assert "LDR" in (DOCS / f"wiring-{name}.svg").read_text(encoding="utf-8")
 
 
 def test_every_board_names_the_pin_of_a_strips_led():

@@ -5,6 +5,7 @@ import json
 import pytest
 from bench import canned
 
+from spots_device import app
 from spots_device import layout as layout_module
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SAMPLES
@@ -205,3 +206,17 @@ def test_the_longest_reply_fits_a_frame():
     reply["fault"] = "the AS7341 has lost its settings; check its supply and wiring"
     reply["saturation"], reply["full_scale"], reply["re"] = "digital", 65_535, "get"
     assert TEXT_MAX - 50 < len(json.dumps(reply)) <= TEXT_MAX
+
+
+def test_commands_leave_most_of_their_garbage_for_a_later_collection(monkeypatch):
+    # A collection takes as long as several samples.
+    collections = []
+    board = Board()
+    monkeypatch.setattr(app.gc, "collect", lambda: collections.append(0))
+    board.command("cal begin")
+    for _ in range(99):
+        board.command("cal x 1 2 3 4")
+    assert 0 < len(collections) < 10
+    begun = len(collections)
+    board.app.use_calibration(LINES)
+    assert len(collections) == begun + 1  # parsing makes more garbage than all these commands

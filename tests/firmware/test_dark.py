@@ -178,6 +178,7 @@ def test_the_reading_is_scaled_to_the_average():
     board = Board()
     for average in (1, 4, 16, 64, 3):
         board.app.settings.values["average"] = average
+        board.app.strip.configure()
         board.run(2.0)
         strip = board.app.strip
         assert strip.decode.dark_samples * average <= 256

@@ -27,14 +27,14 @@ def weights(draw):
 def test_dot_is_the_exact_sum_rounded_down(w, values):
     assume(sum(map(abs, w)) <= WEIGHT_SUM_MAX)
     exact = Fraction(sum(a * b for a, b in zip(w, values)), ONE_Q13)
-    result = kernel._dot(small(w), small(values))
+    result = kernel._dot(small(w), 0, small([0] * decode.LOGS + values))
     assert exact - 1 < result <= exact
 
 
 def test_dot_at_the_largest_weights_and_logs_stays_inside_31_bits():
     for signs in itertools.product((1, -1), repeat=2):
         w = [signs[0] * WEIGHT_SUM_MAX // 2, signs[1] * WEIGHT_SUM_MAX // 2, 0, 0, 0, 0]
-        kernel._dot(small(w), small([LOG_MAX] * 6))
+        kernel._dot(small(w), 0, small([0] * decode.LOGS + [LOG_MAX] * 6))
 
 
 @st.composite
@@ -50,9 +50,9 @@ def tables(draw):
 
 
 def looked_up(knots, values, at):
-    found = [None]
-    kernel.look_up(knots, (values,), at, found)
-    return found[0]
+    state = [None] * decode.STATE_SIZE
+    kernel.look_up([0, SmallInt(len(knots)), *knots, *values], 1, at, state, 1)
+    return state[decode.FOUND]
 
 
 @given(tables(), st.integers(-(1 << 25), 1 << 25))

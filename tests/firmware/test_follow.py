@@ -1,6 +1,6 @@
 """The baseline follows the untouched strip's light: slowly if it grows, quickly if it falls."""
 
-from spots_device.kernel import follow
+from spots_device.dark import follow
 
 UP, DOWN = 10, 6
 Q = 10  # from counts in Q12 to sums over four samples

@@ -71,7 +71,7 @@ def reading(**fields):
     made = Decode()
     for name, value in fields.items():
         setattr(made, name, value)
-    return made
+    return made.state
 
 
 def test_a_touch_frame_is_these_28_bytes():

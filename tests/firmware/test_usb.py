@@ -1,17 +1,23 @@
 """The USB modules of both runtimes, on substitutes for both USB stacks."""
 
 import importlib
+import os
+import struct
 import sys
+import time
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
 
 from spots_device.frame import Framer, Time32
-from spots_device.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, with_report_id
+from spots_device.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, Outbox, with_report_id
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
 OTHER = bytes(8)
-ENDPOINT_DESCRIPTOR = 5
+INTERFACE, ENDPOINT = 4, 5  # types of descriptors
+SETUP, ACK = 1, 3  # stages of a control transfer
+GET_DESCRIPTOR, GET_REPORT, SET_REPORT = b"\x81\x06", b"\xa1\x01", b"\x21\x09"
 
 
 def fresh(monkeypatch, name, **modules):
@@ -23,6 +29,98 @@ def fresh(monkeypatch, name, **modules):
     name = "spots_device.runtime." + name
     monkeypatch.delitem(sys.modules, name, raising=False)
     return importlib.import_module(name)
+
+
+class Substitute:
+    """A USB host behind what usb-device-hid 0.1 to 0.2 do, where the firmware can notice it.
+
+    0.2 reads the interval of the endpoint from a parameter that 0.1 refuses; both default to 8 ms.
+
+    Parameters
+    ----------
+    accepted : True or None
+        Result of ``send_report`` for an accepted report; None in version 0.1.0.
+    """
+
+    def __init__(self, monkeypatch, accepted):
+        self.accepted, self.error, self._interfaces = accepted, None, ()
+        host = self
+
+        class HIDInterface:
+            def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
+                self.report_descriptor = report_descriptor
+                self.set_report_buf = set_report_buf
+                self.protocol = protocol
+                self.pending = None
+                self.open = False
+
+            def desc_cfg(self, desc, itf_num, ep_num, strs):
+                boot = 1 if self.protocol else 0
+                desc.pack(bytes((9, 4, itf_num, 0, 1, 3, boot, self.protocol, 0)))
+                length = len(self.report_descriptor)
+                desc.pack(bytes((9, 0x21, 0x11, 1, 0, 1, 0x22, length & 0xFF, length >> 8)))
+                desc.pack(bytes((7, 5, ep_num | 0x80, 3, 8, 0, 8)))
+                self.protocol = 1
+
+            def on_interface_control_xfer(self, stage, request):
+                if stage == SETUP and bytes(request[:2]) == GET_DESCRIPTOR:
+                    return self.report_descriptor
+                if stage == SETUP and bytes(request[:2]) == SET_REPORT:
+                    return self.set_report_buf
+                if stage == ACK and bytes(request[:2]) == SET_REPORT:
+                    self.on_set_report(self.set_report_buf, 0, 2)
+                return True
+
+            def is_open(self):
+                return self.open
+
+            def busy(self):
+                return self.open and self.pending is not None
+
+            def send_report(self, report_data, timeout_ms=100):
+                assert timeout_ms == 0
+                if not self.open or self.busy():
+                    return False
+                if host.error:
+                    raise host.error
+                self.pending = report_data  # the stack keeps no copy
+                return host.accepted
+
+        self.module = fresh(
+            monkeypatch,
+            "usb_micropython",
+            micropython={"const": lambda value: value},
+            usb={"device": SimpleNamespace(get=lambda: self)},
+            usb__device={"get": lambda: self},
+            usb__device__hid={"HIDInterface": HIDInterface},
+        )
+
+    def init(self, *interfaces, builtin_driver=False):
+        self.serial, self._interfaces = builtin_driver, interfaces
+        measured = Descriptor(None)
+        for interface in interfaces:
+            interface.desc_cfg(measured, 0, 0, [])
+        written = Descriptor(bytearray(measured.o))
+        for i, interface in enumerate(interfaces):
+            interface.desc_cfg(written, 2 + i, 3 + i, [])
+        self.configuration = bytes(written.b)
+
+    def fail(self, error):
+        self.error = error
+
+    def plug(self):
+        for interface in self._interfaces:
+            interface.open = True
+
+    def poll(self):
+        """Return the report that waits at the first interface."""
+        report, self._interfaces[0].pending = bytes(self._interfaces[0].pending), None
+        return report
+
+    def control(self, stage, index, request, value=0):
+        """Begin or complete a control transfer of an interface; return the library's answer."""
+        packet = request + struct.pack("<HHH", value, 2 + index, 1)
+        return self._interfaces[index].on_interface_control_xfer(stage, packet)
 
 
 class Descriptor:
@@ -44,134 +142,167 @@ class Descriptor:
         self.o += len(data)
 
 
-class HIDInterface:
-    """What usb-device-hid 0.1 and 0.2 have in common, where the firmware can notice it.
+class Published:
+    """A USB host behind the published files of usb-device and usb-device-hid.
 
-    0.2 reads the interval of the endpoint from a parameter that 0.1 refuses, and both default to
-    8 ms.
+    Parameters
+    ----------
+    folder : str
+        Folder with ``usb/device/core.py`` and ``usb/device/hid.py``.
     """
 
-    def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
-        self.report_descriptor = report_descriptor
-        self.protocol = protocol
-        self.open = False
-        self.pending = None
-        self.described = []
+    class USBDevice:
+        """``machine.USBDevice``, the part of MicroPython below the library."""
 
-    def desc_cfg(self, desc, itf_num, ep_num, strs):
-        self.described.append(self.protocol)
-        boot = 1 if self.protocol else 0
-        desc.pack(bytes((9, 4, itf_num, 0, 1, 3, boot, self.protocol, 0)))
-        length = len(self.report_descriptor)
-        desc.pack(bytes((9, 0x21, 0x11, 1, 0, 1, 0x22, length & 0xFF, length >> 8)))
-        desc.pack(bytes((7, 5, ep_num | 0x80, 3, 8, 0, 8)))
-        self.protocol = 1
+        BUILTIN_DEFAULT = SimpleNamespace(
+            itf_max=2,
+            ep_max=3,
+            str_max=5,
+            desc_dev=struct.pack("<BBHBBBBHHHBBBB", 18, 1, 2, 239, 2, 1, 64, 0, 5, 1, 1, 2, 3, 1),
+            desc_cfg=bytes((9, 2, 9, 0, 2, 1, 0, 0x80, 125)),
+        )
+        BUILTIN_NONE = None
+        is_active = True
 
-    def on_interface_control_xfer(self, stage, request):
-        return "the library's"
+        def active(self, *value):
+            self.is_active = value[0] if value else self.is_active
+            return self.is_active
 
-    def is_open(self):
-        return self.open
+        def config(self, *arguments):
+            Published.device, self.arguments, self.pending = self, arguments, {}
 
-    def busy(self):
-        return self.open and self.pending is not None
+        def submit_xfer(self, endpoint, data):
+            if Published.error:
+                raise Published.error
+            self.pending[endpoint] = data
+            return True
 
-    def send_report(self, report_data, timeout_ms=100):
-        assert timeout_ms == 0
-        if not self.open or self.busy():
-            return False
-        self.pending = report_data  # the stack keeps no copy
-        return True
+    def __init__(self, monkeypatch, folder):
+        Published.error = None
+        package = ModuleType("usb")
+        package.__path__ = [str(Path(folder) / "usb")]
+        monkeypatch.setitem(sys.modules, "usb", package)
+        for name in ("usb.device", "usb.device.core", "usb.device.hid"):
+            monkeypatch.setitem(sys.modules, name, None)  # so that the end of the test removes it
+            del sys.modules[name]
+        for name, function in (
+            ("ticks_ms", lambda: 0),
+            ("ticks_add", lambda ticks, ms: ticks + ms),
+            ("ticks_diff", lambda end, start: end - start),
+        ):
+            monkeypatch.setattr(time, name, function, raising=False)
+        self.module = fresh(
+            monkeypatch,
+            "usb_micropython",
+            micropython={"const": lambda value: value},
+            machine={"USBDevice": self.USBDevice, "idle": lambda: None},
+        )
+
+    @property
+    def serial(self):
+        return self.device.builtin_driver is self.USBDevice.BUILTIN_DEFAULT
+
+    @property
+    def configuration(self):
+        return bytes(self.device.arguments[1])[9:]
+
+    def fail(self, error):
+        Published.error = error
+
+    def plug(self):
+        for descriptors in self.configuration.split(b"\x09\x04")[1:]:
+            self.device.arguments[3](b"\x09\x04" + descriptors)
+
+    def poll(self):
+        endpoint, report = next(iter(self.device.pending.items()))
+        report = bytes(report)
+        del self.device.pending[endpoint]
+        self.device.arguments[6](endpoint, 0, len(report))
+        return report
+
+    def control(self, stage, index, request, value=0):
+        packet = request + struct.pack("<HHH", value, 2 + index, 1)
+        return self.device.arguments[5](stage, packet)
 
 
-class MicroPythonUsb:
-    """The device of ``usb.device``: describes every interface twice."""
-
-    def __init__(self):
-        self.interfaces = []
-        self.options = None
-
-    def init(self, *interfaces, **options):
-        self.interfaces, self.options = interfaces, options
-        measured = Descriptor(None)
-        for interface in interfaces:
-            interface.desc_cfg(measured, 0, 0, [])
-        self.descriptor = Descriptor(bytearray(measured.o))
-        for interface in interfaces:
-            interface.desc_cfg(self.descriptor, 2, 3, [])
+def of_type(kind, configuration):
+    """Return the descriptors of a type in a configuration."""
+    found = []
+    while configuration:
+        if configuration[1] == kind:
+            found.append(configuration[: configuration[0]])
+        configuration = configuration[configuration[0] :]
+    return found
 
 
-@pytest.fixture
-def micropython(monkeypatch):
-    device = MicroPythonUsb()
-    package = SimpleNamespace(get=lambda: device)
-    module = fresh(
-        monkeypatch,
-        "usb_micropython",
-        micropython={"const": lambda value: value},
-        usb={"device": package},
-        usb__device={"get": package.get},
-        usb__device__hid={"HIDInterface": HIDInterface},
-    )
-    return module, device
+# SPOTS_USB_LIBRARY names folders with published versions of the library.
+FOLDERS = list(filter(None, os.getenv("SPOTS_USB_LIBRARY", "").split(os.pathsep)))
 
 
-def test_micropython_describes_each_interface_as_what_it_is(micropython):
-    module, device = micropython
-    sends = module.open_interfaces(["keyboard", "gamepad"], None)
+@pytest.fixture(params=[None, True, *FOLDERS], ids=str)
+def host(monkeypatch, request):
+    if isinstance(request.param, str):
+        return Published(monkeypatch, request.param)
+    return Substitute(monkeypatch, request.param)
+
+
+def test_micropython_describes_each_interface_as_what_it_is(host):
+    sends = host.module.open_interfaces(["keyboard", "gamepad"], None)
     assert list(sends) == ["keyboard", "gamepad"]
-    keyboard, gamepad = device.interfaces
-    assert device.options == {"builtin_driver": True}
-    assert keyboard.described == [1, 1]
-    assert gamepad.described == [0, 0]
-    assert keyboard.report_descriptor == KEYBOARD_DESCRIPTOR
-    assert gamepad.report_descriptor == GAMEPAD_DESCRIPTOR
+    assert host.serial
+    interfaces = of_type(INTERFACE, host.configuration)
+    assert [interface[7] for interface in interfaces] == [1, 0]
+    host.plug()
+    reports = [host.control(SETUP, index, GET_DESCRIPTOR, value=0x2200) for index in (0, 1)]
+    assert reports == [KEYBOARD_DESCRIPTOR, GAMEPAD_DESCRIPTOR]
 
 
-def test_micropython_lets_the_host_poll_every_millisecond(micropython):
-    module, device = micropython
+def test_micropython_lets_the_host_poll_every_millisecond(host):
     names = ["keyboard", "consumer", "gamepad"]
-    module.open_interfaces(names, None)
-    described, endpoints = bytes(device.descriptor.b), []
-    while described:
-        if described[1] == ENDPOINT_DESCRIPTOR:
-            endpoints.append(described[: described[0]])
-        described = described[described[0] :]
-    assert endpoints == [bytes((7, 5, 0x83, 3, 8, 0, 1))] * len(names)
+    host.module.open_interfaces(names, None)
+    endpoints = of_type(ENDPOINT, host.configuration)
+    assert [endpoint[3:] for endpoint in endpoints] == [bytes((3, 8, 0, 1))] * len(names)
 
 
-def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(micropython):
-    module, device = micropython
-    send = module.open_interfaces(["keyboard"], None)["keyboard"]
-    (interface,) = device.interfaces
+def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(host):
+    send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
     assert not send(REPORT)  # no host yet
-    interface.open = True
+    host.plug()
     assert send(REPORT)
     assert not send(OTHER)
-    assert bytes(interface.pending) == REPORT
-    interface.pending = None
+    assert host.poll() == REPORT
     assert send(OTHER)
-    assert bytes(interface.pending) == OTHER
+    assert host.poll() == OTHER
 
 
-def test_micropython_answers_a_host_that_asks_for_the_report(micropython):
-    module, device = micropython
-    send = module.open_interfaces(["keyboard"], None)["keyboard"]
-    (interface,) = device.interfaces
-    interface.open = True
+def test_micropython_sends_each_report_once(host):
+    outbox = Outbox(host.module.open_interfaces(["keyboard"], None)["keyboard"])
+    host.plug()
+    got = []
+    for report in (REPORT, OTHER):
+        outbox.put(report)
+    for _ in range(2):
+        outbox.pump()
+        got.append(host.poll())
+    assert got == [REPORT, OTHER]
+    assert outbox.pump()
+
+
+def test_micropython_answers_a_host_that_asks_for_the_report(host):
+    send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
+    host.plug()
     send(REPORT)
-    assert bytes(interface.on_interface_control_xfer(1, (0xA1, 1))) == REPORT
-    for stage, request in ((1, (0x21, 9)), (3, (0xA1, 1))):
-        assert interface.on_interface_control_xfer(stage, request) == "the library's"
+    assert bytes(host.control(SETUP, 0, GET_REPORT)) == REPORT
+    assert host.control(ACK, 0, GET_REPORT) is True
 
 
-def test_micropython_shows_the_hosts_leds(micropython):
-    module, device = micropython
+def test_micropython_shows_the_hosts_leds(host):
     shown = []
-    module.open_interfaces(["keyboard"], shown.append)
-    (interface,) = device.interfaces
+    host.module.open_interfaces(["keyboard"], shown.append)
+    host.plug()
     for leds in (2, 0):
-        assert interface.on_set_report(bytes((leds,)), 0, 2)
+        host.control(SETUP, 0, SET_REPORT)[:] = bytes((leds,))
+        host.control(ACK, 0, SET_REPORT)
     assert shown == [2, 0]
 
 
@@ -312,16 +443,10 @@ def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
 
 
 @pytest.mark.parametrize("error", [OSError, RuntimeError])
-def test_micropython_whose_host_goes_away_in_between_has_not_sent(micropython, error):
-    module, device = micropython
-    send = module.open_interfaces(["keyboard"], None)["keyboard"]
-    (interface,) = device.interfaces
-    interface.open = True
-
-    def gone(report, timeout_ms):
-        raise error
-
-    interface.send_report = gone
+def test_micropython_whose_host_goes_away_in_between_has_not_sent(host, error):
+    send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
+    host.plug()
+    host.fail(error)
     assert not send(REPORT)
 
 

@@ -17,8 +17,16 @@ from spots_device.calibration import (
     Calibration,
     CalibrationError,
 )
-from spots_device.frame import HEADER_SIZE, TEXT_MAX
-from spots_device.kernel import CRC_SIZE
+from spots_device.decode import (
+    CRC_SIZE,
+    DARK_SUBTRACTED,
+    HEADER_SIZE,
+    LED_OFF,
+    SATURATED,
+    TOLERANCE_Q12,
+    TOUCH_SIZE,
+)
+from spots_device.frame import TEXT_MAX
 from spots_device.layout import (
     CONSUMER,
     KEYBOARD,
@@ -156,34 +164,51 @@ def a_column(rng, at, least, most):
 
 def a_calibration(rng):
     """Return tables as a calibration may have them, with weights as large as they may be."""
-    segments = []
+    weights, tables = [], []
     for knots in rng.sample(range(2, 40), rng.randint(1, 5)):
         contrasts, positions = a_table(rng, knots)
         fits, offsets = (a_column(rng, contrasts, -5000, 5000) for _ in range(2))
-        weights = weights_of(rng, 0), weights_of(rng, ONE_Q13)
-        segments.append((weights, (contrasts, positions, fits, offsets)))
+        weights.append(weights_of(rng, 0) + weights_of(rng, ONE_Q13))
+        tables.append(list(zip(contrasts, positions, fits, offsets)))
     brightnesses, forces = a_table(rng, rng.randint(2, 40))
-    tolerances = a_column(rng, brightnesses, 0, 1 << 27)
-    weights = weights_of(rng, 0), weights_of(rng, 0)
-    bounds = sorted(rng.sample(range(-(1 << 26), 1 << 26), len(segments)))
-    forces = brightnesses, forces, tolerances
-    return {"weights": weights, "bounds": bounds, "forces": forces, "segments": segments}
+    forces = [force - min(forces) for force in forces]
+    tolerances = a_column(rng, brightnesses, 0, rng.choice((1 << 10, 1 << 27)))
+    bounds = sorted(rng.sample(range(-(1 << 26), 1 << 26), len(weights)))
+    whole = weights_of(rng, 0) + weights_of(rng, 0)
+    return whole, bounds, weights, tables, list(zip(brightnesses, forces, tolerances))
+
+
+def some_limits(rng, tables):
+    """Return the forces at which a touch begins and ends, and the largest drift."""
+    off, on = sorted(rng.sample(range(1, max(3, *(force for _, force, _ in tables[-1]))), 2))
+    return on, off, rng.choice((0, 1 << 12, 1 << 27))
 
 
 def a_reading(rng):
-    """Return a number of samples and the sums of lit and dark counts, some of them too dark."""
+    """Return samples, sums of lit and dark counts, some of them too dark, and flags."""
     samples = rng.choice((1, 1, 2, 63, 64))
     brightest = int(2 ** rng.uniform(1, 16))
     lit = [rng.choice((rng.randint(1, brightest), brightest, FULL)) for _ in range(CHANNELS)]
     dark = [rng.choice((0, 0, 0, rng.randint(0, 4), 4 * FULL)) for _ in range(CHANNELS)]
     if rng.random() < 0.8:
         dark = [min(d, 4 * count - 1) for d, count in zip(dark, lit)]
-    return samples, [samples * count for count in lit], dark
+    flags = rng.choice((0, DARK_SUBTRACTED, SATURATED, DARK_SUBTRACTED, DARK_SUBTRACTED | LED_OFF))
+    return samples, [samples * count for count in lit], dark, flags
 
 
 def test_estimate(compare, rng):
-    cases = [(a_calibration(rng), [a_reading(rng) for _ in range(40)]) for _ in range(5)]
-    compare("estimate", cases, width=7 * 40)
+    cases = []
+    for _ in range(5):
+        tables = a_calibration(rng)
+        held = a_reading(rng)  # for some time, so that a drift is learnt
+        readings = [rng.choice((held, held, a_reading(rng))) for _ in range(40)]
+        cases.append((tables, some_limits(rng, tables), readings))
+    compare("estimate", cases, width=(TOLERANCE_Q12 + 1) * 40)
+
+
+def test_unpack(compare, rng):
+    cases = [[rng.choice((0, 255, rng.randint(0, 255))) for _ in range(14)] for _ in range(50)]
+    compare("unpack", cases, width=1 + CHANNELS)
 
 
 def test_accumulate(compare, rng):
@@ -272,33 +297,34 @@ def test_keypad(compare, rng):
     compare("keypad", cases, width=3 * 150)
 
 
-# A size, and the longest frame: COBS adds a byte and one for each 254.
-WIDTH = 1 + HEADER_SIZE + TEXT_MAX + CRC_SIZE + 4
+# The next sequence, a size, and the longest frame: COBS adds a byte and one for each 254.
+WIDTH = 2 + HEADER_SIZE + TEXT_MAX + CRC_SIZE + 4
 
 
 def messages(rng):
-    """Return payloads of the lengths at which something changes, from no zero to only zeros."""
-    lengths = [0, 1, 2, 24, 253, 254, 255, 256, 508, HEADER_SIZE + TEXT_MAX + CRC_SIZE]
-    for length in lengths:
+    """Return bodies of the lengths at which something changes, from no zero to only zeros."""
+    ends = [0, 1, 2, 24, 253, 254, 255, 256, 508]
+    for length in [end - HEADER_SIZE - CRC_SIZE for end in ends[3:]] + ends[:3] + [TEXT_MAX]:
         yield [rng.randint(1, 255) for _ in range(length)]
         yield [rng.choice((0, 0, 255)) for _ in range(length)]
-    yield [0] * 24
-
-
-def test_crc32(compare, rng):
-    compare("crc32", list(messages(rng)), width=2)
-
-
-def test_cobs(compare, rng):
-    every = list(messages(rng))
-    for cases in (every[::2], every[1::2]):  # the results of all would not fit the heap
-        compare("cobs", cases, width=WIDTH)
 
 
 def test_frame(compare, rng):
-    every = list(messages(rng))[:-3]
-    for cases in (every[::2], every[1::2]):
+    every = list(messages(rng))
+    for cases in (every[::2], every[1::2]):  # the results of all would not fit the heap
         compare("frame", cases, width=WIDTH)
+
+
+def test_touch(compare, rng):
+    fields = (
+        (0, 255),
+        (-(1 << 29), 1 << 29),
+        (-(1 << 29), 1 << 29),
+        (-(1 << 29), 1 << 29),
+        (0, FULL),
+    )
+    cases = [[rng.choice((0, *ends, rng.randint(*ends))) for ends in fields] for _ in range(50)]
+    compare("touch", cases, width=1 + TOUCH_SIZE + CRC_SIZE + 2)
 
 
 def test_board_time(compare, rng):

@@ -67,6 +67,27 @@ def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time(clock, answer
     assert busy_s < 0.15 * clock.s
 
 
+def test_a_flood_of_questions_takes_a_tenth_of_the_time_from_the_readings(clock, answers_of):
+    def reply(*reply, encoding):
+        clock.s += 50e-6
+
+    commands, rounds_s, began_s = [], [], 0.0
+    answers, declared = answers_of(lambda line, timeout_s: commands.append(line) or {"re": line})
+    while clock.s < 10.0:
+        for i in range(400):  # in each 10 ms
+            query = Query([])
+            query.reply = reply
+            note = declared[i % len(declared)]
+            getattr(note, "callback", note)(query)
+        began_s = clock.s
+        answers.give()
+        rounds_s.append(clock.s - began_s)
+        clock.s = began_s + max(0.01, clock.s - began_s)
+    assert 0.01 < sum(rounds_s) / clock.s < 0.12
+    assert max(rounds_s) < 0.05
+    assert len(commands) < 3 * 10.0 / 0.05  # of the 400,000 questions
+
+
 def test_a_slow_machine_answers_within_a_second_or_two(clock, answers_of):
     def slow_reply(*reply, encoding):
         clock.s += 3.0

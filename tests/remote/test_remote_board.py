@@ -11,7 +11,7 @@ from bench.standin import StandIn
 from boards import refused
 
 import spots
-from net import Restarting, publishing, session, stand_in, wait_until
+from net import DEADLINE_S, Restarting, publishing, session, stand_in, wait_until
 from spots import Board, Key, Spectrum, SpotsError, Touch
 from spots.cli import main
 from spots.errors import PortLostError
@@ -226,6 +226,25 @@ def test_a_question_that_gets_lost_is_asked_again(net, monkeypatch):
     with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
         assert next(board.touches()).force_mN == 3000
     assert answers.count(None) > 5
+
+
+def test_a_hello_that_is_not_answered_in_time_is_asked_again(net, monkeypatch):
+    kept, note, ask = [], Answers._note, ZenohLink.ask
+
+    def late(answers, command, query):
+        if command == "hello" and not kept:
+            kept.append(query)
+        else:
+            note(answers, command, query)
+
+    def patient(link, command, timeout_s):
+        return ask(link, command, DEADLINE_S if kept else 0.5)
+
+    monkeypatch.setattr(Answers, "_note", late)
+    monkeypatch.setattr(ZenohLink, "ask", patient)
+    with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
+        assert kept
+        assert board.info["id"] == "a1"
 
 
 def test_a_linkage_from_afar_needs_boards_that_hold_its_calibration(net, calibration):

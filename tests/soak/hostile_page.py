@@ -1,7 +1,9 @@
-"""Runs hostile clients against a real ``spots serve --port virtual``, for ``--minutes``.
+"""Runs hostile clients against a real ``spots serve --session`` of a virtual board.
 
-Prints one line of JSON at the end. The exit code is 1 if the server ended, its memory or its log
-grew too much, or a well-behaved client got no readings.
+The attack takes ``--minutes``, and ends only when ``--messages`` were sent that must not start a
+calibration: without the token, from another website, or with the token but damaged. Prints one line
+of JSON at the end. The exit code is 1 if the server ended, its memory or its log grew too much, a
+well-behaved client got no readings, or such a message had an effect.
 """
 
 from __future__ import annotations
@@ -20,6 +22,10 @@ import time
 from pathlib import Path
 
 import aiohttp
+import msgspec
+
+from spots.web.calibration import DECODER
+from spots_sim.virtual import start_simulator
 
 _CLIENTS = 24
 _WARM_UP_S = 30.0
@@ -27,6 +33,15 @@ _EVERY_S = 5.0
 _READING_WITHIN_S = 20.0
 _GROWTH_MAX_KB = 20_000
 _LOG_MAX_BYTES = 20_000
+
+_ORDERS = (
+    b'{"do":"start","kind":"rough","length_mm":85}',
+    b'{"do":"start","kind":"fine","length_mm":30.5}',
+    b'{"do":"answer","step":1,"text":"42.5mm 120g"}',
+    b'{"do":"undo","step":1}',
+    b'{"do":"cancel"}',
+)
+_SENDERS = 8
 
 _HOST = b"Host: 127.0.0.1\r\n"
 _UPGRADE = (
@@ -87,6 +102,45 @@ async def _hostile(port: int, seed: int, end_s: float, counts: dict) -> None:
                 writer.transport.abort()
 
 
+def _damaged(choice: random.Random) -> bytes:
+    """Return an order with a few bytes changed, added or removed, which is no order any more."""
+    while True:
+        body = bytearray(choice.choice(_ORDERS))
+        for _ in range(choice.randrange(1, 4)):
+            at = choice.randrange(len(body))
+            body[at : at + choice.randrange(2)] = choice.randbytes(choice.randrange(3))
+        try:
+            DECODER.decode(bytes(body))
+        except (ValueError, msgspec.DecodeError):
+            return bytes(body)
+
+
+async def _ordering(url: str, seed: int, number: int, statuses: dict) -> None:
+    """Send `number` orders that must be refused: nobody with the token has sent them."""
+    choice = random.Random(seed)
+    page, token = url.split("?token=")
+    cookie = f"spots-token-{page.rstrip('/').rpartition(':')[2]}"
+    async with aiohttp.ClientSession() as session:
+        while number:
+            kind, body, headers = choice.randrange(4), choice.choice(_ORDERS), {}
+            sent = token
+            if kind == 0:
+                sent = choice.choice(("", "wrong", token[:-1], token + "x", token.swapcase()))
+            elif kind == 1:
+                origin = choice.choice(("http://evil.example", "null", "https://127.0.0.1"))
+                headers["Origin"] = origin
+            else:
+                body = _damaged(choice)
+            headers["Cookie"] = f"{cookie}={sent}"
+            try:
+                async with session.post(page + "calibration", data=body, headers=headers) as answer:
+                    name = f"{('no token', 'website', 'damaged')[min(kind, 2)]} {answer.status}"
+            except aiohttp.ClientError:  # the server had too many connections
+                continue
+            statuses[name] = statuses.get(name, 0) + 1
+            number -= 1
+
+
 async def _well_behaved(port: int, end_s: float, counts: dict) -> None:
     """Open the web UI again and again; each visit must get readings in time."""
     while time.monotonic() < end_s:
@@ -125,14 +179,18 @@ async def _watch(server: subprocess.Popen, end_s: float, sizes_kb: list) -> None
         sizes_kb.append(_rss_kb(server.pid))
 
 
-async def _attack(server: subprocess.Popen, port: int, seconds: float) -> dict:
+async def _attack(server: subprocess.Popen, url: str, seconds: float, messages: int) -> dict:
     counts = dict.fromkeys(
         ("connections", "messages", "visits", "visits_failed", "readings", "slowest_visit_s"), 0
     )
+    counts["orders"] = {}
+    port = int(re.search(r":(\d+)/", url)[1])
     sizes_kb, end_s = [], time.monotonic() + seconds
+    each = -(-messages // _SENDERS)
+    ordering = [_ordering(url, seed, each, counts["orders"]) for seed in range(_SENDERS)]
     hostile = [_hostile(port, seed, end_s, counts) for seed in range(_CLIENTS)]
     await asyncio.gather(
-        *hostile, _well_behaved(port, end_s, counts), _watch(server, end_s, sizes_kb)
+        *hostile, *ordering, _well_behaved(port, end_s, counts), _watch(server, end_s, sizes_kb)
     )
     warm = sizes_kb[int(_WARM_UP_S / _EVERY_S) :] or sizes_kb
     tenth = max(1, len(warm) // 10)  # medians, because freed memory is not always returned at once
@@ -144,12 +202,15 @@ def main() -> int:
     """Run the attack; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
-    minutes = parser.parse_args().minutes
+    parser.add_argument("--messages", type=int, default=100_000)
+    options = parser.parse_args()
     logging.getLogger("asyncio").setLevel(logging.ERROR)  # the server closes many connections here
     with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "log"
+        log, session = Path(folder) / "log", Path(folder) / "calibration.jsonl"
+        board, end = start_simulator("default", "demo", 0)
         with log.open("wb") as errors:
-            arguments = ["serve", "--port", "virtual", "--http-port", "0"]
+            arguments = ["serve", "--port", board["port"], "--http-port", "0"]
+            arguments += ["--session", str(session)]
             server = subprocess.Popen(
                 [sys.executable, "-m", "spots", *arguments],
                 stdout=subprocess.PIPE,
@@ -158,16 +219,21 @@ def main() -> int:
                 env=os.environ | {"PYTHONUNBUFFERED": "1"},
             )
             try:
-                port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
-                found = asyncio.run(_attack(server, port, 60 * minutes))
+                url = re.search(r"http\S+", server.stdout.readline())[0]
+                seconds = 60 * options.minutes
+                found = asyncio.run(_attack(server, url, seconds, options.messages))
                 found["alive"] = server.poll() is None
             finally:
                 server.terminate()
                 server.communicate(timeout=60)
+                end()
+        found["calibrated"] = session.exists()
         found["log_bytes"] = log.stat().st_size
         found["log_tail"] = log.read_text(errors="replace")[-600:]
     found["ok"] = (
         found["alive"]
+        and not found["calibrated"]
+        and all(name.endswith(("400", "403", "413")) for name in found["orders"])
         and found["visits"] > 0
         and found["visits_failed"] == 0
         and found["rss_last_kb"] - found["rss_first_kb"] < _GROWTH_MAX_KB

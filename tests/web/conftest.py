@@ -6,10 +6,13 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import expect, sync_playwright
 
 from bring_browser import launch_options
 from serving import Bench, Serving
+
+# A loaded machine is slow, not wrong: Playwright's own patience is 5 s.
+expect.set_options(timeout=60_000)
 
 # The browser itself says so while there is no server, or when the server says that something
 # cannot be; nothing in a page can keep it from that.

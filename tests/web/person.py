@@ -63,11 +63,11 @@ class Person:
         self.page.locator(f"#calibration .kind[value={kind}]").click()
         self.wait(lambda seen: not seen["starts"])
 
-    def go_on(self, until=lambda seen: seen["starts"], timeout_s=90.0):
+    def go_on(self, until=lambda seen: seen["starts"], timeout_s=120.0):
         """Do what the page asks for until `until(seen)`; return what was seen last."""
         return self.wait(until, self.act, timeout_s)
 
-    def wait(self, until, act=lambda seen: None, timeout_s=30.0):
+    def wait(self, until, act=lambda seen: None, timeout_s=60.0):
         """Watch the page until `until(seen)`; return what was seen last."""
         end_s = time.monotonic() + timeout_s
         while not until(seen := look(self.page)):

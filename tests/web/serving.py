@@ -15,6 +15,7 @@ from spots.link.connect import prepare
 from spots.web.app import NOTHING
 from spots.web.board_feed import BoardReader
 from spots.web.calibration import PageCalibration
+from spots.web.layout_editor import LayoutEditor
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
@@ -36,8 +37,9 @@ class Cable(PacedLink):
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
         self.written = []
 
-    def pace(self):
-        """Keep to the clock from here on."""
+    def pace(self, speed=None):
+        """Keep to the clock from here on, at a speed."""
+        self._speed = speed or self._speed
         self._begun_s, self._epoch_s = self.now_s(), time.monotonic()
 
     def _wait(self):
@@ -79,6 +81,7 @@ class Bench:
         record_to=None,
         session=None,
         speed=1.0,
+        edit=None,
     ):
         self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
@@ -87,6 +90,8 @@ class Bench:
         self.orders = {"recording": self.recordings} if record_to else {}
         if session:
             self.orders["calibration"] = PageCalibration(session, self.state)
+        if edit:
+            self.orders["layout"] = LayoutEditor(edit, load(layout), self.state)
         self.link = None
         self.there = True
         self.asked_for = []

@@ -16,6 +16,7 @@ from serving import eventually, until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
 from spots.web.board_feed import BoardReader
+from spots.web.layout_editor import LayoutEditor
 from spots.web.state import Cursor, PageState
 from spots_sim.demo import open_fast
 from spots_sim.files import ScenarioFile
@@ -109,11 +110,28 @@ def test_a_frame_with_a_reading_draws_one_chart_at_most_and_all_get_their_turn(
     }
 
 
-@pytest.mark.parametrize(("pages", "stalled"), [(1, 0), (8, 1)])
-def test_from_frame_to_pixel(played, serve, open_page, pages, stalled):
+def edit(page):
+    """Keep a page busy: move a border of the layout for ever."""
+    page.locator("#edit").click(timeout=60_000)
+    page.locator("#editor .border").first.wait_for()
+    page.evaluate("""() => {
+      let way = 0;
+      setInterval(() => {
+        const key = way++ & 8 ? "ArrowLeft" : "ArrowRight";
+        const pressed = new KeyboardEvent("keydown", { key });
+        document.querySelector("#editor .border").dispatchEvent(pressed);
+      }, 100);
+    }""")
+
+
+@pytest.mark.parametrize(("pages", "stalled", "editing"), [(1, 0, 0), (8, 1, 1)])
+def test_from_frame_to_pixel(played, serve, open_page, tmp_path, pages, stalled, editing):
     state, boards = played
-    url = serve(state).url
+    orders = {"layout": LayoutEditor(tmp_path / "mine.toml", load("digits"), state)}
+    url = serve(state, orders=orders).url
     opened = [open_page(url) for _ in range(pages)]
+    for page in [open_page(url) for _ in range(editing)]:
+        edit(page)
     for page in opened:
         until(page, "drawn.length > 0")
     others = [open_page(url) for _ in range(stalled)]
@@ -139,8 +157,9 @@ def test_from_frame_to_pixel(played, serve, open_page, pages, stalled):
     board_hz = state.since(Cursor(0, 0))[1]["link"]["rate_hz"]
     p50, p99 = 1000 * np.percentile(ages_s, (50, 99))
     print(
-        f"\n{pages} pages and {stalled} stalled, each drawing {np.median(rates):.0f} of "
-        f"{board_hz:.0f} readings a second; from frame to pixel p50 {p50:.1f} ms, p99 {p99:.1f} ms"
+        f"\n{pages} pages, {stalled} stalled and {editing} that edits, each drawing "
+        f"{np.median(rates):.0f} of {board_hz:.0f} readings a second; "
+        f"from frame to pixel p50 {p50:.1f} ms, p99 {p99:.1f} ms"
     )
     newest_s = found[0][-1]["time_s"]
     for page, end in zip(others, wake):

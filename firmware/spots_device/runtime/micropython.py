@@ -77,7 +77,7 @@ class StdioSerial:
     """
 
     def __init__(self):
-        self._out = sys.stdout.buffer
+        self._out = sys.stdout.buffer.write
         self._in = sys.stdin.buffer
         self._byte = bytearray(1)
         self._writable = select.poll()
@@ -96,19 +96,28 @@ class StdioSerial:
         size : int
             Bytes of the frame.
         """
-        began = time.ticks_us()
-        # Ticks wrap, so a time in the far past looks like a time in the future.
-        if 0 < time.ticks_diff(self._from, began) <= self._pause_us:
+        if not self._is_writable():
             return False
+        began = time.ticks_us()
+        # MicroPython returns the size even if it stopped waiting and dropped the bytes.
+        sent = self._put(buffer, size) == size
+        return self._took(began) and sent
+
+    def _is_writable(self):
+        # Ticks wrap, so a time in the far past looks like a time in the future.
+        if self._pause_us:
+            left_us = time.ticks_diff(self._from, time.ticks_us())
+            if 0 < left_us <= self._pause_us:
+                return False
         for _, event in self._writable.ipoll(0):
-            if event & select.POLLOUT:
-                try:
-                    sent = self._out.write(buffer, size) == size
-                except OSError:
-                    sent = False
-                # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-                return self._took(began) and sent
+            return event & select.POLLOUT > 0
         return False
+
+    def _put(self, buffer, size):
+        try:
+            return self._out(buffer, size)
+        except OSError:
+            return 0
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.

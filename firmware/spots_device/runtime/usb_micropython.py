@@ -60,7 +60,8 @@ class _Reports(HIDInterface):
         for i in range(len(report)):
             self._report[i] = report[i]
         try:
-            return self.send_report(self._report, 0)
+            # Version 0.1.0 of the library returns None for an accepted report.
+            return self.send_report(self._report, 0) is not False
         except (OSError, RuntimeError):  # disconnected since `is_open`
             return False
 

@@ -13,9 +13,9 @@ from .dialog import Dialog
 from .presser import Presser
 from .presses import Noise, Presses
 from .session import Wanted
-from .spectra import Reading, SpectrumReader
+from .spectra import Reading, SpectrumReader, mean
 
-_TRIES = 5
+TRIES = 5
 _WINDOW_S = 0.24
 _LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a press with a finger, by kind
 _WINDOW_MIN = 8  # samples
@@ -70,6 +70,8 @@ class Bench:
         Length of the strip at rest, in um.
     path : Path
         Calibration file of the strip.
+    spent : int
+        Number of requests for a press that gave no press by hand.
     """
 
     reader: SpectrumReader
@@ -77,16 +79,12 @@ class Bench:
     guide: Dialog
     length_um: float
     path: Path
+    spent: int = 0
 
     @property
     def window(self) -> int:
         """Number of samples in a reading of a press."""
         return samples_of("", self.reader.info["exposure_us"])
-
-    @property
-    def mark_samples(self) -> int:
-        """Number of samples in a reading of a mark; many, because noise of marks shifts tables."""
-        return samples_of("mark", self.reader.info["exposure_us"])
 
     def take(
         self,
@@ -117,25 +115,22 @@ class Bench:
         ------
         SpotsError
             If no attempt gave a valid press.
-        TooDarkError
-            If a press by hand with a known force was too dark; the strip is released.
+        BadPressError
+            If a press by hand is not valid; the strip is released.
         """
         self.guide.want(wanted)
-        for _ in range(_TRIES):
+        for _ in range(TRIES):
+            self.spent += 1
             self.presser.press(wanted)
             try:
                 reading = self._held(noise, wanted.kind)
-                if wanted.kind in _LONG_S:
-                    exposure_us = self.reader.info["exposure_us"]
-                    reading = self.reader.read(samples_of(wanted.kind, exposure_us))
-                    _check_steady(reading, noise, self.window, wanted.kind)
                 judge(reading)
                 return reading
             except BadPressError as bad:
-                trouble = f"{wanted}: {bad}"
-                if isinstance(bad, TooDarkError) and wanted.kind == "hand" and wanted.force_mN:
+                if wanted.kind == "hand":
                     self.release()
                     raise
+                trouble = f"{wanted}: {bad}"
             self.guide.say(f"{trouble}; press again")
             if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()
@@ -165,17 +160,19 @@ class Bench:
         """Wait for a steady press, and return its reading, or raise `BadPressError`."""
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason: BadPressError = TooDarkError("no press is seen")
-        steady = 0
-        while steady < self.presser.steady:
-            if self.reader.board.now_s() >= end_s:
+        long = -(-samples_of(kind, self.reader.info["exposure_us"]) // self.window)
+        needed, steady = max(long, self.presser.steady), []
+        while len(steady) < needed:
+            if not steady and self.reader.board.now_s() >= end_s:
                 raise reason
             reading, trouble = self.reader.read(self.window), None
             try:
                 _check_steady(reading, noise, self.window, kind)
-                steady += 1
+                steady.append(reading)
             except BadPressError as bad:
-                reason, trouble, steady = bad, str(bad), 0
-            self.guide.watch(reading, trouble, steady / self.presser.steady)
+                reason, trouble, steady = bad, str(bad), []
+            self.guide.watch(reading, trouble, len(steady) / needed)
+        reading = mean(steady[-long:])
         any_light = kind == "choose"
         if reading.saturated and not any_light:
             raise BadPressError("a channel is saturated: press less, or lower gain or LED current")

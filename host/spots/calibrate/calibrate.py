@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from ..errors import SpotsError
@@ -16,9 +16,7 @@ from .guide import Guide
 from .presser import Presser
 from .session import Session
 from .spectra import SpectrumReader
-from .steps import COUNTS, calibrate
-
-_LENGTH_MM = 85.0
+from .steps import COUNTS, LENGTH_UM, calibrate
 
 
 def calibrate_command(options: argparse.Namespace) -> None:
@@ -72,15 +70,12 @@ def opened(
         set_up = offered(options.port, "calibration_setup") or _by_hand
         bench = set_up(options, made, path, Guide())
         stack.enter_context(bench.reader.board)
+        stack.callback(bench.reader.restore)
         stack.enter_context(bench.guide)
-        try:
-            yield bench
-        finally:
-            with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
-                bench.reader.restore()
+        yield bench
 
 
 def _by_hand(options, made: Session | CalibrationFile, path: Path, guide: Guide) -> Bench:
     reader = SpectrumReader(open(options.port))
-    length_um = 1000 * (options.length_mm or 0) or made.length_um or 1000 * _LENGTH_MM
+    length_um = 1000 * (options.length_mm or 0) or made.length_um or LENGTH_UM
     return Bench(reader, Presser(guide), guide, length_um, path)

@@ -32,7 +32,6 @@ _HEAD = f"""\
 version = {VERSION}
 """
 _COMMENTS = {
-    "relative_force": "# Forces are relative to the presses: no scale was used.",
     "lines": "# Calibration lines for the board, see docs/protocol.md.",
     "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
@@ -154,9 +153,6 @@ class CalibrationFile(_Struct, kw_only=True):
         Calibration lines for the board, see `spots_device.calibration`.
     original : tuple of str
         Lines before the first re-zero; empty without a re-zero.
-    relative_force : bool
-        Whether the forces of the presses were unknown. A force in mN is then 3000 times the ratio
-        of the light to the mean light of the presses.
     residuals : list of Residual
         Errors at the presses of the calibration, one entry for each strain.
     joint : Joint or None
@@ -177,7 +173,6 @@ class CalibrationFile(_Struct, kw_only=True):
     led_mA: int
     lines: tuple[str, ...]
     original: tuple[str, ...] = ()
-    relative_force: bool = False
     residuals: list[Residual] = []
     joint: Joint | None = None
     marks: Marks | None = None

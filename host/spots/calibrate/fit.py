@@ -22,13 +22,15 @@ SEGMENTS = 5
 _KNOTS = 9  # in the table of a segment
 _OVERLAP = 0.25  # share of a segment by which its table reaches into the next segments
 _FORCE_KNOTS = 72
+_FORCE_STEPS = 4000  # points of the curve to which these knots are fitted
 _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weights' absolute values
 PLACES_MIN = 12
 FORCES_MIN = 10
 _NOISE_PLACES = 21
-# A touch begins at the least force for which no position has a larger standard deviation. On a
-# long strip, this limit is a share of the length, like the width of a key.
-_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 170
+# A touch begins at the least force for which no position has a larger standard deviation. The limit
+# is a share of the length: of ten keys in a row, each is then more than three deviations wide.
+_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 36
+_TOUCH_ABOVE_DARK = 1.15  # a touch begins at least at this multiple of the dead zone
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; bends and strain need the rest
@@ -95,9 +97,10 @@ def fit(
         raise SpotsError(
             "the position is too noisy at every force: raise exposure, gain or LED current"
         )
-    begin = round(float(forces[np.argmax(sigma_um <= limit_um)]))
-    end = max(round(_TOUCH_HYSTERESIS * begin), round(float(forces[0])) + 1)
-    lines.append(f"touch {max(begin, end)} {end}")
+    begin = max(forces[np.argmax(sigma_um <= limit_um)], _TOUCH_ABOVE_DARK * forces[0])
+    # At most half of the way back to the dead zone, so that weak other light does not hold a touch.
+    end = max(_TOUCH_HYSTERESIS * begin, (forces[0] + begin) / 2)
+    lines.append(_statement("touch", (begin, end)))
     # The largest misfit of a single press is added to the noise.
     if misfit is None:
         misfit = along[0].logs - rest.logs(along[0].position_um)
@@ -263,14 +266,16 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the brightness does not rise with the force: check strip, LED, gain")
-    # Half of the knots are evenly spaced in the logarithm of the force, for the bend at large
-    # forces. The others are evenly spaced in brightness, for the steep curve at small forces.
-    fine = np.geomspace(forces[0], forces[-1], 4000)
+    # A least-squares spline of straight lines: its errors are balanced, but chords of a curve would
+    # all err to one side. Half of the knots are evenly spaced in brightness, for the touch; the
+    # density of the others suits the curvature, so that all spans have the same error.
+    fine = np.geomspace(forces[0], forces[-1], _FORCE_STEPS)
     curve = monotone(np.log(forces), means, np.log(fine))
-    even = np.linspace(curve[0], curve[-1], _FORCE_KNOTS // 2)
-    steps = np.geomspace(forces[0], forces[-1], _FORCE_KNOTS // 2)
-    wanted = np.concatenate([np.interp(even, curve, fine), steps])
-    knots = np.unique(np.round(wanted)).clip(forces[0], forces[-1])
-    values = np.round(monotone(np.log(forces), means, np.log(knots)))
-    rising = np.diff(values, prepend=-np.inf) > 0
-    return knots[rising], values[rising]
+    even = np.linspace(curve[0], curve[-1], _FORCE_STEPS // 10)
+    bend = np.sqrt(np.abs(np.gradient(np.gradient(np.interp(even, curve, fine)))))
+    share = np.cumsum(1 + bend / bend.mean())
+    values = np.interp(np.linspace(share[0], share[-1], _FORCE_KNOTS), share, even)
+    hats = np.stack([np.interp(curve, values, one) for one in np.eye(_FORCE_KNOTS)], axis=1)
+    knots = np.round(np.linalg.lstsq(hats, fine, rcond=None)[0])
+    rising = np.diff(knots, prepend=-np.inf) > 0
+    return knots[rising], np.round(values[rising])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import SpotsError
-from .bench import CONTINUES, Bench, TooDarkError, samples_of
+from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
 from .presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
 from .session import Session, Wanted, point, presses
@@ -15,17 +15,21 @@ from .typed import grams
 _KINDS = ("hand", "position", "force", "mark")
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
+# Presses that are not stored: for the exposure, for the choice of channels, and repeated ones. Each
+# further one replaces a press by hand, so a session has at most 12 or 45 presses in all.
+_OTHERS = {True: 2, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
 _REMOVALS = 0.2  # largest share of removed presses; with more, the strip does not follow the model
 _HARDER = 1.4
+_END_UM = 2000.0  # a press nearer to an end is partly beside the strip
 _THIN = 1.5  # ratio of the error at a place or force to the mean error
 _GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # with a smaller error, no more presses are needed
 _ALONG, _FORCES = 33, 30
 
 
-def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
-    """Ask a person for presses until the session has `count` presses.
+def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool) -> None:
+    """Ask a person for presses until the session has `count` presses, or many were repeated.
 
     Parameters
     ----------
@@ -33,8 +37,8 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
         Board, strip and presser.
     session : Session
         Presses taken so far; new ones are added.
-    count : int
-        Number of presses.
+    count, least : int
+        Number of presses; least number if many presses were repeated.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 
@@ -47,8 +51,8 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
     guide.begin("presses by hand", count, plan, bench.length_um)
     guide.skip(len(session.of("hand")))
     surface, dark_mN, wanted = _surface(session, bench.length_um), 0.0, None
-    removals = 0
-    while (done := len(session.of("hand"))) < count:
+    removals = tries = 0
+    while (done := len(session.of("hand"))) < (total := _total(bench, count, least, rough)):
         if session.removed:
             removed = session.removed.pop()
             wanted = _wanted(removed.place_um, removed.force_mN)
@@ -56,27 +60,30 @@ def by_hand(bench: Bench, session: Session, count: int, rough: bool) -> None:
             wanted = _next(session, surface, bench.length_um, rough, dark_mN)
         try:
             reading = bench.take(wanted)
-        except TooDarkError as dark:
-            dark_mN = wanted.force_mN
-            if dark_mN >= FULL_MN:
-                raise SpotsError(f"{wanted}: {dark}; {CONTINUES}") from None
-            guide.say(f"{wanted} is too dark: press harder")
-            wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
+        except BadPressError as bad:
+            dark, tries = isinstance(bad, TooDarkError), tries + 1
+            if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
+                raise SpotsError(f"{wanted}: {bad}; {CONTINUES}") from None
+            guide.say(f"{wanted}: {bad}; press again")
+            if dark and wanted.force_mN:
+                dark_mN = wanted.force_mN
+                wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
             continue
         bench.release()
         read = bench.presser.read_off(wanted, bench.length_um)
         if read is None:
             continue
         session.add(point(read, reading, bench.reader.conditions, length_um=bench.length_um))
+        bench.spent, tries = bench.spent - 1, 0
         guide.taken(read, reading)
         wanted, surface = None, _surface(session, bench.length_um, surface)
         if done < _FITTED_MIN:
             continue
         if removals < _REMOVALS * count and _removed(session, surface, guide):
-            removals += 1
+            removals, bench.spent = removals + 1, bench.spent + 1
             surface = _surface(session, bench.length_um, surface)
         else:
-            guide.fitted(_progress(surface, done + 1, count))
+            guide.fitted(_progress(surface, done + 1, total))
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
@@ -106,6 +113,10 @@ def material(session: Session, length_um: float) -> tuple[Surface, Presses, Pres
     return surface, along, pressed
 
 
+def _total(bench: Bench, count: int, least: int, rough: bool) -> int:
+    return min(count, max(least, count + _OTHERS[rough] - bench.spent))
+
+
 def _wanted(place_um: float, force_mN: float) -> Wanted:
     return Wanted(kind="hand", place_um=float(place_um), force_mN=float(f"{force_mN:.2g}"))
 
@@ -121,7 +132,7 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
     else:
         place_um, force_mN = surface.next_press(dark_mN)
-    return _wanted(min(round(place_um, -3), length_um), force_mN)
+    return _wanted(np.clip(round(place_um, -3), _END_UM, length_um - _END_UM), force_mN)
 
 
 def _surface(session: Session, length_um: float, start: Surface | None = None) -> Surface | None:
@@ -137,7 +148,7 @@ def _surface(session: Session, length_um: float, start: Surface | None = None) -
 
 def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
     """Remove the press that fits the others worst, if it is an outlier."""
-    misfit, taken = surface.misfits()[0], surface.taken
+    misfit, taken = surface.misfits[0], surface.taken
     worst = int(np.argmax(misfit))
     at = taken.position_um[worst], taken.force_mN[worst]
     found = [p for p in session.of("hand") if (p.place_um, p.force_mN) == at]
@@ -151,21 +162,13 @@ def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
 
 
 def _progress(surface: Surface, done: int, total: int) -> Progress:
-    _, off_um, off_share = surface.misfits()
     (places_um, sigma_um), (forces_mN, sigma_share) = surface.errors()
     thin = []
     if sigma_um.max() > max(_THIN * sigma_um.mean(), _GOOD_UM):
         thin.append(f"near {places_um[np.argmax(sigma_um)] / 1000:.0f} mm")
     if len(sigma_share) and sigma_share.max() > max(_THIN * sigma_share.mean(), _GOOD_SHARE):
         thin.append(f"near {grams(forces_mN[np.argmax(sigma_share)])}")
-    return Progress(
-        place_um=surface.taken.position_um,
-        force_mN=surface.taken.force_mN,
-        off_um=off_um,
-        off_share=off_share,
-        sigma_um=float(sigma_um.mean()),
-        sigma_share=float(sigma_share.mean()) if len(sigma_share) else float("nan"),
-        thin=tuple(thin),
-        done=done,
-        total=total,
-    )
+    sigmas = float(sigma_um.mean()), float(sigma_share.mean()) if len(sigma_share) else np.nan
+    places_um, forces_mN = surface.taken.position_um, surface.taken.force_mN
+    errors = surface.misfits[1:]
+    return Progress(places_um, forces_mN, *errors, *sigmas, tuple(thin), done, total)

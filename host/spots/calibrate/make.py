@@ -56,6 +56,8 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
             along[strain_ppm] = presses(at_strain)
     noise = noise or Noise.of(*along.values(), pressed)
     lines = fit(along, pressed, noise, session.conditions, misfit)
+    if surface and not surface.taken.force_mN.any():
+        lines.append("relative")
     try:
         Calibration(lines)
     except CalibrationError as error:
@@ -73,7 +75,6 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         lines=tuple(lines),
         residuals=[_residual(lines, strain, at, pressed) for strain, at in along.items()],
         marks=_marks(marks),
-        relative_force=surface is not None and not len(pressed.force_mN),
         **_joint(session, say),
     )
 

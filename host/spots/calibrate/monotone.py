@@ -22,10 +22,13 @@ def monotone(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     """
     step = np.diff(x)
     secant = np.diff(y) / step
-    # The slope at a point is a weighted harmonic mean of its two secants; an end has one secant.
+    # The slope at a point is a weighted harmonic mean of its two secants. At an end it is that of
+    # the parabola through the next two points, within the limits of a curve that rises.
     before, after = 2 * step[1:] + step[:-1], step[1:] + 2 * step[:-1]
     inner = (before + after) / (before / secant[:-1] + after / secant[1:])
-    slope = np.concatenate([secant[:1], inner, secant[-1:]])
+    bend = step[[0, -1]] * np.diff(secant)[[0, -1]] / (step[[0, -1]] + step[[1, -2]])
+    first, last = (secant[[0, -1]] - bend * (1, -1)).clip(0, 3 * secant[[0, -1]])
+    slope = np.concatenate([[first], inner, [last]])
     i = np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(step) - 1)
     t = (at - x[i]) / step[i]
     rise = (y[i + 1] - y[i]) * t**2 * (3 - 2 * t)

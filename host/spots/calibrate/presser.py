@@ -56,8 +56,9 @@ class Presser:
         """Begin a press at the position and with the force of `wanted`."""
         if wanted.kind == "mark" and wanted.angle_deg is not None:
             self._guide.say(f"turn the joint upwards to {wanted.angle_deg:g} degrees and hold")
-        elif wanted.kind == "hand":
-            force = f"about {grams(wanted.force_mN)}" if wanted.force_mN else "a firm finger"
+        elif wanted.kind in ("hand", "choose"):
+            firm = "a firm finger" if wanted.kind == "hand" else "your hardest press"
+            force = f"about {grams(wanted.force_mN)}" if wanted.force_mN else firm
             self._guide.say(f"press at {wanted.place_um / 1000:.1f} mm with {force} and hold")
         elif wanted.kind != "joint":
             self._guide.say(f"press at {wanted} and hold")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 
@@ -46,6 +47,16 @@ class Reading:
     def dark(self) -> bool:
         """Whether a channel has less than one count."""
         return bool((self.counts < 1).any())
+
+
+def mean(readings: list[Reading]) -> Reading:
+    """Return the mean of successive readings of a press; their numbers of samples are equal."""
+    return Reading(
+        np.mean([r.counts for r in readings], axis=0),
+        np.mean([r.variance for r in readings], axis=0),
+        readings[-1].drift,
+        any(r.saturated for r in readings),
+    )
 
 
 class SpectrumReader:
@@ -92,9 +103,10 @@ class SpectrumReader:
         self.board.command("stream spectrum")
 
     def restore(self) -> None:
-        """Restore the board's setting ``average``."""
+        """Restore the board's setting ``average``, unless the board is disconnected."""
         if self._average != 1:
-            self.board.command(f"set average={self._average}")
+            with suppress(SpotsError):
+                self.board.command(f"set average={self._average}")
 
     @property
     def conditions(self) -> Conditions:

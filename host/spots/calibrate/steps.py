@@ -26,10 +26,11 @@ from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
 from .session import Session, Wanted, point, presses
 from .spectra import Reading
 
+LENGTH_UM = 85_000.0  # usual length of a strip
 _RULER_UM = 100  # resolution of a ruler
 # By kind: default and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
-    "fine": (34, PLACES_MIN),
+    "fine": (39, PLACES_MIN),
     "rough": (10, 8),
     "position": (17, PLACES_MIN),
     "strain": (17, PLACES_MIN),
@@ -77,54 +78,44 @@ def calibrate(
     SpotsError
         If the session has another board or other settings, or its presses give no calibration.
     """
-    released = True
+    undone = False
     while True:
         try:
-            if not released:
+            if undone:
                 bench.release()
-                released = True
-            _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
-            return
+                undone = False
+            return _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
         except UndoError:
-            undone, released = session.undo(), False
-            bench.guide.say(f"undone: {undone}" if undone else "there is no press to undo")
+            dropped, undone = session.undo(), True
+            bench.spent += dropped is not None
+            bench.guide.say(f"undone: {dropped}" if dropped else "there is no press to undo")
 
 
-def _run(
-    bench: Bench,
-    session: Session,
-    kind: str,
-    count: int,
-    strain_percent: float | None,
-    options: argparse.Namespace,
-) -> None:
+def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, options) -> None:
     session.check(bench.reader.conditions)
     steps = _Steps(bench, session)
     if kind == "joint":
-        steps.joint(count)
-        return
+        return steps.joint(count)
     if kind != "strain":
-        steps.settle(options, _CHOOSE_PLACES.get(kind, 0))
+        steps.settle(options, kind)
     elif missing := missing_step(session):
         raise SpotsError(f"calibrate position and force before strain: first run {missing}")
     if kind == "position":
         steps.places("position", count, 0)
     elif kind == "force":
         steps.forces(count)
-    elif kind in ("fine", "rough"):
-        bench.reader.set_up(dark_s=DARK_S)
-        by_hand(bench, session, count, kind == "rough")
-        steps.finish()
-        return
-    else:
+    elif kind == "strain":
         steps.places("strain", count, round(10_000 * strain_percent))
         bench.presser.stretch(0, bench.length_um)
-    if missing := missing_step(session):
-        bench.guide.say(f"next: {missing}")
     else:
-        if not session.of("hand"):
-            steps.marks()
-        steps.finish()
+        bench.reader.set_up(dark_s=DARK_S)
+        by_hand(bench, session, count, COUNTS[kind][1], kind == "rough")
+        return steps.finish()
+    if missing := missing_step(session):
+        return bench.guide.say(f"next: {missing}")
+    if not session.of("hand"):
+        steps.marks()
+    steps.finish()
 
 
 def missing_step(session: Session) -> str | None:
@@ -146,7 +137,7 @@ class _Steps:
     bench: Bench
     session: Session
 
-    def settle(self, options: argparse.Namespace, choose_places: int) -> None:
+    def settle(self, options: argparse.Namespace, kind: str) -> None:
         """Choose gain, LED current and channels, unless earlier presses of the session fix them."""
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
@@ -161,10 +152,11 @@ class _Steps:
             reader.set_up("plan=" + options.plan)
         if not session.points and not options.keep_settings:
             self._mains()
-            self._auto()
+            self._auto(0.0 if kind == "rough" else FULL_MN)
         # With an LED that is always on, each plan would need its own dark frame.
-        if choose_places and not wanted_plan and reader.info.get("led") != "always":
-            self._choose(choose_places)
+        places = _CHOOSE_PLACES.get(kind)
+        if places and not wanted_plan and reader.info.get("led") != "always":
+            self._choose(places)
 
     def _mains(self) -> None:
         reader, guide = self.bench.reader, self.bench.guide
@@ -176,10 +168,10 @@ class _Steps:
             reader.board.command("save")  # needed to set the session's exposure again later
             guide.say(f"lamps flicker at {2 * mains_hz} Hz: mains_hz={mains_hz}")
 
-    def _auto(self) -> None:
+    def _auto(self, force_mN: float) -> None:
         bench = self.bench
         self._begin("exposure", 1)
-        bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN))
+        bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=force_mN))
         found = bench.reader.board.command("auto", timeout_s=60)
         kind = found.get("led", "ldr")  # older firmware has no other kind
         if kind == "always":

@@ -11,6 +11,7 @@ Processes for Machine Learning, section 5.4.1).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -23,6 +24,7 @@ from .presses import FIRM_MN, FULL_MN, Noise, Presses
 _PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
 _RATIO = 0.3  # ratio of the expected coefficients of successive degrees
 _WIDE = 30.0  # log2; expected size of a coefficient about which nothing is known
+_UNKNOWN = 4.0  # log2; standard deviation of the light of a press with an unknown force
 _STILL = 1 / 12  # counts**2; errors of dark frame and rounding, which more samples do not reduce
 _ROUNDS = 3
 _SWEEPS = 4
@@ -118,17 +120,9 @@ class Surface:
         rises = sizes.rise * _RATIO ** (np.arange(_FORCE) - 1.0)
         bends[:2] = rises[0] = _WIDE
         self._prior = np.concatenate([np.tile(bends, CHANNELS), rises])
-        self._mean = start._mean if start else self._lines()
+        self._mean = start._mean if start else np.zeros_like(self._prior)
         for _ in range(1 if start else _ROUNDS):
             self._solve()
-
-    def _lines(self) -> np.ndarray:
-        mean = np.zeros_like(self._prior)
-        share = 2 * self.taken.position_um / self.length_um - 1
-        series = mean[: CHANNELS * _PLACE].reshape(CHANNELS, _PLACE)
-        series[:, :2] = np.polynomial.polynomial.polyfit(share, self.taken.logs, 1).T
-        mean[CHANNELS * _PLACE] = 1.0
-        return mean
 
     def _solve(self) -> None:
         p = self.taken
@@ -184,7 +178,7 @@ class Surface:
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
         light = self._rises(force_mN) * self.sizes.force_share
-        light = np.where(np.asarray(force_mN) > 0, light, _WIDE)
+        light = np.where(np.asarray(force_mN) > 0, light, _UNKNOWN)
         return (
             (noise + still + self.sizes.misfit**2)[:, :, None] * np.eye(CHANNELS)
             + slopes[:, :, None] * slopes[:, None, :]
@@ -222,8 +216,9 @@ class Surface:
         nearest = np.argmin(np.abs(by_force - np.log2(counts).mean()))
         return float(place_um[best]), float(force_mN[nearest])
 
+    @cached_property
     def misfits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compare each press with the fit to all others.
+        """Comparison of each press with the fit to all others.
 
         Returns
         -------

@@ -42,7 +42,7 @@ def build(parser: Parser):
 
 
 def flash(parser: Parser):
-    """Copy the firmware to a board and start it.
+    """Copy the firmware to a board, and restart the board.
 
     examples:
       spots flash pico
@@ -54,7 +54,7 @@ def flash(parser: Parser):
 
 
 def doctor(parser: Parser):
-    """Check a board and its light, and print a remedy for each problem.
+    """Check a board, its LED and its calibration, and print a remedy for each problem.
 
     examples:
       spots doctor
@@ -132,7 +132,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame with the LED unplugged, if the LED is always on.
+    """Take the dark frame of a board whose LED is always on: you unplug the LED meanwhile.
 
     example:
       spots dark
@@ -182,6 +182,7 @@ def _boards(options: argparse.Namespace) -> None:
             "arch": device.march,
             "sda": device.wiring.get("sda"),
             "scl": device.wiring.get("scl"),
+            "led": device.wiring.get("led"),
         }
         for device in map(device_of, board_names())
     ]

@@ -42,6 +42,7 @@ def serve(parser: Parser):
     parser.option(
         "--http-port", "N", "port of the server; 0 for any", type=arguments.http_port, default=8765
     )
+    parser.option("--edit", "FILE.toml", "let browsers with the token change this key layout")
     parser.option("--record-to", "FOLDER", "let browsers with the token record to this folder")
     parser.option("--session", "FILE.jsonl", "let browsers with the token calibrate with this file")
     return calls("spots.web.serve:serve_command")

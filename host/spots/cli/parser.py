@@ -13,7 +13,7 @@ from ..errors import did_you_mean, printable
 
 
 def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
-    """Return a function that imports a target function when it is called, and calls the target.
+    """Return a function that, when called, imports a target function and calls the target.
 
     Parameters
     ----------
@@ -140,8 +140,8 @@ class CommandList:
         Parameters
         ----------
         group : module
-            Module with ``PURPOSE``, the title of its commands in the help, and the functions
-            ``COMMANDS``. Each function has the name of a command, and the command's help as
+            Module with ``PURPOSE``, the title of its commands in the help, and ``COMMANDS``, a
+            tuple of functions. Each function has the name of a command, and the command's help as
             docstring. The function takes the command's parser, adds the options, and returns
             another function, which takes the parsed options and runs the command.
         """

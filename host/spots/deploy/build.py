@@ -1,4 +1,4 @@
-"""Builds the files of a board, and compiles the modules if the board runs MicroPython."""
+"""Builds the firmware's files for a board; compiles the modules if the board runs MicroPython."""
 
 import importlib.util
 import os

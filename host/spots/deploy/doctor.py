@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice, pairwise
 from typing import NamedTuple
 
@@ -20,9 +20,12 @@ from ..link.serial_link import SerialLink
 from .place import the_board
 
 _SPECTRA = 12
-_LIT = 4  # samples that are compared with the dark frames before and after them
-# Without a press the strip is dark, as with a broken LED.
-_PRESS_WITHIN_S = 10.0
+# Lit readings that are compared with the dark frames before and after them: at least this number,
+# and a period of a lamp at 50 Hz.
+_LIT = 4
+_LIT_S = 0.02
+# Time for a person to press, as an untouched strip is dark, or to unplug an LED.
+_WITHIN_S = 10.0
 _DIM = 0.01  # share of full scale; with less light a position is noise
 _BRIGHTEST = 0.95  # share of full scale
 # Share of the highest rate: transfers and dark frames take time, too.
@@ -33,7 +36,7 @@ _MISSED = 0.15  # share of the samples: more than commands and dark frames cost
 _WIRES = {
     "ldr": "the wire from LDR to the LED's cathode",
     "gpio": "the wire to the board's STRIP_LED_PIN",
-    "always": "the LED's supply",
+    "always": "the LED's supply; unplug the LED only when you are asked to",
 }
 
 
@@ -45,7 +48,7 @@ class Finding(NamedTuple):
     check : str
         Name of the check.
     ok : bool
-        Whether the board passed it.
+        Whether the board passed the check.
     text : str
         What was found and, after a failure, what to do.
     """
@@ -94,7 +97,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
 
 
 def examine_board(board: Board) -> Iterator[Finding]:
-    """Yield the result of each check of a board that answers."""
+    """Check a board that answers, and yield the result of each check."""
     yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
     text = firmware = board.info["firmware"]
     if firmware != __version__:
@@ -127,19 +130,24 @@ def examine_board(board: Board) -> Iterator[Finding]:
 
 def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
     full_scale = state["full_scale"]
+    least = _DIM * full_scale
     try:
         light, brightest, fits = _lit(board, reading_s)
     except SpotsError as error:  # an LED that is always on has no dark frame yet
         yield Finding("light", False, str(error))
         return
-    if light < _DIM * full_scale:
-        text = f"none yet: press firmly near the sensor within {_PRESS_WITHIN_S:.0f} s, and hold"
+    if light < least:
+        text = f"none yet: press firmly near the sensor within {_WITHIN_S:.0f} s, and hold"
         yield Finding("light", True, text)
-        end_s = board.now_s() + _PRESS_WITHIN_S
-        while light < _DIM * full_scale and board.now_s() < end_s:
-            light, brightest, fits = _lit(board, reading_s)
+        light, brightest, fits = _await(board, reading_s, lambda lit: lit >= least)
+    if light >= least and state["led"] == "always":
+        # The board cannot switch this LED, and a press also couples ambient light into the strip.
+        text = f"hold the press, and unplug the LED or cover its end within {_WITHIN_S:.0f} s"
+        yield Finding("light", True, text)
+        pressed = light
+        light -= _await(board, reading_s, lambda lit: lit <= pressed / 2)[0]
     text = f"the LED gives {100 * max(light, 0) / full_scale:.1f} % of full scale"
-    dim, bright = light < _DIM * full_scale, brightest > _BRIGHTEST * full_scale
+    dim, bright = light < least, brightest > _BRIGHTEST * full_scale
     if dim:
         text += f": press firmly and run 'spots command auto', or check {_WIRES[state['led']]}"
     elif bright:
@@ -150,11 +158,22 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
         yield Finding("fit", False, text + "run 'spots rezero'")
 
 
+def _await(
+    board: Board, reading_s: float, done: Callable[[float], bool]
+) -> tuple[float, int, bool]:
+    """Repeat `_lit` until ``done(light)`` is true, or `_WITHIN_S` is over; return the last one."""
+    end_s = board.now_s() + _WITHIN_S
+    while True:
+        lit = _lit(board, reading_s)
+        if done(lit[0]) or board.now_s() >= end_s:
+            return lit
+
+
 def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
-    """Measure the light of the LED in lit samples between two dark frames.
+    """Measure the light of the LED: take a dark frame, samples with the LED on, and a dark frame.
 
     A press also couples ambient light into the strip, and ambient light changes. So for each
-    channel, the larger one of two dark counts is subtracted from the smallest lit count.
+    channel, the larger dark count is subtracted from the smallest count with the LED on.
 
     Parameters
     ----------
@@ -174,12 +193,13 @@ def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2
+    count = max(_LIT, round(_LIT_S / reading_s))
     lit = (
         spectrum
-        for spectrum in board.spectra(1 + 3 * _LIT * reading_s)
+        for spectrum in board.spectra(1 + 3 * count * reading_s)
         if spectrum.time_s >= begun_s and not spectrum.flags & decode.LED_OFF
     )
-    samples = list(islice(lit, _LIT))
+    samples = list(islice(lit, count))
     after = board.command("dark")["dark"]
     if not samples:
         return 0, 0, True

@@ -1,4 +1,4 @@
-"""The drive of a CircuitPython board."""
+"""The USB drive of a CircuitPython board: finds it, and reads and writes its files."""
 
 import os
 import re
@@ -19,7 +19,7 @@ _BOARD_ID = re.compile(r"Board ID: ?(\S+)|$")
 _UID = re.compile(r"UID: ?(\S+)|$")
 _FAT = ("vfat", "msdos", "fat", "fat12", "fat16", "fat32")
 _BLOCK_DEVICES = Path("/sys/class/block")
-_CLUSTER = 4096  # larger than on any such drive
+_CLUSTER = 4096  # assumed size of a cluster, larger than on any such drive
 
 
 class Drive(Tree):
@@ -37,7 +37,8 @@ class Drive(Tree):
     Attributes
     ----------
     facts : dict
-        ``runtime``, ``version``, ``board_id``, ``uid``, ``block`` and ``free`` (bytes).
+        Facts about the board: ``runtime``, ``version``, ``board_id``, ``uid``; of its file system,
+        in bytes: ``block`` (size of a block) and ``free``.
 
     Raises
     ------
@@ -82,7 +83,7 @@ class Drive(Tree):
 
 
 def drives() -> list[str]:
-    """Return the folders of mounted CircuitPython drives: FAT, removable, with boot_out.txt.
+    """Return the folders of mounted CircuitPython drives: removable FAT drives with boot_out.txt.
 
     Raises
     ------

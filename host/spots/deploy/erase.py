@@ -17,7 +17,7 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
     board : str
         A name that ``spots boards`` lists.
     port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, search for it.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
     yes : bool
         Whether to skip the confirmation.
 

@@ -43,14 +43,14 @@ class Plan:
     Attributes
     ----------
     remove : list of str
-        Paths to remove, in this order. The entry file comes first.
+        Paths to remove, in this order. The entry file, which starts the firmware, comes first.
     copy : list of str
         Paths to copy, in this order. The entry file comes last.
     need : int
         Number of free bytes that the copy needs on the board.
     claim : bytes
-        Manifest of old and new files, stored during the copy. If the copy is interrupted,
-        the next flash finds the firmware's files in this manifest.
+        Manifest of old and new files, stored on the board during the copy. After an interrupted
+        copy, the next flash finds the firmware's files in this manifest.
     """
 
     remove: list[str]
@@ -60,14 +60,14 @@ class Plan:
 
 
 def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
-    """Copy the firmware to a board, start it, and check that it answers.
+    """Copy the firmware to a board, start the firmware, and check that the board answers.
 
     Parameters
     ----------
     board : str
         A name that ``spots boards`` lists.
     port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, search for it.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
     dry_run : bool
         Whether only to print the changes.
 
@@ -75,7 +75,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     ------
     SpotsError
         If no board or more than one board is found, or if the board is of another kind, has too
-        little room, or is disconnected. To complete a partial copy, call this again.
+        little room, or is disconnected. To complete a partial copy, call this function again.
     """
     device = device_of(board)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
@@ -93,14 +93,14 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Raise SpotsError if a board cannot run the files that are to be copied.
+    """Raise SpotsError if a board cannot run the files that shall be copied to it.
 
     Parameters
     ----------
     facts : dict
         Facts about the board, see `Prompt` and `Drive`.
     device : staging.Device
-        Board file for which the files were built.
+        Content of the board file for which the files were built.
     files : dict of str to bytes
         Content of each file, by its path on the board.
     port : str
@@ -203,7 +203,7 @@ class Known:
     runtime : str
         ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Further paths to look up for `sizes`.
+        Further paths whose sizes are looked up.
 
     Attributes
     ----------
@@ -232,7 +232,7 @@ class Known:
         self.claimed = bool(self.entries) or any(in_packages)
 
     def is_ours(self, path: str) -> bool:
-        """Return whether a file in `sizes` belongs to the firmware, so that it may be removed."""
+        """Return whether a file in `sizes` belongs to the firmware, and so may be removed."""
         if path in self.listed:
             return (path, self._target.sha256(path)) in self.entries
         whole = path.removesuffix(_PART)
@@ -242,7 +242,7 @@ class Known:
 
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
-    """Remove and copy files on a board, as planned.
+    """Carry out a plan: remove files from a board, and copy files to the board.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 
 def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
-    """Remove the folders of removed files if they are empty.
+    """Remove those folders of removed files that are empty now.
 
     Parameters
     ----------

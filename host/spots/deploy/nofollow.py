@@ -42,8 +42,8 @@ class Tree:
     OSError
         If the folder cannot be opened.
     SpotsError
-        From every method: if the file system fails, or if the path contains a link or a device, or
-        a folder instead of a file.
+        From every method: if the file system reports an error, a part of the path is a link or a
+        device, or the path names a folder in place of a file.
     """
 
     def __init__(self, folder: str):
@@ -150,7 +150,7 @@ class Tree:
 
     @contextlib.contextmanager
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Yield the descriptor of the folder that contains `path`, and the name of the file in it.
+        """Yield the descriptor of the folder that contains the file `path`, and the file's name.
 
         If `make` is true, a missing folder is created.
         """
@@ -211,9 +211,9 @@ class Tree:
                 what = "is full: remove some of your files from it and flash again"
             elif error.errno in _READ_ONLY:
                 what = (
-                    "is read-only, because the board itself may write to it: reset the board, "
-                    "right after that hold its button for two seconds, and flash again when the "
-                    "drive is mounted again"
+                    "is read-only, because the board itself may write to it: reset the board and "
+                    "at once hold its button for two seconds; then wait until the drive is mounted "
+                    "again, and flash again"
                 )
             else:
                 what = f"fails ({error.strerror}): replug the board and flash again"
@@ -221,6 +221,9 @@ class Tree:
 
 
 def settle(folder: int | None) -> None:
-    """Wait until all renames in a folder (an open descriptor, or None) are on the medium."""
+    """Wait until the medium has stored all renames in the folder whose descriptor is `folder`.
+
+    With None (on Windows, where folders have no descriptors), do nothing.
+    """
     if folder is not None:  # Windows writes to a removable drive at once
         os.fsync(folder)

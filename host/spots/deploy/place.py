@@ -14,7 +14,7 @@ from .staging import Device
 
 @dataclass(frozen=True)
 class Place:
-    """A connection to a board.
+    """How to reach a board: its file system, and its serial ports after a restart.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find the only board, or start a virtual board that runs until the block ends.
+    """Find the only board, or start a virtual board that runs until the ``with`` block ends.
 
     Parameters
     ----------
     device : staging.Device
-        Board file of the wanted board.
+        Content of the wanted board's board file.
     port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, search for it.
+        Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
 
     Yields
     ------

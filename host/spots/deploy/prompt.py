@@ -72,7 +72,7 @@ machine.reset()
 
 
 class Prompt:
-    """The raw prompt of a board. Opening it interrupts a running program.
+    """The raw prompt of a board. Opening the prompt interrupts a running program.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ class Prompt:
     Attributes
     ----------
     facts : dict
-        ``runtime``, ``version``, ``mpy`` (format version, architecture), ``block`` and ``free``
-        (bytes).
+        Facts about the board: ``runtime``, ``version``, ``mpy`` (format version and architecture
+        of .mpy files); of its file system, in bytes: ``block`` (size of a block) and ``free``.
 
     Raises
     ------
@@ -170,12 +170,12 @@ class Prompt:
             return self._transport.fs_hashfile(path, "sha256", _CHUNK).hex()
 
     def remove(self, path: str) -> None:
-        """Remove a file."""
+        """Remove a file from the board."""
         with self._explained():
             self._transport.fs_rmfile(path)
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder if it is empty."""
+        """Remove a folder from the board if the folder is empty."""
         self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
 
     def write(self, path: str, data: bytes) -> None:
@@ -228,11 +228,11 @@ class Prompt:
             elif isinstance(error, self._refused):
                 what = f"refuses: {reason}"
             else:
-                what = "was disconnected: replug it and flash again"
+                what = "was disconnected: replug the board and flash again"
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt, and return the facts that the board prints in it."""
+        """Enter the raw prompt; return facts about the board, which a program there prints."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

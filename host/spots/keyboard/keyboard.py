@@ -34,7 +34,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
 def type_on(
     board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
 ) -> None:
-    """Press this computer's keys as a strip is touched. Release all keys on every exit path.
+    """Press this computer's keys when a strip is touched. Release all keys on every exit path.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def type_on(
     keyboard : KeySink
         Keyboard that gets the key events.
     seconds : float, optional
-        Time after which to end, in seconds by the link's clock; no limit if not given.
+        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if not given.
 
     Raises
     ------

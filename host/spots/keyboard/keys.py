@@ -31,7 +31,7 @@ def show(name: str) -> None:
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Upload a layout to a board, switch keys and baseline on, and save layout and settings.
+    """Upload a layout to a board, switch on keys and baseline tracking, and save everything.
 
     Parameters
     ----------

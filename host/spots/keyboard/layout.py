@@ -23,12 +23,12 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
-_FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
+FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
 LAYER_VERBS = {"layer": lines_of.MOMENTARY, "toggle": lines_of.TOGGLE, "once": lines_of.ONCE}
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 
 
-class _Key(toml.Strict):
+class _Key(toml.Strict, omit_defaults=True):
     tap: str = ""
     double: str = ""
     hold: str = ""
@@ -39,7 +39,7 @@ class _Key(toml.Strict):
     label: Optional[str] = None
 
 
-class _Layer(toml.Strict):
+class _Layer(toml.Strict, omit_defaults=True):
     name: str
     keys: Annotated[list[Union[str, _Key]], msgspec.Meta(min_length=1)]
     gap_percent: Annotated[float, msgspec.Meta(ge=0, le=80)] = 0.0
@@ -54,12 +54,13 @@ _Tuning = msgspec.defstruct(
         for name, (low, high, default) in LIMITS.items()
         if name != "flavour"
     ]
-    + [("flavour", Literal[_FLAVOURS], _FLAVOURS[LIMITS["flavour"][2]])],
+    + [("flavour", Literal[FLAVOURS], FLAVOURS[LIMITS["flavour"][2]])],
     bases=(toml.Strict,),
+    omit_defaults=True,
 )
 
 
-class _File(toml.Strict):
+class _File(toml.Strict, omit_defaults=True):
     name: str
     layer: Annotated[list[_Layer], msgspec.Meta(min_length=1, max_length=lines_of.LAYERS_MAX)]
     tuning: _Tuning = _Tuning()
@@ -97,11 +98,20 @@ class KeyLayout:
         Keys of each layer by its name, in the order of the file.
     lines : list of str
         The layout as the board stores it, see `spots_device.layout`.
+    typed : frozenset of int
+        Actions of all keys and swipes that type something, see `spots_device.layout.action`.
+    text : str
+        Text of the layout file.
+    content : dict
+        Content of the file, without the keys that have their default value.
     """
 
     name: str
     layers: dict[str, list[PlacedKey]]
     lines: list[str]
+    typed: frozenset[int]
+    text: str
+    content: dict
 
 
 def load(name: str | Path) -> KeyLayout:
@@ -117,7 +127,28 @@ def load(name: str | Path) -> KeyLayout:
     SpotsError
         If the file does not exist or is invalid; the text names line, key and remedy.
     """
-    path, text = toml.find(name, FOLDER, "layout")
+    return compiled(*toml.find(name, FOLDER, "layout"))
+
+
+def compiled(path: Path, text: str) -> KeyLayout:
+    """Return the layout in the text of a layout file.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file, for error messages.
+    text : str
+        Content of the file.
+
+    Returns
+    -------
+    KeyLayout
+
+    Raises
+    ------
+    SpotsError
+        If the text is invalid; the message names line, key and remedy.
+    """
     try:
         file = toml.convert(toml.loads(text), _File)
     except msgspec.ValidationError as error:
@@ -133,13 +164,14 @@ class _Compiler:
         self._names = [layer.name for layer in file.layer]
         self._toggled: set[int] = set()
         self._reached = {0}
+        self._typed: set[int] = set()
 
     def layout(self) -> KeyLayout:
         twice = {name for name in self._names if self._names.count(name) > 1}
         if twice:
             self._refuse(min(twice), f"two layers are called '{min(twice)}': rename one of them")
         tuning = msgspec.structs.asdict(self._file.tuning)
-        tuning["flavour"] = _FLAVOURS.index(tuning["flavour"])
+        tuning["flavour"] = FLAVOURS.index(tuning["flavour"])
         lines = [f"{name} {tuning[name]}" for name in LIMITS]
         layers = {}
         for layer in self._file.layer:
@@ -157,7 +189,9 @@ class _Compiler:
             lines_of.Layout(lines)
         except lines_of.LayoutError as error:
             raise SpotsError(f"layout {self._path}: {error}") from None
-        return KeyLayout(self._file.name, layers, lines)
+        content = msgspec.to_builtins(self._file)
+        typed = frozenset(self._typed)
+        return KeyLayout(self._file.name, layers, lines, typed, self._text, content)
 
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
         keys = [_Key(tap=key) if isinstance(key, str) else key for key in layer.keys]
@@ -193,7 +227,9 @@ class _Compiler:
             page, usage, modifiers = chord_of(text)
         except SpotsError as error:
             self._refuse(text, f"{where}: {error}")
-        return lines_of.action(page, usage, modifiers)
+        action = lines_of.action(page, usage, modifiers)
+        self._typed.add(action)
+        return action
 
     def _check_ways(self, layers: dict[str, list[PlacedKey]]) -> None:
         for number, name in enumerate(self._names):

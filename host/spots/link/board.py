@@ -1,4 +1,4 @@
-"""A connected board."""
+"""The class `Board`: connects to a SPOTS board, sends commands and receives frames."""
 
 import asyncio
 from collections import deque
@@ -44,20 +44,20 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
 class Board:
-    """A connected board. Close it, or use it in a ``with`` block.
+    """A connected SPOTS board. Close this object, or use it in a ``with`` block.
 
     A board that restarts (a brown-out, a crash) stops its streams, and its port may disappear for
     a while and appear again under another name. While a program waits for frames, this object
     opens the port again and resumes the streams; see `state` and `stats.restarts`. If another
     board is on the port, this object refuses that board.
 
-    Several threads may use a board at once. Each iterator gets all frames of its kinds. A command
-    in one thread does not delay frames for other threads.
+    Several threads may use this object at once. Each iterator over frames yields every frame of
+    its kinds. A command in one thread does not delay frames for other threads.
 
     Parameters
     ----------
     link : serial_link.Link
-        Link to the board. It is closed with the board.
+        Link to the board; `close` closes it.
 
     Attributes
     ----------
@@ -68,16 +68,17 @@ class Board:
     patience_s : float
         How long the port of a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
-        Lines of the calibration, if this object uploaded them: a board reports only their checksum.
+        Lines of the calibration that this object uploaded, otherwise None: a board reports only
+        their checksum.
     read_only : bool
-        Whether commands cannot change the board, because it is a recording or a remote board.
+        Whether no command can change the board, because it is a recording or a remote board.
     ended : bool
         Whether no more frames will come, because a recording has ended.
 
     Raises
     ------
     SpotsError
-        If no board answers, or the board has another protocol version.
+        If no board answers, or the board has another protocol version than this program.
 
     Examples
     --------
@@ -161,7 +162,7 @@ class Board:
 
     @property
     def port(self) -> str:
-        """Name of the port."""
+        """Name of the board's port."""
         return self._link.name
 
     def silent(self, least_s: float) -> bool:
@@ -170,13 +171,16 @@ class Board:
         Parameters
         ----------
         least_s : float
-            Least time without a reading, in seconds of the link's clock. For a slow board, the
-            time of three readings counts if it is longer.
+            Time without a reading, in seconds, after which to return True. For a slow board, the
+            time of three readings is used if it is longer.
         """
         return self._loss.silent(self.now_s(), least_s)
 
     def now_s(self) -> float:
-        """Return the host's time in seconds, on the same clock as `Touch.time_s`."""
+        """Return the host's time in seconds, by the same clock as `Touch.time_s`.
+
+        For a recording, this is the time of the recording; for a simulation, the simulated time.
+        """
         return self._link.now_s()
 
     @overload
@@ -284,7 +288,7 @@ class Board:
         Parameters
         ----------
         seconds : float, optional
-            Duration of the iteration, in seconds of the link's clock; no limit if not given.
+            Duration of the iteration, in seconds by the clock of `now_s`; no limit if not given.
 
         Returns
         -------
@@ -293,7 +297,7 @@ class Board:
         Raises
         ------
         SpotsError
-            If the board is lost or closed, also during the iteration.
+            If the board is lost or closed, even during the iteration.
 
         Examples
         --------
@@ -328,7 +332,8 @@ class Board:
     def contacts(self, seconds: float | None = None) -> FrameIterator[Contact]:
         """Iterate over contacts: in each reading, one frame for each finger; see `touches`.
 
-        This starts the streams of contacts and of readings, because contacts stop without a finger.
+        This also starts the stream of readings: no contacts arrive while no finger touches, so
+        contacts alone do not show that the board still works.
 
         Raises
         ------
@@ -362,7 +367,7 @@ class Board:
         Parameters
         ----------
         seconds : float, optional
-            Duration of the iteration, in seconds of the link's clock; no end if not given.
+            Duration of the iteration, in seconds by the clock of `now_s`; no limit if not given.
 
         Examples
         --------
@@ -528,8 +533,8 @@ class Board:
         Returns
         -------
         recording.recorder.Recorder
-            The recorder. It ends when you call its method ``stop()``, at the end of its ``with``
-            block, or when the board is closed.
+            The recorder. The recording ends when you call the recorder's method ``stop()``, at the
+            end of its ``with`` block, or when the board is closed.
 
         Raises
         ------
@@ -556,15 +561,21 @@ class Board:
         return recorder
 
     def tap(self, look: Callable[[bytes, float], None]) -> Handle:
-        """Call ``look(data, now_s)`` with all bytes that arrive from now on, before decoding."""
+        """Register ``look(data, now_s)``, which is called with all bytes that arrive from now on.
+
+        The call comes before the bytes are decoded.
+        """
         return Handle(self._on_data, look)
 
     def when_closed(self, action: Callable[[], None]) -> Handle:
-        """Call ``action()`` after the port is closed."""
+        """Register ``action()``, which is called after the port is closed."""
         return Handle(self._on_close, action)
 
     def when_state_changes(self, action: Callable[[str], None]) -> Handle:
-        """Call ``action(state)`` at each change of `state`, in the thread that waits for frames."""
+        """Register ``action(state)``, which is called at each change of `state`.
+
+        The call comes from the thread that waits for frames.
+        """
         return Handle(self._on_state, action)
 
     def _connect(self) -> None:

@@ -32,7 +32,7 @@ def hello_calibrated(board: Board) -> Hello:
 
 
 def next_step(info: Hello) -> str | None:
-    """Return advice if a board's ``hello`` shows no calibration, else None."""
+    """Return advice for the user if a reply to ``hello`` shows no calibration, else None."""
     return None if info.get("length_um") else "next: spots calibrate"
 
 
@@ -48,7 +48,7 @@ def hello_often(
     within_s : float
         Longest time from one reading to the next that the application allows, in seconds.
     remedy : str, optional
-        Advice in the error message for a slower board.
+        Advice for the error message if the board is too slow.
 
     Returns
     -------
@@ -70,7 +70,10 @@ def hello_often(
 
 
 def tell_rest(board: Board) -> None:
-    """Let the board measure the baseline in the present light; ignore a missing reply."""
+    """Let the board take the present light as the baseline; ignore a missing reply.
+
+    The baseline is the light of the untouched strip.
+    """
     if not board.read_only:
         with contextlib.suppress(SpotsError):
             board.command("rest")
@@ -79,10 +82,10 @@ def tell_rest(board: Board) -> None:
 def ticks(
     board: Board, seconds: float | None, tick_s: float, forget: Callable[[], None]
 ) -> Iterator[Iterator[Touch]]:
-    """Turn on baseline tracking, and yield an iterator over the readings of each tick.
+    """Turn on baseline tracking; divide time into ticks, and yield the readings of each tick.
 
-    The setting is sent again after a restart of the board. When a stopped process (Ctrl-Z) is
-    resumed, older readings are dropped. When all readings become untrusted, the cause is printed on
+    The setting is sent again after a restart of the board. When this process is resumed after
+    Ctrl-Z, older readings are dropped. When all readings become untrusted, the cause is printed on
     stderr.
 
     Parameters
@@ -90,17 +93,17 @@ def ticks(
     board : Board
         The board to read.
     seconds : float or None
-        Duration, in seconds of the link's clock; no limit if None. The end of a recording
-        also ends the iteration.
+        Duration, in seconds by the clock of `Board.now_s`; no limit if None. The end of a
+        recording also ends the iteration.
     tick_s : float
         Length of a tick, in seconds.
     forget : callable
-        ``forget()`` is called when a stopped process is resumed; it should drop the present touch.
+        ``forget()`` is called when this process is resumed; it should drop the present touch.
 
     Yields
     ------
     iterator of frames.Touch
-        Readings of the first sensor as they arrive, until the end of the tick.
+        Readings of the board's first sensor, as they arrive until the end of the tick.
     """
     restarts = board.stats.restarts
     if not board.read_only:

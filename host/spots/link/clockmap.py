@@ -20,7 +20,7 @@ _OFF_S = 1.0  # a larger error of the board's time shows that the board restarte
 
 @dataclass(eq=False)
 class ClockMap:
-    """Unwraps a board's 32-bit microseconds and maps them to the host's clock.
+    """Unwraps a board's 32-bit time in microseconds, and maps this time to the host's clock.
 
     A question is sent at host time a, answered at board time t, and the answer arrives at host
     time b. So the host time of t lies between a and b: each round trip bounds the offset between
@@ -69,7 +69,7 @@ class ClockMap:
         return self.last_us
 
     def state(self) -> dict[str, float]:
-        """Return the constructor arguments of a copy, which maps later times to the same floats."""
+        """Return constructor arguments for a copy that maps later times to the same floats."""
         return asdict(self)
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:

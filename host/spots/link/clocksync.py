@@ -36,7 +36,7 @@ class ClockSync:
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Schedule regular questions for the board's time from host time `now_s` on, in seconds."""
+        """Schedule regular questions for the board's time, from the host time `now_s` (in s) on."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
@@ -59,7 +59,7 @@ class ClockSync:
         self.due_s = received_s
 
     def ask(self, now_s: float) -> bytes:
-        """Return the command that asks for the board's time; empty if it need not be sent now."""
+        """Return the command that asks for the board's time; empty if no question is due."""
         if now_s < self.due_s:
             return b""
         self.due_s = now_s + next(self._waits)
@@ -68,7 +68,7 @@ class ClockSync:
         return b"sync\n"
 
     def answered(self, t_us: int, now_s: float) -> None:
-        """Record an answer; ignore it if no question is open.
+        """Record the board's answer to a question; ignore it if no question is unanswered.
 
         Parameters
         ----------
@@ -95,5 +95,8 @@ def _waits(soon: int) -> Iterator[float]:
 
 
 def spread_s(i: int) -> float:
-    """Return a delay for round trip number `i` in seconds; the delays are spread evenly."""
+    """Return an additional delay, in seconds, before round trip number `i`.
+
+    The delays of successive round trips are spread evenly over a fixed range.
+    """
     return i * _GOLDEN % 1 * _SPREAD_S

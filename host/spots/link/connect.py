@@ -21,7 +21,7 @@ def open(
     scenario: str = "demo",
     seed: int = 0,
 ) -> Board:
-    """Open a board.
+    """Open a board: on USB, simulated, recorded, or published by another machine.
 
     Parameters
     ----------
@@ -92,7 +92,10 @@ def find() -> tuple[list[Board], list[str]]:
 
 
 def survey() -> list[dict[str, str]]:
-    """Ask each USB serial port for its board; return each port, its USB device and the answer."""
+    """Try to open a board on each USB serial port; return ports, USB devices and answers.
+
+    An answer is a line of text: board, firmware, runtime and id, or the error message.
+    """
     rows: list[dict[str, str]] = []
     for port in usb_ports():
         try:
@@ -155,7 +158,7 @@ def upload(board: Board, calibration: Sequence[str]) -> None:
     board.command("cal end " + name)
     board.calibration = list(calibration)
     board.info["calibration"], board.info["length_um"] = name, made.length_um
-    board.info["decay"] = made.decay
+    board.info["decay"], board.info["relative_force"] = made.decay, made.relative_force
 
 
 def _checked(calibration: Sequence[str]) -> Any:

@@ -1,4 +1,4 @@
-"""Decodes the bytes of a board into frames; see docs/protocol.md. Encodes notes.
+"""Decodes the bytes of a board into frames; see docs/protocol.md. Encodes notes of recordings.
 
 The decoder has no I/O and no threads. Live links, recordings and the simulator all use it.
 """
@@ -31,9 +31,9 @@ NOTE = 15
 
 
 def whole(data: bytes) -> int:
-    """Return the number of bytes up to the last delimiter (a zero byte).
+    """Return the number of bytes up to and including the last delimiter (a zero byte).
 
-    Without a delimiter the number is 0, or the length of `data` if this is too long for one frame.
+    If there is no delimiter: 0, or ``len(data)`` if no frame can be that long.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
@@ -65,14 +65,15 @@ class Touch(NamedTuple):
     t_us : int
         Board time of the middle of the integration, in us, modulo 2**32.
     flags : int
-        Bits of `spots_device.decode`.
+        Bits that the module `spots_device.decode` defines.
     contrast_q20, brightness_q20 : int
-        Position contrast and brightness in log2 units, times 2**20; see `contrast`, `brightness`.
+        Values of `contrast` and `brightness`, times 2**20.
     position_um : float
         Distance of the press from the sensor's end of the strip, in um; NaN without a press, and
         while the LED is off. Below the force of a touch (`touching` is false), it is inaccurate.
     force_mN : float
-        Force of the press, in mN; NaN without a calibration, and while the LED is off.
+        Force of the press, in mN; NaN without a calibration, and while the LED is off. If
+        ``board.info["relative_force"]`` is true, the force has no unit.
     time_s : float or None
         Host time of the moment `t_us`, in seconds of the monotonic clock. None if the two clocks
         were never compared; a board compares them when it is opened, and regularly as it streams.
@@ -115,12 +116,12 @@ class Touch(NamedTuple):
 
     @property
     def contrast(self) -> float:
-        """Position contrast, in log2 units; NaN if it is unknown."""
+        """Weighted sum of log2 counts that depends on the position only; NaN if unknown."""
         return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Brightness, in log2 of counts; NaN if it is unknown."""
+        """Weighted sum of log2 counts that depends on the coupled light only; NaN if unknown."""
         return _log2(self.brightness_q20, self.flags)
 
 
@@ -152,7 +153,7 @@ class Spectrum(NamedTuple):
 
 
 class Key(NamedTuple):
-    """A key of the board's layout that is pressed or released.
+    """A press or a release of a key in the board's layout.
 
     Attributes
     ----------
@@ -191,9 +192,10 @@ class Contact(NamedTuple):
     id : int
         Number of the finger, modulo 256.
     state : int
-        One of `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another finger may
-        be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this finger is
-        alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if it never was alone.
+        A state from `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another
+        finger may be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this
+        finger is alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if no frame of
+        this finger was `CONFIRMED`.
     position_um : float
         Distance from the sensor's end of the strip, in um: measured while the finger is alone,
         otherwise estimated. In the last frame, the last known position.
@@ -357,7 +359,7 @@ class Decoder:
             self.stats.lost = min(self.stats.lost, self._lost_at_reading)
 
     def _completed(self, data: bytes) -> bytes:
-        """Return the bytes up to the last delimiter; store the others for the next call."""
+        """Return the bytes up to the last delimiter; store the bytes after it for the next call."""
         self.stats.bytes += len(data)
         data = self._rest + data
         end = data.rfind(b"\0") + 1

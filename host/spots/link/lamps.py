@@ -22,10 +22,10 @@ _ROUNDING = 1 / 12  # variance of a count
 
 
 def mains_hz(board: Board) -> int:
-    """Measure the mains frequency of the lamps around a strip, for a second.
+    """Measure the mains frequency of the lamps around a strip; this takes about a second.
 
-    The settings of the board are restored at the end. Meanwhile the LED is off, if the board can
-    set the LED's current.
+    If the board can set the LED's current, the LED is off during the measurement. The settings of
+    the board are restored at the end.
 
     Parameters
     ----------
@@ -55,9 +55,10 @@ def mains_hz(board: Board) -> int:
 def _light(
     board: Board, exposure_us: int, settings: Mapping[str, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return board times in s and sums of all channels, shape (n,), of samples at these settings.
+    """Take n samples; return their times in s and their sums of all channels, both shape (n,).
 
-    Samples of a dark frame, for which the board has switched the LED off, are left out.
+    Time 0 is the first sample. `settings` are set first. If they contain ``led_mA``, only samples
+    without the LED are returned; otherwise, only samples with the LED.
     """
     board.set(exposure_us=exposure_us, **settings)
     begun_s = board.now_s() + 1e-6 * exposure_us
@@ -72,7 +73,7 @@ def _light(
 
 
 def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
-    """Return the mains frequency in Hz of the strongest flicker; 0 if no lamp flickers."""
+    """Return the mains frequency in Hz of the lamp that flickers most; 0 if no lamp flickers."""
     if len(light) < _SAMPLES_MIN:
         return 0
     powers = {hz: max(_power(time_s, light, 2 * hz + off) for off in _OFF_HZ) for hz in _MAINS_HZ}

@@ -13,12 +13,12 @@ and may have
     Raises SpotsError for wrong arguments, with which no board can ever be opened.
 ``calibration_setup(options, made, path, guide)``
     Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. ``made`` is the
-    session of ``spots calibrate``, or the calibration file for ``spots rezero``.
+    session of ``spots calibrate``, or the calibration file that ``spots rezero`` corrects.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Returns a `linkage.twin_source.DrivenLinkage`: a linkage that opens its boards itself. `path`,
     `seed` and `exposure_us` must have defaults.
 ``run_linkage(options)``
-    Runs ``spots twin`` with a simulated linkage and compares it with the true positions.
+    Runs ``spots twin`` with a simulated linkage, and compares the twin with the true positions.
 ``flash_place(device)``
     Returns a context manager that yields a `deploy.place.Place`: a board to flash.
 """
@@ -36,7 +36,7 @@ _FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes a
 
 
 def known() -> str:
-    """Return the forms of all ports that are not serial, such as ``zenoh:ID``, for messages."""
+    """Return a text that lists the forms of all non-serial ports, such as ``zenoh:ID``."""
     names = sorted(entry.name for entry in entry_points(group=GROUP))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))

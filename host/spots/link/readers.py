@@ -95,7 +95,7 @@ class FrameLog:
 class FrameIterator(Generic[_ReadingT]):
     """Iterates over frames of some kinds; `board.Board` creates it.
 
-    Iterators are independent: each yields every frame of its kinds that arrives after its start.
+    Iterators are independent: each one yields every frame of its kinds, whatever others yield.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class FrameIterator(Generic[_ReadingT]):
     kinds : tuple of type
         Kinds of the frames to yield.
     advance : callable
-        ``advance(reader)`` waits up to 0.1 s for frames. It returns False if no more will come.
+        ``advance(reader)`` waits up to 0.1 s for frames, and returns False if no more will come.
 
     Attributes
     ----------

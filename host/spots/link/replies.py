@@ -46,7 +46,7 @@ class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
     A value is None if the board has no id, no calibration (``length_um``, ``decay``,
-    ``calibration``) or no layout.
+    ``relative_force``, ``calibration``) or no layout.
     """
 
     board: str
@@ -55,12 +55,13 @@ class Hello(Settings):
     id: str | None
     length_um: _Count | None
     decay: _Count | None
+    relative_force: bool | None
     calibration: str | None
     layout: str | None
 
 
 class Get(Settings):
-    """The reply to ``get``: settings and state."""
+    """The reply to ``get``: the board's settings and state."""
 
     led: str
     full_scale: _Number
@@ -70,7 +71,7 @@ class Get(Settings):
 
 
 class DarkFrame(TypedDict):
-    """The reply to ``dark``: sums of counts without light."""
+    """The reply to ``dark``: for each channel, the sum of 64 counts without the LED."""
 
     dark: _Dark
 
@@ -94,7 +95,8 @@ _SETTINGS: dict[str, object] = {
 }
 _HELLO: dict[str, object] = {
     **dict.fromkeys(("board", "runtime", "firmware"), "?"),
-    **dict.fromkeys(("id", "length_um", "decay", "calibration", "layout")),
+    **dict.fromkeys(("id", "length_um", "decay", "relative_force")),
+    **dict.fromkeys(("calibration", "layout")),
 }
 # The full scale is unknown until the sensor answers.
 _GET: dict[str, object] = {
@@ -133,10 +135,10 @@ def decoded(data: Any) -> dict[str, Any]:
         If the data is not a JSON object, is too long, or is nested too deep.
     """
     if len(data) > JSON_BYTES_MAX:
-        raise ValueError(f"a message has at most {JSON_BYTES_MAX} bytes")
+        raise ValueError(f"a message must have at most {JSON_BYTES_MAX} bytes")
     data = bytes(data)
     if data.count(b"[") + data.count(b"{") > _NESTING_MAX:
-        raise ValueError(f"a message has at most {_NESTING_MAX} lists and objects")
+        raise ValueError(f"a message must have at most {_NESTING_MAX} lists and objects")
     return msgspec.json.decode(data, type=dict[str, Any])
 
 

@@ -1,4 +1,4 @@
-"""A link to a board reads and writes bytes, and has a clock; `SerialLink` is a serial port."""
+"""Links to a board: they read and write bytes, and have a clock. `SerialLink` is a serial port."""
 
 import errno
 import sys
@@ -49,11 +49,11 @@ class Link(Protocol):
         """Send bytes to the board."""
 
     def sleep(self, duration_s: float) -> None:
-        """Wait for `duration_s` seconds of the link's clock."""
+        """Wait for `duration_s` seconds by the clock of `now_s`."""
         time.sleep(duration_s)
 
     def reopen(self) -> None:
-        """Open the port again. Required only if the link raises PortLostError.
+        """Open the port again. A link that never raises PortLostError need not implement this.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class Link(Protocol):
         """
 
     def close_port(self) -> None:
-        """Close the port until `reopen`. Required only if the link raises PortLostError."""
+        """Close the port until `reopen`; needed only in a link that raises PortLostError."""
 
     def close(self) -> None:
         """Close the port permanently."""
@@ -138,7 +138,7 @@ class SerialLink(Link):
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
 
-        Raises PortLostError if the port disappeared, SpotsError if it is closed.
+        Raises PortLostError if the port disappeared, SpotsError if the program has closed it.
         """
         if not self._serial.is_open:
             raise SpotsError(f"the port {self.name} is closed: open the board again")
@@ -165,7 +165,7 @@ class SerialLink(Link):
     def write(self, data: bytes) -> None:
         """Send bytes.
 
-        Raises PortLostError if the port disappeared, SpotsError if it accepts no data.
+        Raises PortLostError if the port disappeared, SpotsError if the port accepts no data.
         """
         try:
             self._serial.write(data)
@@ -180,7 +180,7 @@ class SerialLink(Link):
 
 
 def _lost(port: str) -> str:
-    return f"the board on {port} was disconnected: plug it in again"
+    return f"the board on {port} was disconnected: plug the board in again"
 
 
 def usb_ports() -> list[Any]:

@@ -1,4 +1,4 @@
-"""Timeouts and back-off while a board is silent or unplugged, by the clock of its link.
+"""Timeouts and back-off while a board is silent or unplugged, by the clock of the board's link.
 
 When readings stop, the link sends a question to the board after `ASK_S`. Applications release their
 keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and
@@ -47,7 +47,7 @@ def silent_s(least_s: float, every_s: float) -> float:
     Returns
     -------
     float
-        The longer one of `least_s` and the time of three readings, in seconds.
+        The longer one of `least_s` and three times `every_s`, in seconds.
     """
     return max(least_s, _SILENT_READINGS * every_s)
 
@@ -61,16 +61,16 @@ class LinkLoss:
     Parameters
     ----------
     now_s : float
-        Present time by the link's clock, in seconds. All times of this class are of this clock.
+        Present time by the link's clock, in seconds. All times of this class are by this clock.
 
     Attributes
     ----------
     every_s : float
-        Time from one reading to the next.
+        Time from one reading to the next, in seconds.
     ask_s : float
-        Time of the next question to a silent board.
+        Time of the next question to a silent board, in seconds.
     first_asked_s : float
-        Time of the first question since the last frame.
+        Time of the first question since the last frame, in seconds.
     is_open : bool
         Whether a lost port is open again but its board is not identified yet.
     tries : int
@@ -102,7 +102,7 @@ class LinkLoss:
         Parameters
         ----------
         now_s : float
-            Time of the link's clock, in seconds.
+            Present time by the link's clock, in seconds.
         least_s : float
             Smallest time without a reading, in seconds; see `silent_s`.
 
@@ -118,7 +118,7 @@ class LinkLoss:
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
     def expect(self, now_s: float | None) -> None:
-        """Record a reading, or the start of a stream; None: no more readings are expected."""
+        """Record a reading or the start of a stream; with None, expect no more readings."""
         self._expected_s = _NEVER if now_s is None else now_s
 
     def asking(self, now_s: float) -> None:
@@ -128,7 +128,7 @@ class LinkLoss:
         self._asked += 1
 
     def unanswered(self, now_s: float) -> None:
-        """Record that the board did not answer the question."""
+        """Record that the board did not answer a question; schedule the next question."""
         self.ask_s = now_s + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
 
     def unplug(self, now_s: float) -> None:
@@ -151,7 +151,7 @@ class LinkLoss:
         Parameters
         ----------
         now_s : float
-            Time of the link's clock, in seconds.
+            Present time by the link's clock, in seconds.
         refused : bool
             Whether the search found another board on the port.
 
@@ -167,6 +167,6 @@ class LinkLoss:
         return newly
 
     def plug(self, now_s: float) -> None:
-        """Record that the board is connected again; the next question must be sent at once."""
+        """Record that the board is connected again; the next question is due at once."""
         self._unplugged_s = _NEVER
         self.ask_s = self._expected_s = now_s

@@ -66,7 +66,7 @@ class Turn:
                 self._changed.notify_all()
 
     def wake(self) -> None:
-        """Let all threads that wait for the lock check whether they still need it (`unless`)."""
+        """Let each thread that waits for the lock call its `unless` again."""
         with self._changed:
             self._changed.notify_all()
 

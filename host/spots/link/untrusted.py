@@ -25,16 +25,16 @@ _CAUSES = {
 
 
 class Untrusted:
-    """Detects that all readings of a strip have been untrusted for most of a second.
+    """Detects that all readings of a strip have been untrusted for 0.7 s.
 
-    A key press is shorter than that. So where the spectrum of presses does not fit the calibration,
-    the durations of successive presses are summed, and the next trusted press ends the warning.
-    With any other cause, the next trusted reading ends the warning.
+    Special case: the spectrum of each press does not fit the calibration. Since one press may be
+    too short for a warning, the durations of successive presses are added up, and only a trusted
+    press ends the warning. With any other cause, the next trusted reading ends the warning.
 
     Attributes
     ----------
     sentence : str
-        Cause and remedy; empty while readings can be trusted.
+        Text of the warning: cause and remedy; empty while there is no warning.
     """
 
     def __init__(self):
@@ -51,7 +51,7 @@ class Untrusted:
         touch : Touch
             The next reading of the strip.
         now_s : float
-            Time at which the reading arrived, in seconds of the link's clock.
+            Time at which the reading arrived, in seconds by the clock of `Board.now_s`.
         """
         flag = next((flag for flag in _CAUSES if touch.flags & flag), None)
         if flag is None:
@@ -77,7 +77,7 @@ class Untrusted:
         touch : Touch
             The next reading of the strip.
         now_s : float
-            Time at which the reading arrived, in seconds of the link's clock.
+            Time at which the reading arrived, in seconds by the clock of `Board.now_s`.
         """
         before = self.sentence
         self.take(touch, now_s)

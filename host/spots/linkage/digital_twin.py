@@ -23,7 +23,9 @@ _FAILING_S = 10.0  # a restarted board may refuse its commands for so long
 
 
 class Terminal(NamedTuple):
-    """Position of a linkage's end point (the terminal of the paper) at one moment, and its error.
+    """Position, velocity and error of a linkage's end point at one moment.
+
+    The paper calls the end point "terminal".
 
     Attributes
     ----------
@@ -63,7 +65,7 @@ class Terminal(NamedTuple):
 
     @property
     def ellipse(self) -> tuple[float, float, float] | None:
-        """Error ellipse of one standard error: major and minor half axis in mm, angle in rad.
+        """Error ellipse of one standard error: both semi-axes in mm (major first), angle in rad.
 
         The angle is from +x to the major axis. For normally distributed errors, the ellipse
         contains 39 % of the positions; an ellipse twice as large contains 86 %.
@@ -77,7 +79,7 @@ class Terminal(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Warning for a user: limit, singularity, or joint outside its range; may be empty."""
+        """Warning for the user: no position, singularity, or joint out of range; may be empty."""
         doubts = {"near singular": self.singular, "beyond the calibrated range": not self.within}
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
@@ -106,7 +108,8 @@ class Twin:
     linkage : Linkage
         Geometry of the linkage.
     encoders : pair of Encoder
-        Encoder of joint 1 and encoder of joint 2. Their angles are those of Eqs. 3 and 4.
+        Encoder of joint 1 and encoder of joint 2. Their angles are the joint angles of Eqs. 3 and 4
+        of the paper.
 
     Attributes
     ----------
@@ -118,7 +121,7 @@ class Twin:
     The two boards sample at different times. For each reading of one joint, the angle of the other
     joint is interpolated between that joint's readings. So a position is complete when the next
     reading of the other joint arrives, and nothing is extrapolated. The order in which the readings
-    of the two joints arrive does not matter: a recording gives the same positions as the boards.
+    of the joints arrive does not matter: recordings give the same positions as the live boards.
 
     Examples
     --------
@@ -177,12 +180,12 @@ class Twin:
         return found
 
     def follow(self, readings: Iterable[tuple[int, Touch]]) -> Iterator[Terminal]:
-        """Yield the end point's positions for pairs of joint index and reading."""
+        """Yield the end point's positions, computed from pairs of joint index and reading."""
         for joint, touch in readings:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a warning that names each joint without an angle for 3 s, or an empty text."""
+        """Return a warning that names each joint without a new angle for 3 s; empty if none."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -233,7 +236,7 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return a joint's angle at `time_s`, interpolated between `angles`, or None."""
+    """Return a joint's angle at `time_s`, interpolated between `angles`; None in a long gap."""
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
@@ -287,11 +290,11 @@ def readings(
     boards : list of Board
         Board of joint 1 and board of joint 2.
     seconds : float, optional
-        Time after which to end, in seconds by the clock of the boards' links. If not given, boards
-        have no limit, and recordings end when all of them have ended.
+        Time after which to end, in seconds by the clock of `Board.now_s`. If not given, boards are
+        read without a limit, and recordings until all of them have ended.
     restarted : callable, optional
         Called with a board that has restarted and streams again. The board has lost everything
-        that it had not stored. If the function raises SpotsError, the call is repeated for 10 s.
+        that it had not stored. If the function raises SpotsError, it is called again for 10 s.
 
     Yields
     ------

@@ -38,8 +38,9 @@ class Angle(NamedTuple):
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        Angular velocity and its standard error in rad/s, by the board's clock. The mean over the
-        last 3 readings of a fast movement, or up to 8 of a slow one. None before three readings.
+        Angular velocity and its standard error in rad/s, by the board's clock. It is the mean over
+        the last 3 readings in a fast movement, and over up to 8 in a slow one. None before three
+        readings.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
@@ -64,7 +65,8 @@ class Encoder:
     Parameters
     ----------
     joint : str, Path or calibrate.calibration_file.Joint
-        Path of a calibration file that ``spots calibrate joint`` wrote, or the file's ``joint``.
+        Path of a calibration file that ``spots calibrate joint`` wrote, or the attribute ``joint``
+        of a loaded calibration file.
     offset_rad, gain : float
         Mounting of the strip: the returned angle is ``offset_rad + gain * angle``, where ``angle``
         is the calibrated angle. `kinematics.calibrate` can measure offset and gain.
@@ -106,11 +108,11 @@ class Encoder:
         self._clock = ClockMap()
         self._recent: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # (device s, deg)
         self._since: list[float] = []  # first and last readings since the last movement
-        self._still_for = 0  # readings
+        self._still_for = 0  # number of readings since the last movement
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Return the angle from a reading; None if the reading is untrusted."""
+        """Compute the joint's angle from a reading; return None if the reading is untrusted."""
         if not touch.trusted:
             return None
         joint = self.joint
@@ -143,7 +145,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the standard deviation of a reading at a position, in degrees.
+        """Return the standard deviation of the angle from one reading, in degrees.
 
         The noise grows exponentially with the distance from the sensor.
         """
@@ -192,8 +194,8 @@ class Encoder:
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         """Return velocity and its standard error in degrees per second; None if unknown.
 
-        The velocity is the slope of a line through the last readings. Their number is the smallest
-        for which the slope exceeds its noise. `noise_deg` is the noise of a reading in degrees.
+        The velocity is the slope of a line through the last readings: as few readings as possible
+        for a slope above its noise. `noise_deg` is the noise of a reading in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

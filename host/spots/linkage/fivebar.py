@@ -1,8 +1,8 @@
-"""The planar five-bar linkage: two base joints and four bars, whose two arms share an end point.
+"""The planar five-bar linkage: two arms on two base joints; both arms end at the same end point.
 
-Equations 3 and 4 of the paper for bars of any length, and their inverse. The base joints lie at
-(0, 0) and (base, 0). Each joint's angle is measured from +y towards the other joint. All functions
-take scalars or arrays.
+An arm consists of an inner and an outer bar, joined at the elbow. This module contains Eqs. 3 and 4
+of the paper for bars of any length, and their inverse. The base joints lie at (0, 0) and (base, 0).
+Each joint's angle is measured from +y towards the other joint. Functions take scalars or arrays.
 """
 
 from enum import IntEnum
@@ -34,13 +34,13 @@ class Limit(IntEnum):
     NOT_FINITE = 1, "a value is not a finite number"
     BEYOND_ARM_1 = 2, "the end point is farther from joint 1 than the two bars of arm 1 reach"
     BEYOND_ARM_2 = 3, "the end point is farther from joint 2 than the two bars of arm 2 reach"
-    WITHIN_ARM_1 = 4, "the end point is closer to joint 1 than the unequal bars of arm 1 can fold"
-    WITHIN_ARM_2 = 5, "the end point is closer to joint 2 than the unequal bars of arm 2 can fold"
+    WITHIN_ARM_1 = 4, "the end point is too close to joint 1 for the unequal bars of arm 1"
+    WITHIN_ARM_2 = 5, "the end point is too close to joint 2 for the unequal bars of arm 2"
     AT_JOINT_1 = 6, "the end point is on joint 1, where the angle of joint 1 is undefined"
     AT_JOINT_2 = 7, "the end point is on joint 2, where the angle of joint 2 is undefined"
     OTHER_ASSEMBLY = 8, "only the other assembly of the linkage reaches the end point"
     ELBOWS_APART = 9, "the elbows are farther apart than the outer bars reach"
-    ELBOWS_CLOSE = 10, "the elbows are closer together than the unequal outer bars can fold"
+    ELBOWS_CLOSE = 10, "the elbows are too close together for the unequal outer bars"
     ELBOWS_MEET = 11, "the elbows coincide, so the position of the end point is undefined"
     SINGULAR = 12, "the outer bars are in line, so the angles do not determine the end point"
 
@@ -74,17 +74,17 @@ class Linkage:
     ----------
     bar_mm : float or sequence of 4 floats
         Bar lengths in mm: one length for all bars, or four lengths. Their order is from joint 1
-        over the end point to joint 2: inner bar 1, outer bar 1, outer bar 2, inner bar 2.
+        via the end point to joint 2: inner bar 1, outer bar 1, outer bar 2, inner bar 2.
     base_mm : float
         Distance of the two base joints, in mm.
     assembly : {"far", "near"}
-        Which of the two possible end points to use. Seen from elbow 1 towards elbow 2, the ``far``
-        end point lies on the left: above the elbows, if these are above the base.
+        Which of the two possible end points to use. An elbow joins an inner and an outer bar. Seen
+        from elbow 1 towards elbow 2, the ``far`` end point lies on the left.
 
     Attributes
     ----------
     side : float
-        1 for ``far``, -1 for ``near``.
+        The assembly as a number: 1 for ``far``, -1 for ``near``.
 
     Raises
     ------
@@ -253,7 +253,7 @@ class Linkage:
     def outer_angle(self, theta1_rad, theta2_rad):
         """Return the angle by which the outer bars deviate from a straight line.
 
-        At 0 the bars are in line: the end point can move while both joints stand still.
+        At 0 the bars are in line: the end point can move although both joints are fixed.
 
         Parameters
         ----------
@@ -373,10 +373,10 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and `Limit` codes; even for arm 2, these name arm 1.
+    """Return the angle of an arm in rad, and `Limit` codes, which name arm 1 even for arm 2.
 
-    (`x`, `y`) is the end point relative to the arm's joint; `inner` and `outer` are the lengths of
-    the arm's bars, all in mm.
+    (`x`, `y`) is the end point relative to the arm's base joint; `inner` and `outer` are the
+    lengths of the arm's bars, all in mm.
     """
     reach = np.hypot(x, y)
     # The cosine rule; for equal bars it is Eq. 3's sqrt(x^2 + y^2) / 2l.
@@ -416,7 +416,7 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Compute results; raise LimitError or mask them where the linkage has no solution.
+    """Call `solve`. Without a solution, raise LimitError for scalars; for arrays, mask elements.
 
     Parameters
     ----------

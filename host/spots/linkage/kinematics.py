@@ -47,8 +47,8 @@ class Kinematics:
     names : tuple of str
         Names of the fitted (free) parameters.
     values, standard_errors : dict of str to float
-        Value and standard error of each parameter, by name. The error of a fixed parameter is 0.
-        The error of a parameter that the points do not determine is its prior standard deviation.
+        Value and standard error of each parameter, by name. The error of a fixed parameter is 0. If
+        the measured points do not determine a parameter, its error is the prior standard deviation.
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
@@ -184,7 +184,7 @@ def calibrate(
         raise missing("kinematic calibration needs", "scipy", "kinematics")
     angles, x_mm, y_mm = (np.asarray(one, dtype=float) for one in (angles_rad, x_mm, y_mm))
     if not (x_mm.ndim == 1 and x_mm.shape == y_mm.shape and angles.shape == (2, len(x_mm))):
-        raise SpotsError("angles_rad must have shape (2, n), x_mm and y_mm must have shape (n,)")
+        raise SpotsError("angles_rad must have shape (2, n), and x_mm and y_mm shape (n,)")
     places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
         raise SpotsError("the angles and positions of a kinematic calibration must be finite")
@@ -254,7 +254,7 @@ class _Fit:
         return self._places - self._terminal(self.values(found), self._angles)
 
     def jacobian(self, found, scale) -> np.ndarray:
-        """Return the derivatives of the whitened residuals by `found`, shape (2n, p)."""
+        """Return d(whitened residuals)/d(found), shape (2n, p); `scale` whitens the residuals."""
         slopes = _slopes(self.residual_mm, found, 1e-5)
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
@@ -297,7 +297,10 @@ class _Fit:
 
 
 def _slopes(function, at, step):
-    """Return the central differences of a function of an array, one for each of its elements."""
+    """Return the derivatives of `function` at the array `at`, by each element of the array.
+
+    They are central differences with the step `step`.
+    """
     shifts = step * np.eye(len(at))
     return [(function(at + shift) - function(at - shift)) / (2 * step) for shift in shifts]
 

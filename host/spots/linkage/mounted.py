@@ -21,7 +21,7 @@ _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 
 
 class Mounting(toml.Strict, kw_only=True):
-    """Mounting of a strip in a joint: joint angle = offset + gain * angle of the calibration.
+    """Mounting of a strip in a joint: joint angle = offset + gain * calibrated angle.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""``spots twin``: shows a linkage's digital twin as picture, lines or JSON, or tests it."""
+"""``spots twin``: shows a linkage's digital twin; also calibrates or tests a linkage."""
 
 import argparse
 import json
@@ -31,7 +31,8 @@ def twin_command(options: argparse.Namespace) -> None:
     boards = not linkage_of(ports) and (ports or is_mounted(options.linkage))
     if options.measure and (played or not boards):
         raise SpotsError(
-            "--measure needs real boards, because you move the end point by hand: name their ports"
+            "--measure needs real boards, because you move the end point by hand: name the boards "
+            "with --port"
         )
     if options.picture and (ports or boards):
         raise SpotsError(

@@ -81,9 +81,9 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
 
 
 def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say=print) -> int:
-    """Measure points: ask for the position of the end point, read the joints, append to a table.
+    """Measure points: ask for the end point's position, read the joints, append both to a table.
 
-    An empty answer ends the measurement.
+    This repeats until the answer is empty.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def _append(path: Path, row: Iterable[float]) -> None:
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
-    """Return the points of a table, an array with one row per point, and their line numbers."""
+    """Read a table; return an array with a row for each point, and the line number of each."""
     try:
         text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
         table = csv.DictReader(io.StringIO(text))

@@ -40,7 +40,7 @@ class Source(NamedTuple):
     restarted: Callable[[Board], None] = lambda board: None
 
     def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
-        """Yield pairs of joint (0 or 1) and reading; end after `seconds` if given."""
+        """Yield pairs of joint index (0 or 1) and reading; end after `seconds` if given."""
         return readings(self.boards, seconds, self.restarted)
 
     def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration is uploaded to its board, and must have been made with this board.
+    Each joint's calibration is uploaded to the joint's board, and must be made with this board.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
         Path of the linkage file.
     ports : list of str
         Port of joint 1 and port of joint 2; ``recording:FILE`` reads a recording as fast as
-        possible. If empty, the boards are found on USB by the ids in their calibration files.
+        possible. If empty, the boards are found on USB by the board ids in the calibration files.
     record : list of str
         Paths of two recordings to write, one for each board; if empty, nothing is recorded.
 
@@ -147,7 +147,10 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return a function that makes a `DrivenLinkage`; None if no port's scheme has one."""
+    """Return the first function `linkage` that a port's scheme offers; None if there is none.
+
+    The function makes a `DrivenLinkage`, see `link.ports`.
+    """
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
@@ -157,7 +160,7 @@ def is_recording(port: str) -> bool:
 
 
 def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
-    """Yield pairs of joint and reading, which come from recordings, at their original pace."""
+    """Yield pairs of joint index and reading from recordings, at the original pace."""
     ahead_s = None
     for joint, touch in pairs:
         if ahead_s is None:
@@ -205,7 +208,7 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
 
 
 def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
-    """Find the boards of two strips on USB; `stack` closes the boards."""
+    """Find and open the boards of two calibrated strips on USB; `stack` closes the boards."""
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(

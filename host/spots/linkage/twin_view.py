@@ -1,4 +1,4 @@
-"""Picture of a linkage as text: bars, path of the end point, its position and errors."""
+"""Picture of a linkage as text: its bars, and the path, position and error of its end point."""
 
 import math
 from itertools import groupby, pairwise
@@ -79,7 +79,7 @@ class TwinView:
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Return the braille dots of the plot's characters that show arrays of points in mm."""
+        """Plot arrays of points in mm; return the braille dots to set in each character."""
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):
@@ -111,7 +111,7 @@ def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
 
 
 def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
-    """Return points in mm on the line between the two points `ends`: one for each dot to draw."""
+    """Return points in mm along the line between the points `ends`, one for each dot to draw."""
     return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 

@@ -1,6 +1,7 @@
 """Output devices of this computer: base classes, and devices that only print.
 
-An open output releases everything on every exit path and when the process stops, see `signals`::
+An open output releases all keys and buttons on every exit path, and when a signal (Ctrl-Z) stops
+the process, see `signals`::
 
     with released_by_signals(), open_keyboard(dry_run=False) as keyboard:
         keyboard.key(*usage_of("PLAY_PAUSE"), modifiers=0, pressed=True)
@@ -119,7 +120,7 @@ class Keyboard(Output):
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
             Modifier keys, as bits of a USB keyboard report. They are pressed before the key, and
-            released with it unless another key needs them. Ignored for a release.
+            released with the key unless another key needs them. Ignored if `pressed` is false.
         pressed : bool
             True to press, False to release. A second press or release of a key is ignored.
 

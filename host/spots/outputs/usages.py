@@ -19,6 +19,9 @@ MODIFIERS_FROM = 0xE0
 MODIFIERS = 8
 
 
+USAGES_FILE = Path(__file__).with_name("usages.txt")
+
+
 class Usage(NamedTuple):
     """A key.
 
@@ -49,9 +52,7 @@ def _read(path: Path) -> Iterator[Usage]:
             yield Usage(int(page, 16), int(usage, 16), name, linux, pynput[0] if pynput else None)
 
 
-USAGES: dict[tuple[int, int], Usage] = {
-    (one.page, one.usage): one for one in _read(Path(__file__).with_name("usages.txt"))
-}
+USAGES: dict[tuple[int, int], Usage] = {(one.page, one.usage): one for one in _read(USAGES_FILE)}
 _BY_NAME = {one.name: one for one in USAGES.values()}
 # For suggestions: Linux names are common, such as VOLUMEUP for VOLUME_INCREMENT.
 _SIMILAR = {one.linux.removeprefix("KEY_"): one.name for one in USAGES.values()}

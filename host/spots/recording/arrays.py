@@ -32,7 +32,7 @@ class _Table:
     kind : type
         Type of the frames.
     body : str
-        Format of the bytes after the header, for `struct`; fields in the order of `kind`.
+        `struct` format of the bytes after the header, in the order of the fields of `kind`.
     """
 
     def __init__(self, kind: type[Reading], body: str):
@@ -81,18 +81,18 @@ _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 class _Run(NamedTuple):
-    """Consecutive pieces of a stream: readings, key events, or notes that contain only a time.
+    """Consecutive pieces of a stream: frames except texts, and notes that contain only a time.
 
-    Indices count these pieces from 0.
+    A piece is the bytes between two delimiters. Indices count these pieces from 0.
 
     Attributes
     ----------
     t_us : ndarray, shape (n,), int64
-        Time of each piece: board time modulo 2**32, or the low half of a note's time.
+        Time of each piece in us: board time modulo 2**32, or the low 32 bits of a note's time.
     notes_at, since_us : ndarray of int64
-        Index and time of each note.
+        Index of each note, and its time in us since the recording began.
     tables : dict
-        Indices and payloads of the frames of each kind; each column is a payload.
+        For each kind of frame: indices of its frames, and an array whose columns are the payloads.
     """
 
     t_us: np.ndarray
@@ -105,7 +105,7 @@ class _BlockDecoder(Decoder):
     """Decodes a block of bytes at once, with the same frames and statistics as `Decoder`."""
 
     def feed_block(self, data: bytes) -> Iterator[_Run | Frame]:
-        """Yield the frames of a block of bytes in order: many at once as `_Run`, or single ones."""
+        """Yield the frames of a block of bytes in order: single frames, or many as one `_Run`."""
         stream = np.frombuffer(self._completed(data), np.uint8)
         ends = np.flatnonzero(stream == 0)
         starts = np.concatenate(([0], ends[:-1] + 1))[: len(ends)]
@@ -161,7 +161,7 @@ class _BlockDecoder(Decoder):
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """Frames of a recording, or of a block of it, as structured arrays.
+    """Frames of a recording, or of a block of a recording, as structured arrays.
 
     Integers are those of the frames: an unknown position or force is 0, not NaN as in `Touch`. The
     column ``flags`` (bits of `spots_device.decode`) shows which values are unknown. Rows are in the
@@ -216,7 +216,7 @@ class Arrays:
 
 
 class RecordingBlocks(Recording):
-    """Reads a recording in blocks of 256 KiB; iterate over this object to get `Arrays` of each.
+    """Reads a recording in blocks of 256 KiB; iteration yields an `Arrays` object for each block.
 
     Memory use does not grow with the length of the recording. This object also has the attributes
     of `Recording`.
@@ -224,7 +224,8 @@ class RecordingBlocks(Recording):
     Parameters
     ----------
     path : str or Path
-        File of the recording. If it is the first file of a set, the other files follow.
+        File of the recording. If this is the first of several files of one recording, the other
+        files are read too.
 
     Examples
     --------
@@ -292,7 +293,7 @@ class _Growing:
 
 
 def read_arrays(path: str | Path) -> Arrays:
-    """Read a recording, or a set of recordings, as structured arrays.
+    """Read a recording as structured arrays.
 
     The values are the same as from `Recording`, to the last bit, but an unknown position or force
     is 0 and not NaN. A day at 100 Hz has 8.6 million readings, which are 350 MB of ``touches``.
@@ -301,7 +302,8 @@ def read_arrays(path: str | Path) -> Arrays:
     Parameters
     ----------
     path : str or Path
-        File of the recording. If it is the first file of a set, the other files follow.
+        File of the recording. If this is the first of several files of one recording, the other
+        files are read too.
 
     Returns
     -------
@@ -311,7 +313,7 @@ def read_arrays(path: str | Path) -> Arrays:
     Raises
     ------
     SpotsError
-        If the file is not a recording or cannot be read, or a file of the set is missing.
+        If the file is not a recording or cannot be read, or a later file is missing.
 
     Examples
     --------

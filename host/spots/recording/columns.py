@@ -1,7 +1,7 @@
-"""Decodes COBS and checks CRC-32 for many pieces of one size at once.
+"""Decodes COBS and checks CRC-32 for many pieces (coded frames) of one size at once.
 
-Each NumPy call processes one byte of all pieces. So a piece takes about 100 ns; in `link.frames`,
-which decodes one piece after the other, it takes microseconds.
+Each NumPy call processes one byte of every piece. So a piece takes about 100 ns; in `link.frames`,
+which decodes one piece after the other, a piece takes microseconds.
 """
 
 import zlib

@@ -49,7 +49,7 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Append bytes, or raise SpotsError if the medium is full; bytes already written stay."""
+        """Append bytes; raise SpotsError if the medium is full. Earlier bytes stay in the file."""
         view = memoryview(data)
         try:
             while view:

@@ -27,12 +27,13 @@ Records = Iterable[tuple[Table, tuple]]
 
 
 def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[Path]:
-    """Convert a recording, or a set of recordings, to another format.
+    """Convert a recording to another format.
 
     Parameters
     ----------
     path : str or Path
-        File of the recording, or the first file of a set.
+        File of the recording. If this is the first of several files of one recording, the other
+        files are converted too.
     kind : str
         Name of the format, a key of `EXPORTS`.
     out : str or Path, optional
@@ -53,7 +54,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     Notes
     -----
     Memory use does not grow with the length of the recording. While an NPZ file is written, the
-    export needs about twice the file's size on disk.
+    export needs disk space for about twice the size of that file.
     """
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
@@ -63,7 +64,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
 
 
 class _Files(ExitStack):
-    """New files that are written atomically: either all of them get their names, or none does."""
+    """New files that are written atomically: on an error, none of them is created."""
 
     def __init__(self):
         super().__init__()
@@ -130,7 +131,7 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 
 class _Spool:
-    """Stores the rows of a table on disk, because an array's header needs the number of rows."""
+    """Stores the rows of a table on disk until their number is known, for the array's header."""
 
     def __init__(self, table: Table, file: IO):
         self._table, self._file = table, file
@@ -145,7 +146,7 @@ class _Spool:
             self._flush()
 
     def write(self, member: IO) -> None:
-        """Write the table as an array in NumPy's format."""
+        """Write the table to an open file of an NPZ archive, as an array in NumPy's format."""
         self._flush()
         text = f"U{self._longest}"
         dtype = np.dtype(

@@ -1,4 +1,4 @@
-"""JSON schemas of exports that Foxglove and PlotJuggler show without any configuration."""
+"""JSON schemas with which Foxglove and PlotJuggler show an export without any configuration."""
 
 import json
 
@@ -35,14 +35,16 @@ def schema(table: Table) -> dict:
 
 
 def log_message(time_ns: int, content: str, name: str) -> dict:
-    """Return a board's text as a log message; replies to commands have the level debug.
+    """Return a board's log line, or its reply to a command, as a log message for Foxglove.
+
+    Replies to commands get the level debug.
 
     Parameters
     ----------
     time_ns : int
         Time of the text's arrival, in ns since 1970.
     content : str
-        Text of the board, a JSON object.
+        Log line or reply, as the text of a JSON object.
     name : str
         Name of the board.
 

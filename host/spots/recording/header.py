@@ -35,7 +35,7 @@ class Clock(msgspec.Struct, frozen=True):
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
-    """Header of a recording. A reader ignores unknown keys.
+    """Header of a recording's file. A reader ignores unknown keys.
 
     Attributes
     ----------
@@ -44,9 +44,10 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     program : str
         Name and version of the program that wrote the recording.
     set, part : str, int
-        Random name that all files of a set share, and the number of this file, from 0.
+        Random name that all files of one recording share, and the number of this file, from 0.
     host_s, utc_s : float
-        Time 0 of the notes, in seconds: on the host's monotonic clock, and since 1970.
+        Start of the recording, which is time 0 of its notes, in seconds: on the host's monotonic
+        clock, and since 1970.
     info : dict
         The board's reply to ``hello``.
     clock : Clock
@@ -125,7 +126,7 @@ def _parsed(path: Path, pieces: dict) -> Header:
         info = validated("hello", header.info) if header else {}
     except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
         raise SpotsError(
-            f"{path} has an invalid header ({error}): record it again with this program"
+            f"{path} has an invalid header ({error}): make a new recording with this program"
         ) from None
     if header is None:
         raise SpotsError(

@@ -19,7 +19,7 @@ def record(
     rotate_bytes: int | None,
     calibration: list[str] | None,
 ) -> None:
-    """Record a board until the time is over or until Ctrl-C; show the progress on stderr.
+    """Record a board for a given time or until Ctrl-C; show the progress on stderr.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def record(
     path : str
         Name of the new file.
     seconds : float or None
-        Duration, in seconds of the link's clock; no limit if None.
+        Duration, in seconds by the clock of `Board.now_s`; no limit if None.
     rotate_bytes : int or None
         Largest size of a file, in bytes; see `Board.record`.
     calibration : list of str or None

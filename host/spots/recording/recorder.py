@@ -28,12 +28,12 @@ class Recorder:
     Parameters
     ----------
     now_s : callable
-        ``now_s()`` returns the time of the link's clock, in seconds.
+        ``now_s()`` returns the present time by the link's clock, in seconds.
     path : str or Path
         Name of the new file.
     describe : callable
-        ``describe()`` returns the present values of ``info``, ``clock``, ``calibration`` and
-        ``restarts`` of a `header.Header`.
+        ``describe()`` returns a dict with the present ``info``, ``clock``, ``calibration`` and
+        ``restarts`` for a `header.Header`.
     begun : bytes
         Bytes of an incomplete frame that arrived before the recording began.
     rotate_bytes : int, optional
@@ -99,7 +99,7 @@ class Recorder:
         data : bytes
             Bytes that have arrived.
         now_s : float
-            Time at which the bytes arrived, in seconds of the link's clock.
+            Time at which the bytes arrived, in seconds by the link's clock.
 
         Raises
         ------
@@ -196,7 +196,7 @@ def _bounds(clock: dict) -> tuple:
 
 
 def part_path(path: Path, part: int) -> Path:
-    """Return the path of a file in a set: FILE.spots, FILE-001.spots, ...
+    """Return the path of one of a recording's files: FILE.spots, FILE-001.spots, ...
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def parts_beside(path: Path) -> list[int]:
-    """Return the numbers of the existing files that continue a recording, from their names."""
+    """Find files whose names continue a recording, FILE-001.spots, ...; return their numbers."""
     name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
     beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
     return sorted(int(match[1]) for match in beside if match)

@@ -1,4 +1,4 @@
-"""Reads the frames of a recording, or of a set of files, and their times of arrival."""
+"""Reads the frames of a recording, which may have several files, and their times of arrival."""
 
 from collections.abc import Iterator
 from itertools import chain
@@ -27,26 +27,28 @@ class Recording:
     Parameters
     ----------
     path : str or Path
-        File of the recording. If it is the first file of a set, the other files follow.
+        File of the recording. If this is the first of several files of one recording, the other
+        files are read too.
 
     Attributes
     ----------
     path : Path
-        Path of the file.
+        Path of the given file.
     paths : list of Path
-        Paths of all files of the set.
+        Paths of all files.
     header : Header
         Header of the first file.
     size : int
         Size of all files when they were opened, in bytes.
     stats : LinkStats
-        Statistics of the recorded link. This and all attributes below are of the present iteration.
+        Statistics of the recorded link. This attribute and those below belong to the present
+        iteration: each iteration resets them.
     notes : int
         Number of notes.
     restarts : int
         Number of restarts of the board during the recording.
     cut_bytes : int
-        Bytes of incomplete frames at the ends of the files.
+        Number of bytes of incomplete frames at the ends of the files.
     read_bytes : int
         Number of bytes read so far.
     end_s : float
@@ -57,7 +59,7 @@ class Recording:
     Raises
     ------
     SpotsError
-        If the file is not a recording, or a file of the set is missing.
+        If the file is not a recording, or a later file of the recording is missing.
 
     Examples
     --------
@@ -131,7 +133,7 @@ def _noted(path: Path, content: object) -> ClockMap:
 
 
 def _others(path: Path, first: Header) -> dict[Path, Header]:
-    """Return the later files of a set and their headers, if `path` is its first file."""
+    """Return a recording's later files and their headers, if `path` is its first file."""
     if first.part != 0:
         return {}
     found = {}

@@ -16,7 +16,7 @@ _PUMPED_FRAMES = 1000
 
 
 class _Player:
-    """A substitute for the link of a board, whose clock shows the time of the recording."""
+    """Replaces the link of a board; the clock of this link shows the time of the recording."""
 
     def __init__(self, recording: Recording, speed: float):
         self.name = str(recording.path)
@@ -45,9 +45,9 @@ class _Player:
 class Replay(Board):
     """A board whose frames come from a recording, at their original times of arrival.
 
-    Programs read it like any other board. But its iterators end with the recording, and it refuses
-    all commands except ``hello`` and ``stream``. ``stream`` has no effect: all recorded frames are
-    returned. `now_s` returns the time of the recording.
+    Programs read this object like any other board. Iterators end with the recording. All commands
+    except ``hello`` and ``stream`` are refused, and ``stream`` has no effect: all recorded frames
+    are returned. `now_s` returns the time of the recording.
 
     Parameters
     ----------
@@ -143,7 +143,8 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     Parameters
     ----------
     path : str or Path
-        File of the recording. If it is the first file of a set, the other files follow.
+        File of the recording. If this is the first of several files of one recording, the other
+        files are played too.
     speed : float
         1 for the original pace, 2 for twice as fast, ``math.inf`` for no pauses.
 
@@ -155,7 +156,8 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     Raises
     ------
     SpotsError
-        If the file is not a recording, has a later version, or is of a set with a missing file.
+        If the file is not a recording or has a later format version, or if a later file of the
+        recording is missing.
     """
     if not speed > 0:
         raise SpotsError(f"the speed of a recording must be more than 0, not {speed:g}")

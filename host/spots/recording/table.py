@@ -18,17 +18,17 @@ from .arrays import Arrays, RecordingBlocks
 
 
 class Table(NamedTuple):
-    """The table of a kind of frames.
+    """A table of exported frames of one kind: its name and its columns.
 
     Attributes
     ----------
     name : str
         Name of the table, and of the kind of frames.
     columns : dict
-        NumPy type of each column, by its name; ``"U"`` for a text, a tuple for a type with a shape.
-        The first columns are the same in every table: ``time_s`` (time of the measurement; of a
-        text, the time of arrival) and ``arrived_s``, both in s since the recording began;
-        ``sensor``; ``sequence``; ``t_us``.
+        NumPy type of each column, by the column's name: ``"U"`` for text, or a tuple of type and
+        shape. Every table begins with the columns ``time_s`` (time of the measurement; of a text,
+        the time of arrival), ``arrived_s``, ``sensor``, ``sequence`` and ``t_us``. The first two
+        are in s since the recording began.
     """
 
     name: str
@@ -61,7 +61,7 @@ Row = tuple[Table, tuple[Any, ...]]
 
 
 def rows(recording: RecordingBlocks) -> Iterator[Row]:
-    """Yield the table and the row of each frame in order of arrival; show the progress.
+    """Yield pairs (table, row) for all frames in order of arrival; show the progress.
 
     As in the frames, an unknown position or force is 0; the flags show which values are unknown.
     """

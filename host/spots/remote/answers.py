@@ -51,7 +51,10 @@ class Answers:
             self._queryables[command] = session.declare_queryable(key(board_id, name), note)
 
     def give(self) -> None:
-        """Answer the waiting queries if the rate limit allows; send each command only once."""
+        """Answer the waiting queries, if the rate limit allows.
+
+        Each command is sent to the board only once, for all queries together.
+        """
         began_s = self._board.now_s()
         if began_s < self._due_s or not any(self._waiting.values()):
             return
@@ -75,7 +78,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Answer the queries `asked`; return whether the board replied to `command`."""
+        """Answer the queries `asked` for `command`; return False if the board did not reply."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None

@@ -1,4 +1,4 @@
-"""A queue of messages between two threads that uses limited memory."""
+"""A queue of messages between two threads, with limited memory."""
 
 import sys
 import threading

@@ -27,7 +27,7 @@ _HEALTH_PER_S = 1
 
 
 class Publisher:
-    """Publishes the frames of a board, and answers the queries in `READ_ONLY`.
+    """Publishes the frames of a board, and answers queries for the commands in `READ_ONLY`.
 
     Parameters
     ----------
@@ -58,7 +58,9 @@ class Publisher:
                 "again"
             )
         if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
-            raise SpotsError(f"the board {self.board_id} is already published: stop that publisher")
+            raise SpotsError(
+                f"the board {self.board_id} is already published: stop the other publisher"
+            )
         self._copy = b""  # bytes that have arrived and are not published yet
         board.tap(self._keep)
         self._run = secrets.token_hex(4)
@@ -75,7 +77,7 @@ class Publisher:
         self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
 
     def run(self, seconds: float | None = None) -> None:
-        """Publish frames until the time is over, or raise SpotsError if the board is lost."""
+        """Publish frames for `seconds`, or without limit; raise SpotsError if the board is lost."""
         now_s = self._board.now_s
         end_s = None if seconds is None else now_s() + seconds
         while end_s is None or now_s() < end_s:

@@ -10,11 +10,11 @@ _STREAMS = {"touch", "spectrum", "contact"}
 
 
 class Remote(Board):
-    """A published board, which programs read like any other board.
+    """A board that another machine publishes; programs read this object like any other board.
 
-    ``stream`` only starts or stops the reception; all published frames are returned. The publisher
-    replies to the commands ``hello``, ``get`` and ``sync``; this object replies to ``stream``.
-    Other commands are refused.
+    The publisher replies to the commands ``hello``, ``get`` and ``sync``. This object replies to
+    ``stream``, which only starts or stops the reception of all published frames. Other commands are
+    refused.
 
     Parameters
     ----------

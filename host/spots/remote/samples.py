@@ -15,7 +15,7 @@ _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_c
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
-    """Return the object to publish for a frame.
+    """Return the JSON object to publish for a frame.
 
     Parameters
     ----------

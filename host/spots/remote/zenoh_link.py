@@ -16,7 +16,7 @@ class ZenohLink(Link):
     """Receives the frames of a published board, and never writes to the board.
 
     Frames arrive after a call of `listen`; call `listen` again after each `reopen`. If the
-    publisher disconnects or its board restarts, `read` raises PortLostError.
+    publisher disconnects or the board restarts, `read` raises PortLostError.
 
     Parameters
     ----------
@@ -97,6 +97,8 @@ class ZenohLink(Link):
         """
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
+            if reply.replier_id is None:
+                continue  # Zenoh's own error at the timeout
             if reply.err is not None:
                 # Any peer can send an error, of any length and with any bytes.
                 if len(reply.err.payload) <= _ERROR_BYTES_MAX:

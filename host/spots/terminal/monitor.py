@@ -13,16 +13,16 @@ PLAIN_LINES_PER_S = 4
 
 
 def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None = None) -> None:
-    """Show a board's readings until the time is over or until Ctrl-C.
+    """Show a board's readings for a given time or until Ctrl-C.
 
-    A terminal shows a live picture; any other output gets plain lines.
+    In a terminal, show a live picture; otherwise print lines.
 
     Parameters
     ----------
     board : Board
         The board to read.
     seconds : float or None
-        Duration, in seconds of the link's clock; no limit if None.
+        Duration, in seconds by the clock of `Board.now_s`; no limit if None.
     quiet : bool
         Whether to print nothing.
     judge : Judge, optional
@@ -38,7 +38,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
         board.command("stream touch spectrum" if display else "stream touch")
         info = board.command("hello")
         view, untrusted = StripView(info, board.port), Untrusted()
-        advising = not quiet and not next_step(info)  # else the command prints the step
+        advising = not quiet and not next_step(info)  # otherwise the command prints it
         started_s = board.now_s()
         pace = Pace() if display else Pace(PLAIN_LINES_PER_S)
 
@@ -61,4 +61,4 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
             if display and pace.due(now_s):
                 display.update(view.picture(board.stats, judge), refresh=True)
             elif not display and not quiet and isinstance(frame, Touch) and pace.due(now_s):
-                print(plain(frame, started_s), flush=True)
+                print(plain(frame, started_s, view.unit), flush=True)

@@ -50,11 +50,14 @@ class Judge(Protocol):
         touch : Touch
             The reading.
         arrived_s : float
-            Time of the reading's arrival, in seconds of the link's clock.
+            Time of the reading's arrival, in seconds by the clock of `Board.now_s`.
         """
 
     def facts(self) -> dict:
-        """Return texts to show: ``link`` in the row of the link, and ``rows``: further rows."""
+        """Return the results to show, as dicts of values by their names.
+
+        Key ``link``: dict for the row of the link. Key ``rows``: list of dicts for further rows.
+        """
 
 
 class StripView:
@@ -73,6 +76,8 @@ class StripView:
         State of the link, see `link.board.Board.state`. It is shown unless it is ``connected``.
     advice : str
         Sentence that is shown below the picture.
+    unit : str
+        Unit of a force divided by 1000: ``N``, or ``relative`` if no scale was used to calibrate.
     """
 
     def __init__(self, info: dict, port: str):
@@ -80,6 +85,7 @@ class StripView:
         self._info = info
         self._port = port
         self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
+        self.unit = "relative" if info.get("relative_force") else "N"
         self._touch: Touch | None = None
         self._counts: Sequence[float] = [0] * len(info["plan"])
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
@@ -93,7 +99,7 @@ class StripView:
             self._counts = frame.counts
 
     def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
-        """Return the picture.
+        """Return a picture of the latest readings and of the link.
 
         Parameters
         ----------
@@ -146,7 +152,7 @@ class StripView:
         touch = self._touch
         held = touch is not None and _is_felt(touch)
         place = f"{touch.position_um / 1000:.3f} mm" if held else "-"
-        force = f"{touch.force_mN / 1000:.3f} N" if held else "-"
+        force = f"{touch.force_mN / 1000:.3f} {self.unit}" if held else "-"
         words = " ".join(flag_words(touch)) if touch is not None else ""
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
         grid = figures()
@@ -176,7 +182,7 @@ def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int 
     title : str
         Title in the frame.
     columns : int
-        Width of the frame.
+        Width of the frame, in characters.
     rows : int
         Number of empty rows below and above the parts.
 
@@ -212,7 +218,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
 
 
 def strip_columns() -> int:
-    """Return the width of a strip in columns, which depends on the width of the terminal."""
+    """Return the width of a strip's picture in characters, which the terminal's width limits."""
     return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
 
 
@@ -223,7 +229,7 @@ def bar(share: float) -> str:
 
 
 def figures() -> Table:
-    """Return an empty table with the columns name, number and picture."""
+    """Return an empty table with three columns: name, number and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)
     grid.add_column(justify="right", width=10)
@@ -247,7 +253,7 @@ def flag_words(touch: Touch) -> list[str]:
     return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
 
 
-def plain(touch: Touch, started_s: float) -> str:
+def plain(touch: Touch, started_s: float, unit: str = "N") -> str:
     """Return a reading as a line of text.
 
     Parameters
@@ -256,18 +262,20 @@ def plain(touch: Touch, started_s: float) -> str:
         A reading with its host time.
     started_s : float
         Host time of the first reading, in seconds; the line shows the time since then.
+    unit : str
+        Unit of the force, see `StripView`.
 
     Returns
     -------
     str
-        Time in s, position in mm, force in N, and words for the flags.
+        Time in s, position in mm, force, and words for the flags.
     """
     time_s = touch.time_s - started_s
     words = " ".join(flag_words(touch))
     if not _is_felt(touch):
         return f"{time_s:8.3f} s  no touch  {words}".rstrip()
     place, force = touch.position_um / 1000, touch.force_mN / 1000
-    return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} N  {words}".rstrip()
+    return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} {unit}  {words}".rstrip()
 
 
 def live(console: Console) -> Live:
@@ -277,7 +285,7 @@ def live(console: Console) -> Live:
 
 @contextmanager
 def drawn(wanted: bool) -> Iterator[Live | None]:
-    """Yield the display from `live`; None if not wanted, or if the output is not a terminal."""
+    """Yield a display; None if `wanted` is false, or if the output is not a terminal."""
     console = Console()
     with live(console) if wanted and console.is_terminal else nullcontext() as display:
         yield display

@@ -21,6 +21,7 @@ from aiohttp.http_exceptions import PayloadEncodingError
 
 from ..errors import SpotsError
 from ..guarded import Guarded
+from ..outputs.usages import USAGES_FILE
 from .guard import Guard, host_of
 from .orders import Orders
 from .pace import PagePace
@@ -29,13 +30,13 @@ from .state import PageState
 STATIC = Path(__file__).parent / "static"
 # By name, so that no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
+_FILES["usages.txt"] = USAGES_FILE
 _CLIENTS_MAX = 64
 _ACK_MAX = 16  # bytes
 _NUMBER = re.compile("[0-9]+")
 _HEARTBEAT_S = 20.0
 _ANSWER_S = 10.0
 _PING_EVERY = 32  # messages
-_REQUEST_MAX = 1024  # bytes
 NOTHING: Mapping[str, Orders] = {}
 
 
@@ -80,7 +81,8 @@ class PageApp:
         self._wake = Guarded(self._wake_all, "waking the browsers", self._not_woken)
         self._sending = Guarded(self._send_news, "sending to a browser")
         state.on_change = Guarded(self._changed, "waking the web server")
-        self.web = web.Application(middlewares=[guard.middleware()], client_max_size=_REQUEST_MAX)
+        largest = max((one.request_max for one in orders.values()), default=1)
+        self.web = web.Application(middlewares=[guard.middleware()], client_max_size=largest)
         self.web.router.add_get("/", self._static)
         self.web.router.add_get("/live", self._live)
         for path, receiver in orders.items():
@@ -113,16 +115,17 @@ class PageApp:
 
     async def _order(self, receiver: Orders, request: web.Request) -> web.Response:
         try:
-            wanted = receiver.decode(await _body(request))
+            wanted = receiver.decode(await _body(request, receiver.request_max))
         except ValueError as error:
             raise web.HTTPBadRequest(text=str(error)) from None
         try:
-            await asyncio.wait_for(asyncio.wrap_future(receiver.submit(wanted)), _ANSWER_S)
+            submitted = asyncio.wrap_future(receiver.submit(wanted))
+            answer = await asyncio.wait_for(submitted, _ANSWER_S)
         except SpotsError as error:
             raise web.HTTPConflict(text=str(error)) from None
         except asyncio.TimeoutError:
             raise web.HTTPServiceUnavailable(text="the board does not answer: try again") from None
-        return web.Response(status=204)
+        return web.Response(status=204) if answer is None else web.json_response(answer)
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         if len(self._clients) >= _CLIENTS_MAX:
@@ -198,11 +201,14 @@ def _file(name: str) -> web.Response:
     return web.Response(body=path.read_bytes(), content_type=kind, charset=charset)
 
 
-async def _body(request: web.Request) -> bytes:
+async def _body(request: web.Request, most: int) -> bytes:
     try:
-        return await request.read()
+        body = await request.read()
     except _DAMAGED:
         raise web.HTTPBadRequest(text="the body of the request is damaged") from None
+    if len(body) > most:
+        raise web.HTTPRequestEntityTooLarge(most, len(body))
+    return body
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:

@@ -15,7 +15,7 @@ from ..guarded import Guarded
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 from ..link.connect import find, open
-from ..link.frames import Key, Spectrum, Touch
+from ..link.frames import Contact, Key, Spectrum, Touch
 from ..link.ports import scheme
 from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED
 from ..recording.replay import Replay
@@ -71,10 +71,11 @@ class BoardReader:
         self._open_board, self._layout, self._state = open_board, layout, state
         self._search_every_s = search_every_s
         self._on_touch, self._orders = on_touch, orders
+        self._fingers: list[float] = []  # positions in the next reading, in um
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
-        self._said: tuple = ()
+        self._said: dict = {}
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
@@ -112,9 +113,14 @@ class BoardReader:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
     def _read(self, board: Board) -> None:
-        """Read a board until it restarts; then its settings are lost."""
+        """Read a board until it restarts, and its settings are lost, or until a request ends."""
         restarts = board.stats.restarts
-        board.command("stream touch spectrum")
+        for one in self._orders:
+            self._layout = one.layout or self._layout
+        try:
+            board.command("stream contact touch spectrum")
+        except SpotsError:  # the firmware is too old for contacts
+            board.command("stream touch spectrum")
         info = board.command("hello")
         if self._id not in (None, info["id"]):
             raise SpotsError(f"the board on {board.port} is {info['id']} instead of {self._id}")
@@ -130,6 +136,7 @@ class BoardReader:
         self._say(CONNECTED, "")
         feel = Feel(board, info, self._layout, self._state)
         health = _Health(board, self._state)
+        left = self._orders
         try:
             while not self._stopping.is_set():
                 for frame in board.frames(_TICK_S):
@@ -141,6 +148,7 @@ class BoardReader:
                 feel.tick(board.now_s())
                 health.show()
                 if any(one.attend(board) for one in self._orders):
+                    left = ()  # the board is still there
                     return
                 # A pause in a recording is part of the recording.
                 paused = isinstance(board, Replay) and not board.ended
@@ -150,7 +158,7 @@ class BoardReader:
                     return
         finally:
             feel.release()
-            for one in self._orders:
+            for one in left:
                 one.leave()
 
     def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
@@ -159,14 +167,17 @@ class BoardReader:
         if frame.sensor != 0:
             return
         if isinstance(frame, Touch):
-            if self._said[0] != CONNECTED:
+            if self._said["state"] != CONNECTED:
                 feel.release()
                 self._say(CONNECTED, "")
             now_s = board.now_s()
-            feel.take(frame, now_s)
+            feel.take(frame, now_s, self._fingers)
+            self._fingers = []
             health.took(now_s, now_s - frame.time_s)
         elif isinstance(frame, Spectrum):
             self._state.put("spectrum", {"counts": frame.counts})
+        elif isinstance(frame, Contact):
+            self._fingers += [] if frame.ended else [frame.position_um]
         elif isinstance(frame, Key):
             feel.take_key(frame)
 
@@ -175,12 +186,10 @@ class BoardReader:
             self._say(state, "")
 
     def _say(self, state: str, message: str) -> None:
-        said = state, message, self._known.get("port")
-        if said != self._said:
-            step = _NEXT.get(state, "")
-            board = {"state": state, "message": message, "next": step, **self._known}
+        board = {"state": state, "message": message, "next": _NEXT.get(state, ""), **self._known}
+        if board != self._said:
             self._state.put("board", board)
-            self._said = said  # last: after an error the next attempt shows it again
+            self._said = board  # last: after an error the next attempt shows it again
 
 
 def _settings(board: Board) -> dict:
@@ -192,7 +201,7 @@ def _settings(board: Board) -> dict:
 
 
 _FACTS = (
-    *("id", "board", "runtime", "firmware", "calibration", "length_um"),
+    *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
     *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
 

@@ -2,7 +2,6 @@
 
 import sys
 from argparse import Namespace
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,14 +13,13 @@ from ..calibrate.dialog import Progress, UndoError
 from ..calibrate.presser import Presser
 from ..calibrate.session import Session, Wanted, settings
 from ..calibrate.spectra import Reading, SpectrumReader
-from ..calibrate.steps import COUNTS, calibrate
+from ..calibrate.steps import COUNTS, LENGTH_UM, calibrate
 from ..errors import SpotsError, printable
 from ..guarded import sentence_of
 from ..link.board import Board
 from .orders import Orders
 from .state import PageState
 
-_LENGTH_UM = 85_000.0
 _SAID = 4  # number of messages that are shown
 _PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
 _ALONG = "hand", "position", "force", "mark"
@@ -56,7 +54,7 @@ class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields
     """Request of a browser: end the session; its presses are stored."""
 
 
-_DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
+DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
 
 
 class PageCalibration(Orders):
@@ -80,13 +78,13 @@ class PageCalibration(Orders):
         self._path, self._state = path, state
         self._session = Session(path)
         self._step = 0
-        length_um = self._session.length_um or _LENGTH_UM
+        length_um = self._session.length_um or LENGTH_UM
         self._shown = {"running": False, "file": path.with_suffix(".toml").name}
         self._show(length_um=length_um)
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
         """Return the request in a browser's message; raise a ValueError if it is invalid."""
-        return _DECODER.decode(body)
+        return DECODER.decode(body)
 
     def attend(self, board: Board) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""
@@ -135,15 +133,14 @@ class PageCalibration(Orders):
             count = usual if taken < usual else taken + _MORE
             calibrate(bench, self._session, start.kind, count, None, options)
         finally:
-            with suppress(SpotsError):  # the error of a disconnected board is reported elsewhere
-                reader.restore()
+            reader.restore()
 
     # The dialog of the session, see `calibrate.dialog.Dialog`.
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
         """Show the title and the number of presses of a series."""
         self._plan = plan
-        self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK)
+        self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK, note=None)
 
     def skip(self, count: int = 1) -> None:
         """Count `count` more presses as taken in the progress display; `count` may be negative."""

@@ -1,8 +1,11 @@
 """Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
 
 import contextlib
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 
-from spots_device.layout import action
+from spots_device.layout import LIMITS, action, default_lines
+from spots_device.settings import checksum
 
 from ..controller.controller import controller_for
 from ..controller.controller_settings import load as load_controller
@@ -39,6 +42,7 @@ class Feel:
     def __init__(self, board: Board, info: dict, layout: KeyLayout, state: PageState):
         self._state, self._layout = state, layout
         self._engine = self._gestures = self._controller = None
+        self._own = info.get("keys")  # the engine then only follows the layers
         self._untrusted = Untrusted()
         self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
@@ -47,14 +51,15 @@ class Feel:
             self._gestures = Gestures()
             with contextlib.suppress(SpotsError):  # too slow for a gamepad
                 self._controller = controller_for(board, load_controller())
-            if not info["keys"]:
-                self._engine = KeyEngine(layout, length_um, self, info.get("decay"))
+            if not info["keys"] or _is_on(info, layout):
+                sink = SimpleNamespace(key=_ignored) if info["keys"] else self
+                self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
         self._engines = [one for one in engines if one is not None]
         self.release()
         self._show()
 
-    def take(self, touch: Touch, now_s: float) -> None:
+    def take(self, touch: Touch, now_s: float, fingers: Sequence[float] = ()) -> None:
         """Process a reading, and show the result in the web UI.
 
         Parameters
@@ -63,8 +68,10 @@ class Feel:
             The next reading of the strip.
         now_s : float
             Time at which the reading arrived, in seconds by the link's clock.
+        fingers : sequence of float, optional
+            Positions of all fingers in this reading, in um, as far as the board computes them.
         """
-        self._state.put("touch", _message(touch, now_s))
+        self._state.put("touch", _message(touch, now_s, fingers))
         self._untrusted.take(touch, now_s)
         for engine in self._engines:
             found = engine.take(touch, now_s)
@@ -74,7 +81,7 @@ class Feel:
 
     def take_key(self, key: Key) -> None:
         """Show a key event of a board that is a keyboard itself."""
-        if self._engine is None:
+        if self._own:
             self.key(key.page, key.usage, key.modifiers, key.pressed)
 
     def tick(self, now_s: float) -> None:
@@ -87,6 +94,8 @@ class Feel:
         """Release all keys and the gamepad, because the touch is unknown."""
         if self._engine:
             self._engine.release()
+        if self._own:
+            self._down.clear()
         self._shown.clear()
         for name in ("touch", "keys", "stick", "untrusted"):
             self._state.put(name, None)
@@ -150,6 +159,17 @@ class Feel:
         }
 
 
+def _ignored(*event) -> None:
+    pass
+
+
+def _is_on(info: Mapping, layout: KeyLayout) -> bool:
+    """Return whether a board uses a layout, by its reply to ``hello``."""
+    zones = [line for line in layout.lines if line.split()[0] not in LIMITS]
+    stored = info.get("layout")
+    return zones == default_lines() if stored is None else stored == checksum(layout.lines)
+
+
 def layout_shown(layout: KeyLayout) -> dict:
     """Return a layout as JSON for the web UI: names, zones and labels of the keys."""
     return {
@@ -161,7 +181,7 @@ def layout_shown(layout: KeyLayout) -> dict:
     }
 
 
-def _message(touch: Touch, now_s: float) -> dict:
+def _message(touch: Touch, now_s: float, fingers: Sequence[float] = ()) -> dict:
     names = "time_s", "contrast", "brightness", "position_um", "force_mN", "touching", "trusted"
     shown = {name: getattr(touch, name) for name in names}
-    return {**shown, "arrived_s": now_s, "flags": flag_words(touch)}
+    return {**shown, "arrived_s": now_s, "flags": flag_words(touch), "fingers": fingers}

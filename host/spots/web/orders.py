@@ -1,10 +1,14 @@
 """Passes requests of browsers to the thread that reads the board."""
 
+import sys
+from collections.abc import Callable
 from concurrent.futures import Future
 from queue import Empty, Full, Queue
 from typing import Any
 
 from ..errors import SpotsError
+from ..guarded import sentence_of
+from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 
 _WAITING_MAX = 8
@@ -22,7 +26,13 @@ class Orders:
     ----------
     stopping : bool
         Whether the thread that runs `attend` must end; `attend` then returns soon.
+    layout : KeyLayout or None
+        Key layout that the web UI shows and uses from now on; None: the layout does not change.
     """
+
+    what = "a request"  # for error messages
+    request_max = 1024  # bytes
+    layout: KeyLayout | None = None
 
     def __init__(self, nobody: str):
         self._nobody = nobody
@@ -54,7 +64,8 @@ class Orders:
         Returns
         -------
         concurrent.futures.Future
-            Future of the request: its result is None, or its exception is a SpotsError.
+            Future of the request: its result is the answer as a dict, or None without an answer;
+            or its exception is a SpotsError.
         """
         answer: Future = Future()
         try:
@@ -74,6 +85,18 @@ class Orders:
                 return None
             if asked[1].set_running_or_notify_cancel():  # False after a timeout of the client
                 return asked
+
+    def _answer(self, answer: Future, handle: Callable, *arguments: Any) -> None:
+        """Call a function, and answer a request with its result or its error."""
+        try:
+            answer.set_result(handle(*arguments))
+        except SpotsError as error:
+            answer.set_exception(error)
+        except Exception as error:
+            # The client gets an answer at once, and the reader continues.
+            sentence = sentence_of(self.what, error)
+            print(f"spots: {sentence}", file=sys.stderr, flush=True)
+            answer.set_exception(SpotsError(sentence))
 
     def _refuse(self) -> None:
         while asked := self._next():

@@ -1,13 +1,11 @@
 """Recordings that a browser starts and stops; the thread that reads the board writes them."""
 
 import re
-import sys
 import time
 from datetime import datetime, timezone
 from pathlib import Path
 
 from ..errors import SpotsError
-from ..guarded import sentence_of
 from ..link.board import Board
 from ..recording.recorder import Recorder
 from ..terminal.view import Pace
@@ -34,6 +32,8 @@ class Recordings(Orders):
         If the folder does not exist.
     """
 
+    what = "a recording"
+
     def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
             raise SpotsError(f"there is no folder {folder} for recordings: make it first")
@@ -54,16 +54,7 @@ class Recordings(Orders):
         self._attended = True
         while asked := self._next():
             word, answer = asked
-            try:
-                (self._start if word == START else self._stop)(board)
-                answer.set_result(None)
-            except SpotsError as error:
-                answer.set_exception(error)
-            except Exception as error:
-                # The client gets an answer at once, and the reader continues.
-                sentence = sentence_of("a recording", error)
-                print(f"spots: {sentence}", file=sys.stderr, flush=True)
-                answer.set_exception(SpotsError(sentence))
+            self._answer(answer, self._start if word == START else self._stop, board)
         if self._recorder and self._pace.due(time.monotonic()):
             self._show(board, on=True)
         return False

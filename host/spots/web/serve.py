@@ -14,10 +14,12 @@ from pathlib import Path
 
 from ..errors import SpotsError, missing
 from ..keyboard.layout import load
+from ..link.ports import offered
 from ..linkage.twin_source import is_recording, linkage_of
 from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
 from .connections import Connections
+from .layout_editor import LayoutEditor
 from .orders import Orders
 from .recordings import Recordings
 from .state import PageState
@@ -116,13 +118,22 @@ def serve_command(options: argparse.Namespace) -> None:
         orders["recording"] = Recordings(Path(options.record_to), state)
     elif options.session is not None:
         orders["calibration"] = PageCalibration(Path(options.session), state)
+    if options.edit is not None:
+        orders["layout"] = editor = LayoutEditor(Path(options.edit), layout, state)
+        layout = editor.layout
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
-        option = "--record-to" if options.record_to else "--session"
+        named = {"record_to": "--record-to", "session": "--session", "edit": "--edit"}
+        option = next(text for name, text in named.items() if getattr(options, name))
         raise SpotsError(
             f"{option} works with one board: do not use it with --linkage or a recording"
         )
     if options.record_to and options.session:
         raise SpotsError("--record-to and --session exclude each other: use only one of them")
+    if options.session and ports and offered(ports[0], "calibration_setup"):
+        raise SpotsError(
+            "--session needs a person who presses the strip, which a virtual board does not have: "
+            f"'spots calibrate --port {ports[0]}' calibrates it with a simulated stage"
+        )
     if options.linkage is None:
         if len(ports) > 1:
             raise SpotsError(

@@ -3,7 +3,18 @@
 from array import array
 
 from canned import Clock
-from spots_device import kernel
+from spots_device import dark, kernel
+from spots_device.calibration import pack
+from spots_device.decode import (
+    CRC_SIZE,
+    DRIFT_MAX,
+    HEAD_SIZE,
+    HEADER_SIZE,
+    TOLERANCE_Q12,
+    TOUCH_OFF_MN,
+    TOUCH_ON_MN,
+    Decode,
+)
 from spots_device.frame import Time32
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
@@ -16,8 +27,9 @@ _BURST_US = 390
 _CLEAR_US = 73
 
 _encoded = bytearray(660)
-_scratch = array("i", bytes(4 * kernel.SCRATCH))
-_reading = array("i", bytes(4 * 4))
+_decode = Decode()
+_decode.scale(1, 4)
+_head = array("i", bytes(4 * HEAD_SIZE))
 _found = array("i", bytes(4 * 3))
 _clock = Clock()
 _time = Time32(_clock)
@@ -29,46 +41,44 @@ def log2(cases, results):
         results[i] = log2_q20(cases[i])
 
 
-class Made:
-    """Stands where a calibration or a segment of one stands in the kernel."""
-
-
 def prepare_estimate(cases):
     prepared = []
-    for tables, readings in cases:
-        made = Made()
-        made.weights = _arrays(tables["weights"])
-        made.bounds = array("i", tables["bounds"])
-        made.brightnesses, *columns = _arrays(tables["forces"])
-        made.columns = tuple(columns)
-        made.segments = []
-        for weights, knots in tables["segments"]:
-            part = Made()
-            part.weights = part.position, part.force = _arrays(weights)
-            part.contrasts, *columns = _arrays(knots)
-            part.columns = tuple(columns)
-            made.segments.append(part)
+    for tables, limits, readings in cases:
+        decode = Decode()
+        decode.state[TOUCH_ON_MN], decode.state[TOUCH_OFF_MN], decode.state[DRIFT_MAX] = limits
+        decode.tables = pack(*tables)
         readings = [
-            (samples, array("i", sums), array("i", dark)) for samples, sums, dark in readings
+            (samples, array("i", sums), array("i", floor), flags)
+            for samples, sums, floor, flags in readings
         ]
-        prepared.append((made, readings))
+        prepared.append((decode, readings))
     return prepared
 
 
 def estimate(cases, results):
     at = 0
     for i in range(len(cases)):
-        made = cases[i][0]
+        decode = cases[i][0]
         readings = cases[i][1]
         for j in range(len(readings)):
             case = readings[j]
-            dark = kernel.estimate(made, case[1], case[0], case[2], 4, _scratch, _reading)
-            results[at] = dark
-            for k in range(4):
-                results[at + 1 + k] = _reading[k]
-            for k in range(1, 3):
-                results[at + 4 + k] = 0 if dark else _scratch[k]
-            at += 7
+            decode.scale(case[0], 4)
+            kernel.estimate(decode.state, decode.tables, case[1], case[2], case[3])
+            for k in range(TOLERANCE_Q12 + 1):
+                results[at] = decode.state[k]
+                at += 1
+
+
+def prepare_unpack(cases):
+    return [(bytes(burst), array("i", bytes(24))) for burst in cases]
+
+
+def unpack(cases, results):
+    for i in range(len(cases)):
+        burst, counts = cases[i]
+        results[7 * i] = kernel.unpack(burst, counts)
+        for j in range(6):
+            results[7 * i + 1 + j] = counts[j]
 
 
 def prepare_accumulate(cases):
@@ -83,51 +93,66 @@ def accumulate(cases, results):
             results[6 * i + j] = case[0][j]
 
 
+_AT = 2 << 20  # contrast of one count, with the weights below
+_ONE = array("i", (1,) * 6)
+_NO_FLOOR = array("i", bytes(24))
+
+
 def prepare_table(cases):
-    return [(array("i", knots), _arrays([values]), at) for knots, values, at in cases]
+    prepared = []
+    for knots, values, at in cases:
+        rows = [(knots[i], values[i], values[i], 0) for i in range(len(knots))]
+        forces = (-(1 << 28), 0, 0), (1 << 28, 0, 0)
+        tables = pack([0] * 12, [0], [[8192] + [0] * 11], [rows], forces)
+        prepared.append((tables, len(knots), at))
+    return prepared
 
 
 def table(cases, results):
-    at = 0
+    # The contrast is always the same, so the knots move.
+    place = 0
     for i in range(len(cases)):
-        case = cases[i]
-        readings = case[2]
+        tables, size, readings = cases[i]
+        first = tables[15] + 13
+        moved = 0
         for j in range(len(readings)):
-            kernel.look_up(case[0], case[1], readings[j], _scratch)
-            results[at] = _scratch[0]
-            at += 1
+            for k in range(size):
+                tables[first + k] += _AT - readings[j] - moved
+            moved = _AT - readings[j]
+            kernel.estimate(_decode.state, tables, _ONE, _NO_FLOOR, 0)
+            results[place] = _decode.state[3]
+            place += 1
 
 
-def prepare_bytes(cases):
-    # Room for a checksum.
-    return [(bytearray(case + [0] * kernel.CRC_SIZE), len(case)) for case in cases]
-
-
-prepare_crc32 = prepare_cobs = prepare_frame = prepare_bytes
-_crc = array("H", (0, 0))
-
-
-def crc32(cases, results):
-    for i in range(len(cases)):
-        case = cases[i]
-        _crc[0] = _crc[1] = 0xFFFF
-        kernel.crc32(case[0], case[1], _crc)
-        results[2 * i] = _crc[0]
-        results[2 * i + 1] = _crc[1]
-
-
-def cobs(cases, results):
-    width = len(results) // len(cases)
-    for i in range(len(cases)):
-        case = cases[i]
-        _keep(kernel.cobs_encode(case[0], case[1], _encoded), i * width, results)
+def prepare_frame(cases):
+    # Room for header and checksum.
+    return [(bytearray([0] * HEADER_SIZE + case + [0] * CRC_SIZE), len(case)) for case in cases]
 
 
 def frame(cases, results):
     width = len(results) // len(cases)
     for i in range(len(cases)):
         case = cases[i]
-        _keep(kernel.frame(case[0], case[1], _encoded), i * width, results)
+        for j in range(HEAD_SIZE):
+            _head[j] = 255 - 50 * j if i & 1 else 65_535 * (j > 0)
+        length = kernel.frame(_head, case[0], HEADER_SIZE + case[1], _encoded)
+        results[i * width] = _head[1]
+        _keep(length, i * width + 1, results)
+
+
+def prepare_touch(cases):
+    return list(_arrays(cases))
+
+
+def touch(cases, results):
+    width = len(results) // len(cases)
+    payload = _payload
+    for i in range(len(cases)):
+        _head[4] = 32 * (i & 1)
+        _keep(kernel.touch(_head, payload, cases[i], _encoded), i * width, results)
+
+
+_payload = bytearray(64)
 
 
 class Events:
@@ -194,31 +219,10 @@ def prepare_follow(cases):
 def follow(cases, results):
     for i in range(len(cases)):
         case = cases[i]
-        kernel.follow(case[0], case[1], case[2], case[4], case[3], case[5], case[6], case[7])
+        dark.follow(case[0], case[1], case[2], case[4], case[3], case[5], case[6], case[7])
         for j in range(6):
             results[12 * i + j] = case[0][j]
             results[12 * i + 6 + j] = case[1][j]
-
-
-def power(cases, results):
-    for i in range(len(cases)):
-        results[i] = power_of_two(cases[i])
-
-
-def prepare_locate(cases):
-    return _arrays(cases)
-
-
-def locate(cases, results):
-    for i in range(len(cases)):
-        case = cases[i]
-        _found[0] = _found[1] = _found[2] = 0
-        is_there = locate_second(
-            _found, case[0], case[1], case[2], case[3], case[4], case[5], case[6]
-        )
-        results[4 * i] = 1 if is_there else 0
-        for j in range(3):
-            results[4 * i + 1 + j] = _found[j] if is_there else 0
 
 
 def _keep(size, at, results):
@@ -262,3 +266,24 @@ def pacing(cases, results):
             results[at + 2] = _pacing.period_us
             results[at + 3] = _pacing.missed
             at += 4
+
+
+def power(cases, results):
+    for i in range(len(cases)):
+        results[i] = power_of_two(cases[i])
+
+
+def prepare_locate(cases):
+    return _arrays(cases)
+
+
+def locate(cases, results):
+    for i in range(len(cases)):
+        case = cases[i]
+        _found[0] = _found[1] = _found[2] = 0
+        is_there = locate_second(
+            _found, case[0], case[1], case[2], case[3], case[4], case[5], case[6]
+        )
+        results[4 * i] = 1 if is_there else 0
+        for j in range(3):
+            results[4 * i + 1 + j] = _found[j] if is_there else 0

@@ -11,9 +11,15 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
-// Whether a reading has a position; this is null without a calibration, and while the LED is off.
+// Whether a reading has the position of one finger; this is null without a calibration, and while the
+// LED is off.
 export function placed(touch) {
-  return Boolean(touch?.touching) && touch.position_um !== null;
+  return Boolean(touch?.touching) && touch.position_um !== null && !several(touch);
+}
+
+// Whether the board sees several fingers; a measured position then lies between them.
+export function several(touch) {
+  return touch?.fingers?.length > 1;
 }
 
 // Rows of <dt> and <dd> from pairs of name and value; a pair without a value is omitted.
@@ -23,11 +29,11 @@ export function list(root, pairs) {
     .map(([name, value]) => make("div", "", make("dt", "", name), make("dd", "", String(value)))));
 }
 
-// A canvas with the resolution of the screen; `draw(context, width, height)` uses CSS pixels. With a
-// key, the canvas is drawn only after a change of the key, of the canvas size or of the colours.
+// A canvas with the resolution of the screen; `draw(context, width, height)` uses CSS pixels. Without
+// a height, the style sheet sets the height. With a key, the canvas is drawn only after a change of the key, of the canvas size or of the colours.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
-  element.style.height = `${height}px`;
+  if (height) element.style.height = `${height}px`;
   const context = element.getContext("2d");
   let width = 0, last = () => {}, shown = null;
   const paint = () => {
@@ -37,6 +43,7 @@ export function canvas(root, height) {
   };
   new ResizeObserver(() => {
     width = element.clientWidth;
+    height = element.clientHeight;
     element.width = Math.round(width * devicePixelRatio);
     element.height = Math.round(height * devicePixelRatio);
     paint();

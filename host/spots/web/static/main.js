@@ -5,6 +5,7 @@ import { connect } from "./link.js";
 import { board } from "./panels/board.js";
 import { figures } from "./panels/figures.js";
 import { calibration } from "./panels/calibration.js";
+import { editor } from "./panels/editor.js";
 import { strip } from "./panels/strip.js";
 import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
@@ -21,16 +22,17 @@ const ANSWER = Infinity, LOOK = 15, READ = 5;
 const PANELS = [
   [strip, ANSWER, "board", "touch"],
   [keyboard, ANSWER, "board", "touch", "keys"],
+  [editor, ANSWER, "editor", "may_command", "board", "touch", "keys"],
   [calibration, LOOK, "calibration", "hold", "may_command", "board"],
-  [figures, READ, "touch"],
+  [figures, READ, "board", "touch"],
   [board, READ, "board", "connection"],
   [stick, LOOK, "stick"],
   [twin, LOOK, "twin"],
   [spectrum, LOOK, "board", "touch", "spectrum"],
-  [history, LOOK, "touch"],
+  [history, LOOK, "touch", "board"],
   [recording, READ, "recording", "may_command"],
   [link, READ, "link"],
-  [next, READ, "board", "untrusted", "connection"],
+  [next, READ, "board", "touch", "untrusted", "connection"],
 ];
 // Waiting panels are drawn with the next messages, or this time after the last message.
 const QUIET_MS = 100;

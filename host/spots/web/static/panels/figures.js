@@ -1,5 +1,5 @@
 // Position and force of the press as numbers, and the flags of the reading in words.
-import { FULL_FORCE_MN, fill, make, placed } from "../dom.js";
+import { FULL_FORCE_MN, fill, make, placed, several } from "../dom.js";
 
 export function figures(root) {
   const place = figure("Position", "mm"), force = figure("Force", "N");
@@ -9,11 +9,15 @@ export function figures(root) {
   root.append(place.root, force.root, words);
 
   return (state, news) => {
+    if ("board" in news) force.unit(state.board?.relative_force ? "relative" : "N");
     if (!("touch" in news)) return;
     const touch = state.touch, there = placed(touch);
-    const said = touch ? touch.flags.join(", ") : "";
+    const said = several(touch) ? "two fingers" : touch ? touch.flags.join(", ") : "";
     if (said !== words.textContent) words.textContent = said;
-    place.show(there ? (touch.position_um / 1000).toFixed(2) : null);
+    place.show(there ? (touch.position_um / 1000).toFixed(2)
+      : several(touch) ? [...touch.fingers].sort((a, b) => a - b).map((um) => (um / 1000).toFixed(1)).join(" · ") : null);
+    place.root.classList.toggle("pair", several(touch));
+    for (const { root } of [place, force]) root.classList.toggle("doubtful", there && !touch.trusted);
     force.show(there ? (touch.force_mN / 1000).toFixed(2) : null);
     fill(bar, there ? touch.force_mN / FULL_FORCE_MN : 0);
   };
@@ -21,12 +25,12 @@ export function figures(root) {
 
 function figure(name, unit) {
   const number = document.createTextNode("");
-  const value = make("b", "", number, make("small", "", unit));
+  const value = make("b", "", number, make("small", "", unit)), last = value.lastChild;
   const root = make("div", "figure none", make("span", "", name), value);
   const show = (text) => {
     root.classList.toggle("none", text === null);
     number.data = text ?? "–";
   };
   show(null);
-  return { root, show };
+  return { root, show, unit: (text) => { last.textContent = text; } };
 }

@@ -43,7 +43,7 @@ export function keyboard(root) {
         lit.set(`${event.layer}/${event.index}`, now_s + SHORTEST_S);
       }
     }
-    const layer = state.keys?.layer ?? Object.keys(layout.layers)[0];
+    const layer = state.keys?.layer in layout.layers ? state.keys.layer : Object.keys(layout.layers)[0];
     if (layer !== shown) lay(layer);
     const down = new Set((state.keys?.down ?? []).map((one) => `${one.layer}/${one.index}`));
     for (const [key, until_s] of lit) if (now_s > until_s) lit.delete(key);

@@ -1,5 +1,5 @@
 // The six channels of a reading, and their expected counts for a press at this position.
-import { fill, make, placed } from "../dom.js";
+import { fill, make, placed, several } from "../dom.js";
 
 // Colour of the band of each channel.
 const COLOURS = {
@@ -30,7 +30,7 @@ export function spectrum(root) {
   return (state, news, now_s) => {
     if (news.board?.plan) lay(news.board.plan);
     if (news.touch) {
-      const word = !news.touch.touching ? "no press"
+      const word = !news.touch.touching ? "no press" : several(news.touch) ? "two fingers"
         : news.touch.flags.includes("not one press") ? "does not fit one press"
         : news.touch.flags.includes("not calibrated") ? "not calibrated" : "fits one press";
       if (word !== fit) {

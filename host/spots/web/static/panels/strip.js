@@ -1,16 +1,18 @@
 // The strip and the press on it. No code here forces a layout: the strip is drawn most often.
-import { FULL_FORCE_MN, make, placed } from "../dom.js";
+import { FULL_FORCE_MN, make, placed, several } from "../dom.js";
 
 const USUAL_LENGTH_UM = 85000;
 const STEPS_MM = [1, 2, 5, 10, 20, 50, 100], MOST_TICKS = 9;
 
 export function strip(root) {
-  const press = make("div", "press");
-  const track = make("div", "track", press);
+  const press = make("div", "press"), others = [make("div", "other"), make("div", "other")];
+  const track = make("div", "track", press, ...others);
   const ticks = make("div", "ticks");
   root.append(make("div", "guide", track), ticks);
   let length_um = USUAL_LENGTH_UM;
   ruler(ticks, length_um);
+
+  const at = (um) => Math.min(Math.max(um / length_um, 0), 1);
 
   return (state, news) => {
     if (news.board) {
@@ -19,12 +21,15 @@ export function strip(root) {
     }
     if (!("touch" in news)) return;
     const touch = state.touch, there = placed(touch);
+    others.forEach((one, i) => {
+      one.classList.toggle("on", several(touch));
+      if (several(touch)) one.style.transform = `translateX(${100 * at(touch.fingers[i])}cqw) scale(0.7)`;
+    });
     press.classList.toggle("on", there);
     if (!there) return;
     press.classList.toggle("doubtful", !touch.trusted);
-    const share = Math.min(Math.max(touch.position_um / length_um, 0), 1);
     const size = 0.55 + 0.75 * Math.min(touch.force_mN / FULL_FORCE_MN, 1);
-    press.style.transform = `translateX(${100 * share}cqw) scale(${size})`;
+    press.style.transform = `translateX(${100 * at(touch.position_um)}cqw) scale(${size})`;
   };
 }
 

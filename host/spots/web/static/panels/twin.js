@@ -1,12 +1,15 @@
 // A five-bar linkage: bars, end point with its error ellipse, and path of the end point.
 // The message is described in docs/page.md.
-import { canvas, colours, make } from "../dom.js";
+import { canvas, colours, list, make } from "../dom.js";
 
-const HEIGHT = 380, MARGIN = 24, ERRORS = 3;
+const MARGIN = 24, ERRORS = 3;
 
 export function twin(root) {
   let paint = null;
-  const words = root.appendChild(make("p", "remark"));
+  const words = make("p", "remark"), figures = make("dl", "figures"), picture = make("div", "picture");
+  const legend = make("ul", "key-of", make("li", "path", "path"), make("li", "error", "three standard errors"));
+  picture.role = "img";
+  root.append(picture, make("div", "beside", words, figures, legend));
   // The range of all points drawn so far: it only grows, so that the picture does not move.
   const box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
 
@@ -14,11 +17,30 @@ export function twin(root) {
     const it = news.twin;
     if (it === undefined) return;
     root.hidden = it === null;
+    document.body.dataset.twin = it === null ? "off" : "on";
     if (it === null) return;
-    words.textContent = it.note ?? "";
-    paint ??= canvas(root, HEIGHT);
+    put(words, it.note ?? "");
+    const known = it.x_mm !== null;
+    const sigma = it.cov && known ? Math.sqrt(Math.max(it.cov[0], it.cov[2])) : null;
+    list(figures, [
+      ["x", known ? `${it.x_mm.toFixed(1)} mm` : "–"],
+      ["y", known ? `${it.y_mm.toFixed(1)} mm` : "–"],
+      ["joint 1", degrees(it.theta1_rad)],
+      ["joint 2", degrees(it.theta2_rad)],
+      ["standard error", sigma === null ? "–" : `${sigma.toFixed(2)} mm`],
+    ]);
+    picture.ariaLabel = known ? `The end point is at x ${it.x_mm.toFixed(0)} mm, y ${it.y_mm.toFixed(0)} mm` : "The position of the end point is unknown";
+    paint ??= canvas(picture);
     paint((c, width, height) => draw(c, width, height, it, box));
   };
+}
+
+function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function degrees(angle_rad) {
+  return angle_rad === null || angle_rad === undefined ? "–" : `${((180 * angle_rad) / Math.PI).toFixed(1)}°`;
 }
 
 function draw(c, width, height, it, box) {

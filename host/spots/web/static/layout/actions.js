@@ -1,0 +1,159 @@
+// Names of actions: keys of the HID Usage Tables with modifiers, and layers. Search by name.
+import { make } from "../dom.js";
+import { LAYER_VERBS } from "./file.js";
+
+const KEYBOARD = "0x07", MOST = 8;
+const SHORT = {
+  shift: "LEFT_SHIFT", ctrl: "LEFT_CONTROL", control: "LEFT_CONTROL", strg: "LEFT_CONTROL",
+  alt: "LEFT_ALT", option: "LEFT_ALT", altgr: "RIGHT_ALT", gui: "LEFT_GUI", win: "LEFT_GUI",
+  cmd: "LEFT_GUI", command: "LEFT_GUI", super: "LEFT_GUI", meta: "LEFT_GUI",
+};
+const VERB_WORDS = {
+  layer: "this layer while the key is held", toggle: "this layer until the next toggle", once: "this layer for one key",
+};
+
+// Keys by name: {name, value, words, search}. `value` is the shortest name in a layout file.
+export async function readUsages() {
+  const answer = await fetch("static/usages.txt");
+  if (!answer.ok) throw new Error(answer.statusText);
+  const taken = new Set();
+  return (await answer.text()).split("\n").filter((line) => line && !line.startsWith("#")).map((line) => {
+    const [page, usage, name, linux, pynput = ""] = line.trim().split(/\s+/);
+    const character = page === KEYBOARD && [...pynput].length === 1 && !taken.has(pynput) ? pynput.toUpperCase() : "";
+    if (character) taken.add(pynput);
+    const code = parseInt(usage, 16);
+    const modifier = page === KEYBOARD && code >= 0xe0 && code <= 0xe7;
+    const words = linux.replace("KEY_", "").toLowerCase();
+    return {
+      name, page, character, modifier, value: /^[A-Z0-9]$/.test(character) ? character : name,
+      words: page === KEYBOARD ? "key" : "media", search: `${name.toLowerCase()} ${words}`,
+    };
+  });
+}
+
+// The text on a key for an action: its character, or the key's name.
+export function cap(usages, action) {
+  const [verb, layer] = action.split(/ (.*)/);
+  if (LAYER_VERBS.includes(verb)) return layer ?? "";
+  const name = (action.length > 1 && action.split("+").at(-1)) || action;
+  const found = usages.find((one) => one.name === name.toUpperCase() || one.character === name.toUpperCase());
+  return found ? found.character || found.name : name;
+}
+
+// The actions that fit what was typed, the best first: {value, words}.
+export function matches(usages, layers, typed) {
+  const text = typed.trim();
+  const actions = LAYER_VERBS.flatMap((verb) => layers.map((layer) => ({ value: `${verb} ${layer}`, words: VERB_WORDS[verb] })));
+  const parts = text.length > 1 ? text.split("+") : [text];
+  const wanted = (parts.pop() ?? "").trim().toLowerCase().replace(/\s+/g, "_");
+  const modifiers = parts.map((part) => {
+    const name = part.trim().toLowerCase().replace(/\s+/g, "_");
+    return SHORT[name] ?? usages.find((one) => one.modifier && one.name.toLowerCase().startsWith(name))?.name;
+  });
+  if (modifiers.includes(undefined)) return [];
+  const before = modifiers.map((one) => `${one}+`).join("");
+  const keys = usages.filter((one) => !before || one.page === KEYBOARD)
+    .map((one) => ({ one, rank: rank(one, wanted) })).filter(({ rank }) => rank < 9);
+  keys.sort((a, b) => a.rank - b.rank);
+  const found = keys.map(({ one }) => ({
+    value: before + one.value, words: one.value === one.name ? one.words : one.name.toLowerCase().replaceAll("_", " "),
+  }));
+  const ways = before ? [] : actions.filter(({ value }) => value.toLowerCase().includes(text.toLowerCase()));
+  const exact = ways.some(({ value }) => value === text);
+  return (exact ? [...ways, ...found] : [...found.slice(0, MOST - Math.min(ways.length, 3)), ...ways]).slice(0, MOST);
+}
+
+function rank(one, wanted) {
+  const name = one.name.toLowerCase();
+  if (!wanted) return 5;
+  if (one.character.toLowerCase() === wanted) return 0;
+  if (name === wanted) return 1;
+  if (name.startsWith(wanted)) return 2;
+  if (one.search.split(/[ _]/).some((word) => word.startsWith(wanted))) return 3;
+  return one.search.includes(wanted) ? 4 : 9;
+}
+
+// A field for an action with a list to choose from. `find(text)` returns the actions that fit;
+// `onChoose(value)` gets the chosen one, or an empty string.
+let fields = 0;
+export function actionField(name, find, onChoose) {
+  const id = `action-${++fields}`;
+  const input = make("input"), list = make("ul", "options");
+  input.id = id;
+  input.autocomplete = "off";
+  input.spellcheck = false;
+  input.setAttribute("role", "combobox");
+  input.setAttribute("aria-autocomplete", "list");
+  input.setAttribute("aria-controls", `${id}-list`);
+  input.setAttribute("aria-expanded", "false");
+  list.id = `${id}-list`;
+  list.setAttribute("role", "listbox");
+  list.ariaLabel = name;
+  list.hidden = true;
+  const label = make("label", "", name);
+  label.htmlFor = id;
+  const root = make("div", "action", label, make("div", "combo", input, list));
+  let value = "", options = [], chosen = -1;
+
+  function open(typed) {
+    options = find(typed);
+    list.replaceChildren(...options.map((one, i) => {
+      const item = make("li", "", make("b", "", one.value), make("span", "", one.words));
+      item.id = `${id}-${i}`;
+      item.setAttribute("role", "option");
+      // Not a click, which comes after the field has lost its focus.
+      item.addEventListener("pointerdown", (event) => { event.preventDefault(); choose(one.value); });
+      return item;
+    }));
+    list.hidden = !options.length;
+    input.setAttribute("aria-expanded", String(!list.hidden));
+    point(options.length && typed.trim() ? 0 : -1);
+  }
+  function point(index) {
+    chosen = index;
+    [...list.children].forEach((item, i) => item.setAttribute("aria-selected", String(i === index)));
+    if (index < 0) input.removeAttribute("aria-activedescendant");
+    else {
+      input.setAttribute("aria-activedescendant", `${id}-${index}`);
+      list.children[index].scrollIntoView({ block: "nearest" });
+    }
+  }
+  function close() {
+    list.hidden = true;
+    input.setAttribute("aria-expanded", "false");
+    input.removeAttribute("aria-activedescendant");
+    chosen = -1;
+  }
+  function choose(text) {
+    close();
+    input.value = text;
+    if (text !== value) onChoose(value = text);
+  }
+
+  input.addEventListener("focus", () => input.select());
+  input.addEventListener("click", () => { if (list.hidden) open(""); });
+  input.addEventListener("input", () => open(input.value));
+  input.addEventListener("keydown", (event) => {
+    if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+      event.preventDefault();
+      if (list.hidden) open("");
+      else if (options.length) point((chosen + (event.key === "ArrowDown" ? 1 : options.length - 1 + (chosen < 0))) % options.length);
+    } else if (event.key === "Enter") {
+      event.preventDefault();
+      if (!input.value.trim()) choose("");
+      else if (!list.hidden && chosen >= 0) choose(options[chosen].value);
+    } else if (event.key === "Escape" && !list.hidden) {
+      event.stopPropagation();
+      input.value = value;
+      close();
+    }
+  });
+  // A field that is left takes what was typed, if it is an action; otherwise it keeps its value.
+  input.addEventListener("blur", () => {
+    const typed = input.value.trim(), best = typed === value ? null : find(typed)[0];
+    if (!typed) choose("");
+    else if (best && !list.hidden) choose(best.value);
+    else { input.value = value; close(); }
+  });
+  return { root, input, show: (text) => { if (text !== value || document.activeElement !== input) { value = input.value = text; } } };
+}

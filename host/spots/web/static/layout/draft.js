@@ -1,0 +1,46 @@
+// The layout that is being edited, with undo and redo. It survives a reload of the window.
+
+const MOST = 100, STORED = "spots-layout", STORED_MAX = 500_000;
+
+export function makeDraft(onChange) {
+  let past = [], future = [], now = null, base = null;  // texts of JSON
+  const keep = () => {
+    const text = JSON.stringify({ past, now, future, base });
+    try {
+      if (text.length < STORED_MAX) sessionStorage.setItem(STORED, text);
+      else sessionStorage.removeItem(STORED);
+    } catch { /* a browser that stores nothing forgets it on a reload */ }
+  };
+  const move = (from, to) => {
+    if (!from.length) return;
+    to.push(now);
+    now = from.pop();
+    keep();
+    onChange();
+  };
+  try {
+    ({ past, now, future, base } = JSON.parse(sessionStorage.getItem(STORED)) ?? { past, now, future, base });
+  } catch { /* the same */ }
+
+  return {
+    // {content, head, others}: the layout, and the comments of its file, see `comments`.
+    get value() { return now === null ? null : JSON.parse(now); },
+    // The layout of the server that the draft began with.
+    get base() { return base; },
+    set base(value) { base = value; keep(); },
+    get canUndo() { return past.length > 0; },
+    get canRedo() { return future.length > 0; },
+    // With `replace`, no step of its own: for a border that moves with the pointer.
+    set(value, replace = false) {
+      const text = JSON.stringify(value);
+      if (text === now) return;
+      if (!replace && now !== null) past = [...past.slice(1 - MOST), now];
+      if (!replace) future = [];
+      now = text;
+      keep();
+      onChange();
+    },
+    undo: () => move(past, future),
+    redo: () => move(future, past),
+  };
+}

@@ -1,0 +1,117 @@
+// A layout file as an object, as the server sends it: without the keys that have default values.
+
+export const SLOTS = {
+  tap: "tap", double: "double tap", hold: "hold", firm: "firm press",
+  slide_minus: "slide to the sensor", slide_plus: "slide away",
+};
+export const SWIPES = { swipe_minus: "swipe to the sensor", swipe_plus: "swipe away" };
+export const LAYER_VERBS = ["layer", "toggle", "once"];
+export const LEAST_SHARE = 0.01;
+const KEY_PARTS = [...Object.keys(SLOTS), "width", "label"];
+
+export function empty() {
+  return { name: "My layout", layer: [{ name: "keys", keys: [{}] }] };
+}
+
+// A key as a table; in a file, a key with only a tap is a string.
+export function table(key) {
+  return typeof key === "string" ? { tap: key } : key;
+}
+
+// Zones of a layer: bounds as shares of the strip, without the gaps.
+export function zones(layer) {
+  const widths = layer.keys.map((key) => table(key).width ?? 1);
+  const whole = widths.reduce((a, b) => a + b, 0);
+  let low = 0;
+  return layer.keys.map((key, i) => {
+    const zone = { key: table(key), low: low / whole, high: (low + widths[i]) / whole };
+    low += widths[i];
+    return zone;
+  });
+}
+
+// Changes a key of a layer. Parts that are empty or have the default value are removed.
+export function change(layer, index, parts) {
+  const key = Object.fromEntries(Object.entries({ ...table(layer.keys[index]), ...parts })
+    .filter(([name, value]) => value !== "" && value !== undefined && !(name === "width" && value === 1)));
+  layer.keys[index] = Object.keys(key).join() === "tap" ? key.tap : key;
+}
+
+// Moves the border between two zones to a share of the strip; all other borders stay.
+export function moveBorder(layer, index, share) {
+  const all = zones(layer), [low, high] = [all[index].low, all[index + 1].high];
+  const least = Math.min(LEAST_SHARE, (high - low) / 2);
+  const at = Math.min(Math.max(share, low + least), high - least);
+  const whole = layer.keys.reduce((sum, key) => sum + (table(key).width ?? 1), 0);
+  const first = rounded((at - low) * whole), both = rounded((high - low) * whole);
+  change(layer, index, { width: first });
+  change(layer, index + 1, { width: rounded(both - first) });
+}
+
+export function split(layer, index) {
+  const half = rounded((table(layer.keys[index]).width ?? 1) / 2);
+  layer.keys.splice(index + 1, 0, {});
+  change(layer, index, { width: half });
+  change(layer, index + 1, { width: half });
+}
+
+function rounded(width) {
+  return Math.max(Number(width.toFixed(4)), 0.0001);
+}
+
+// Calls back with each table and name that can have an action.
+function eachAction(content, visit) {
+  for (const layer of content.layer) {
+    for (const name of Object.keys(SWIPES)) if (layer[name]) visit(layer, name);
+    layer.keys.forEach((key, i) => {
+      if (typeof key === "string") visit(layer.keys, i);
+      else for (const name of Object.keys(SLOTS)) if (key[name]) visit(key, name);
+    });
+  }
+}
+
+// Gives a layer another name, and removes its actions if the name is empty.
+export function renameLayer(content, index, name) {
+  const before = content.layer[index].name;
+  eachAction(content, (where, slot) => {
+    const [verb, of] = where[slot].split(/ (.*)/);
+    if (!LAYER_VERBS.includes(verb) || of !== before) return;
+    if (name) where[slot] = `${verb} ${name}`;
+    else if (Array.isArray(where)) where[slot] = {};
+    else delete where[slot];
+  });
+  if (name) content.layer[index].name = name;
+  else content.layer.splice(index, 1);
+}
+
+// The text of a layout file.
+export function written(content, head = "") {
+  const lines = [`name = ${value(content.name)}`];
+  const tuning = Object.entries(content.tuning ?? {});
+  if (tuning.length) lines.push("", "[tuning]", ...tuning.map(([name, it]) => `${name} = ${value(it)}`));
+  for (const layer of content.layer) {
+    lines.push("", "[[layer]]", `name = ${value(layer.name)}`);
+    for (const name of ["gap_percent", ...Object.keys(SWIPES)]) {
+      if (layer[name]) lines.push(`${name} = ${value(layer[name])}`);
+    }
+    lines.push("keys = [", ...layer.keys.map((key) => `  ${typeof key === "string" ? value(key) : inline(key)},`), "]");
+  }
+  return `${head}${lines.join("\n")}\n`;
+}
+
+function inline(key) {
+  return `{${KEY_PARTS.filter((name) => key[name] !== undefined).map((name) => `${name} = ${value(key[name])}`).join(", ")}}`;
+}
+
+// A string of JSON is a string of TOML, and so is a number.
+function value(it) {
+  return JSON.stringify(it);
+}
+
+// Comments of a text: those at its begin, which a changed file keeps, and the number of all others.
+export function comments(text) {
+  const head = /^(?:[ \t]*(?:#.*)?\r?\n)*/.exec(text)[0];
+  const rest = text.slice(head.length)
+    .replace(/"""(?:[^\\]|\\[^])*?"""|'''[^]*?'''|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'/g, '""');
+  return { head, others: (rest.match(/#/g) ?? []).length };
+}

@@ -1,0 +1,110 @@
+"""Loads and unloads a simulated strip at one place, to calibrate and to test its silicone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spots.calibrate.silicone import fit_silicone
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Touch
+from spots_device.decode import LED_OFF
+
+from .files import Finger, ScenarioFile, SensorFile
+from .kept import kept
+from .lockstep import LockstepLink
+from .scenario import Scenario
+from .stage import calibrate, set_as_calibrated
+
+START_S, REST_S = 3.0, 10.0
+# Loads of the calibration as for `record`. Each place is fresh at its first load.
+SESSION = (
+    (0.5, 5000.0, 0.1, 60.0),
+    (0.3, 9500.0, 1.0, 0.0), (0.3, 9500.0, 4.0, 0.0), (0.3, 9500.0, 12.0, 0.0),
+    (0.7, 4500.0, 2.0, 0.0), (0.7, 2000.0, 1.0, 0.0),
+)  # fmt: skip
+
+
+def points(loads) -> list[list[tuple[float, float, float]]]:
+    """Return the points of each load: time in s, position as a share, force in mN."""
+    found, at_s = [], START_S
+    for share, force_mN, ramp_s, hold_s in loads:
+        times_s = at_s + np.cumsum([0.0, ramp_s, hold_s or 1e-3, ramp_s])
+        found.append([(t, share, f) for t, f in zip(times_s, (0.0, force_mN, force_mN, 0.0))])
+        at_s = times_s[-1] + REST_S
+    return found
+
+
+def record(sensor: SensorFile, lines, loads, seed: int = 0):
+    """Load a simulated strip and read it through the firmware.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor.
+    lines : sequence of str
+        Its calibration.
+    loads : sequence of (float, float, float, float)
+        Each load: its position as a share of the length, its largest force in mN, the duration of
+        loading and of unloading, and of the hold between them, in s.
+    seed : int
+        Random seed of the noise.
+
+    Returns
+    -------
+    numpy.ndarray, shape (5, n)
+        Of each reading: time in s, true force in mN, measured force in mN, position as a share of
+        the length, and measured position in um.
+    """
+    whole = points(loads)
+    end_s = whole[-1][-1][0] + REST_S
+    fingers = [
+        Finger(points=[(t, share * sensor.length_mm, force) for t, share, force in load])
+        for load in whole
+    ]
+    scenario = Scenario(ScenarioFile(seconds=end_s, touch=fingers))
+    with Board(LockstepLink(sensor, scenario, seed=seed, warm=True)) as board:
+        set_as_calibrated(board, sensor)
+        prepare(board, lines)
+        board.command("stream touch")
+        rows = [
+            (frame.time_s, frame.force_mN, frame.position_um)
+            for frame in board.frames(end_s - board.now_s())
+            if isinstance(frame, Touch) and not frame.flags & LED_OFF
+        ]
+    time_s, read_mN, read_um = np.nan_to_num(np.array(rows, float).T)
+    force_mN, place = loaded(loads, time_s)
+    return np.array([time_s, force_mN, read_mN, place, read_um])
+
+
+def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
+    """Return the true force and the place of a series of loads.
+
+    Parameters
+    ----------
+    loads : sequence of (float, float, float, float)
+        The loads, see `record`.
+    time_s : numpy.ndarray, shape (n,)
+        Times in s.
+
+    Returns
+    -------
+    force_mN, place : numpy.ndarray, shape (n,)
+        Forces in mN, and positions as shares of the length.
+    """
+    whole = np.array(points(loads))
+    force_mN = np.interp(time_s, whole[:, :, 0].ravel(), whole[:, :, 2].ravel())
+    last = np.searchsorted(whole[:, 0, 0], time_s, side="right") - 1
+    return force_mN, whole[last.clip(0), 0, 1]
+
+
+@kept(tuple[str, ...])
+def silicone_lines(sensor: SensorFile) -> tuple[str, ...]:
+    """Calibrate the silicone of a simulated strip with the loads of `SESSION`.
+
+    Returns the lines to add to a calibration of the strip at any exposure; no line if the silicone
+    is ideal.
+    """
+    if sensor.silicone.ideal:
+        return ()
+    return (fit_silicone(*record(sensor, calibrate(sensor), SESSION)[:4]).line,)

@@ -1,0 +1,198 @@
+"""Memory of a strip's silicone: creep, hysteresis and softening of the contact area.
+
+At each place, the contact area depends on all earlier forces there. It is that of an ideal material
+under another force, the *effective force*. Each effect has two models of different structure, so
+that a compensation can be tested on a material for which it was not made:
+
+==========  =========================================  =======================================
+effect      ``model = "spectrum"``                     ``model = "power"``
+==========  =========================================  =======================================
+creep       a Prony series: four time constants        a power law of time, as of fractional
+                                                       elements (Scott Blair, 1947)
+hysteresis  play operators (Prandtl-Ishlinskii)        Bouc-Wen (Wen, J. Eng. Mech. 102, 1976)
+softening   below the largest force so far (Ogden and  by the largest force so far, at every
+            Roxburgh, Proc. R. Soc. A 455, 1999)       force
+==========  =========================================  =======================================
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from spots import toml
+
+_Percent = Annotated[float, msgspec.Meta(ge=0, le=50)]
+_Force = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
+FULL_MN = 10_000.0  # the percentages of hysteresis and softening are shares of this force
+_HELD_S = 60.0
+_CELL_MM = 2.0  # a cell has its own memory; between two cells the effective force is interpolated
+# Constants of the models, all assumed. Creep of rubber is nearly linear in the logarithm of time
+# (Gent, Engineering with Rubber), so each decade has the same share.
+_TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])
+_PLAYS_MN = np.array([100.0, 300.0, 900.0, 2700.0])
+_POWER, _SOONEST_S = 0.15, 0.05
+_STEP_S = 0.02  # changes of the force within this time count as one
+_WIDTH_MN = 1500.0
+_SOFTENED_MN = 4000.0
+
+
+class Silicone(toml.Strict):
+    """Size of the effects; without this table the material is ideal.
+
+    Attributes
+    ----------
+    model : str
+        ``spectrum`` or ``power``, see the module.
+    creep_percent : float
+        Growth of the effective force in the first 60 s of a steady press.
+    hysteresis_percent : float
+        Largest difference between unloading and loading of a load of 10 N, in per cent of 10 N.
+    softening_percent : float
+        Growth of the effective force by the first load of 10 N (Mullins effect).
+    preload_mN : float
+        Largest force with which the whole strip was pressed before.
+    """
+
+    model: Literal["spectrum", "power"] = "spectrum"
+    creep_percent: _Percent = 0.0
+    hysteresis_percent: _Percent = 0.0
+    softening_percent: _Percent = 0.0
+    preload_mN: _Force = 0.0
+
+    @property
+    def ideal(self) -> bool:
+        """Whether the material has no memory."""
+        return not (self.creep_percent or self.hysteresis_percent or self.softening_percent)
+
+
+class _Spectrum:
+    """Creep, hysteresis and softening of one cell, see the table of the module."""
+
+    def __init__(self, silicone: Silicone):
+        self._creep = silicone.creep_percent / 100 / (1 - np.exp(-_HELD_S / _TAUS_S)).sum()
+        self._lag = silicone.hysteresis_percent / 100 * FULL_MN / 2 / _PLAYS_MN.sum()
+        self._soft = silicone.softening_percent / 100
+        self._crept = np.zeros(len(_TAUS_S))
+        self._plays = np.zeros(len(_PLAYS_MN))
+        self._force_mN = 0.0
+        self._most_mN = silicone.preload_mN
+
+    def wait(self, elapsed_s: float) -> None:
+        self._crept += (self._force_mN - self._crept) * -np.expm1(-elapsed_s / _TAUS_S)
+
+    def load(self, force_mN: float) -> None:
+        self._force_mN = force_mN
+        self._most_mN = max(self._most_mN, force_mN)
+        if force_mN > 0:
+            self._plays = self._plays.clip(force_mN - _PLAYS_MN, force_mN + _PLAYS_MN)
+        else:
+            self._plays[:] = 0.0  # the guides separate
+
+    def effective_mN(self) -> float:
+        force_mN = self._force_mN
+        behind = self._plays - np.maximum(force_mN - _PLAYS_MN, 0)
+        soft = self._soft * math.tanh((self._most_mN - force_mN) / _SOFTENED_MN)
+        return force_mN * (1 + soft) + self._lag * behind.sum() + self._creep * self._crept.sum()
+
+
+class _Power:
+    """Creep, hysteresis and softening of one cell; each change of the force makes it slower."""
+
+    def __init__(self, silicone: Silicone):
+        whole = (1 + _HELD_S / _SOONEST_S) ** _POWER - 1
+        self._creep = silicone.creep_percent / 100 / whole
+        self._lag_mN = silicone.hysteresis_percent / 100 * FULL_MN / 2
+        self._soft = silicone.softening_percent / 100 / -math.expm1(-FULL_MN / _SOFTENED_MN)
+        self._now_s = self._force_mN = self._bent = 0.0
+        self._steps = np.zeros((2, 64))  # time in s and size in mN of each change of the force
+        self._count = 0
+        self._most_mN = silicone.preload_mN
+
+    def wait(self, elapsed_s: float) -> None:
+        self._now_s += elapsed_s
+
+    def load(self, force_mN: float) -> None:
+        step_mN = force_mN - self._force_mN
+        if not step_mN:
+            return
+        way = math.copysign(1, step_mN)
+        self._bent = way * (1 - (1 - way * self._bent) * math.exp(-abs(step_mN) / _WIDTH_MN))
+        if force_mN <= 0:
+            self._bent = 0.0  # the guides separate
+        last = self._count - 1
+        if last >= 0 and self._now_s - self._steps[0, last] < _STEP_S:
+            self._steps[1, last] += step_mN
+        else:
+            if self._count == self._steps.shape[1]:
+                self._steps = np.pad(self._steps, ((0, 0), (0, self._count)))
+            self._steps[:, self._count] = self._now_s, step_mN
+            self._count += 1
+        self._force_mN = force_mN
+        self._most_mN = max(self._most_mN, force_mN)
+
+    def effective_mN(self) -> float:
+        times_s, steps_mN = self._steps[:, : self._count]
+        crept_mN = steps_mN @ ((1 + (self._now_s - times_s) / _SOONEST_S) ** _POWER - 1)
+        loading = -math.expm1(-self._force_mN / _WIDTH_MN)
+        lag_mN = self._lag_mN * (loading - self._bent)
+        soft = self._soft * -math.expm1(-self._most_mN / _SOFTENED_MN)
+        return self._force_mN * (1 + soft) + lag_mN + self._creep * crept_mN
+
+
+_MODELS = {"spectrum": _Spectrum, "power": _Power}
+
+
+class Memory:
+    """The memory of all places of one strip.
+
+    Parameters
+    ----------
+    silicone : Silicone
+        Size of the effects.
+    """
+
+    def __init__(self, silicone: Silicone):
+        self._silicone = silicone
+        self._cells: dict[int, object] = {}
+        self._seen_s: dict[int, float] = {}
+        self._pressed: set[int] = set()
+
+    def effective_mN(self, presses, time_s: float) -> list[float]:
+        """Return the effective force of each press at a time that never decreases.
+
+        Parameters
+        ----------
+        presses : list of scenario.Press
+            All presses on the strip.
+        time_s : float
+            Time in s.
+
+        Returns
+        -------
+        list of float
+            Effective forces in mN, 0 or more.
+        """
+        forces: dict[int, float] = {}
+        ends = []
+        for press in presses:
+            cell, share = divmod(press.position_mm / _CELL_MM, 1.0)
+            ends.append((int(cell), share))
+            for i in (int(cell), int(cell) + 1):
+                forces[i] = max(forces.get(i, 0.0), press.force_mN)
+        for i in self._pressed | forces.keys():
+            cell = self._cells.get(i)
+            if cell is None:
+                cell = self._cells[i] = _MODELS[self._silicone.model](self._silicone)
+            cell.wait(max(time_s - self._seen_s.get(i, time_s), 0.0))
+            cell.load(forces.get(i, 0.0))
+            self._seen_s[i] = time_s
+        self._pressed = {i for i, force_mN in forces.items() if force_mN > 0}
+        found = []
+        for cell, share in ends:
+            low, high = (self._cells[i].effective_mN() for i in (cell, cell + 1))
+            found.append(max(low + share * (high - low), 0.0))
+        return found

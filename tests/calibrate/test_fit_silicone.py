@@ -1,0 +1,161 @@
+"""Hysteresis and creep are found in a recording, and the board corrects forces by them.
+
+The compensation is made of play operators and exponentials. So it is tested most on `power`, a
+material of other laws, see `spots_sim.silicone`.
+"""
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from spots import SpotsError
+from spots.calibrate.silicone import fit_silicone
+from spots_device.calibration import Calibration
+from spots_device.decode import FLAGS, FORCE_MN, POSITION_UM
+from spots_sim.identity import board_id
+from spots_sim.loading import SESSION, loaded, points, record
+from spots_sim.scenario import Press
+from spots_sim.silicone import Memory, Silicone
+from spots_sim.world import coupling
+
+EFFECTS = {
+    "creep_percent": 5.2,
+    "hysteresis_percent": 3.0,
+    "softening_percent": 15.0,
+    "preload_mN": 10_000.0,
+}
+SPEEDS = (0.5, 9000.0, 0.5, 0.0), (0.5, 9000.0, 2.0, 0.0), (0.5, 9000.0, 8.0, 0.0)
+HELD = ((0.5, 5000.0, 0.05, 62.0),)
+MODELS = ["spectrum", "power"]
+STEP_S = 0.0105
+
+
+class Strip:
+    """A strip whose readings are those of a calibrated board, computed without chip and noise."""
+
+    def __init__(self, sensor, lines, model):
+        self._contact, self._lines = sensor.contact, lines
+        self._silicone = Silicone(model=model, **EFFECTS)
+        # As in a calibration: presses from rest with rising forces.
+        forces_mN = np.geomspace(sensor.contact.threshold_mN + 5, 10_500, 60)
+        memory, light = Memory(self._silicone), []
+        for i, force_mN in enumerate(forces_mN):
+            memory.effective_mN([], 0.5 * i)
+            light.append(self._light(memory, 0.5, force_mN, 0.5 * i + 0.1))
+        self._table = np.array(light), forces_mN
+
+    def _light(self, memory, share, force_mN, time_s):
+        presses = [Press(85 * share, float(force_mN), 4.0)] if force_mN else []
+        effective = memory.effective_mN(presses, time_s)
+        return coupling(self._contact, effective[0]) if effective else 0.0
+
+    def recorded(self, loads):
+        """Return time, true force, read force and place of each reading while it is loaded."""
+        time_s = np.arange(0, points(loads)[-1][-1][0] + 1, STEP_S)
+        force_mN, place = loaded(loads, time_s)
+        memory = Memory(self._silicone)
+        light = [self._light(memory, *now) for now in zip(place, force_mN, time_s)]
+        read = np.interp(light, *self._table, left=0)
+        noise = np.random.default_rng(1).normal(0, 3, len(read))
+        return time_s, force_mN, np.round(read + (read > 0) * noise), place
+
+    def compensated(self, recorded, line):
+        """Return the forces that a board with the line of a compensation reads."""
+        compensation = Calibration([*self._lines, line]).compensation
+        found = []
+        for time_s, _, read, share in zip(*recorded):
+            reading = {FORCE_MN: int(read), POSITION_UM: round(85_000 * share), FLAGS: 0}
+            compensation.take(reading, int(time_s * 1e6) >> 10)
+            found.append(reading[FORCE_MN])
+        return np.array(found)
+
+
+def off_by(line, factor):
+    """Return the line with the size of each effect changed by a factor."""
+    name, *words = line.split()
+    values = [int(word) for word in words]
+    values[0] = round(4096 + factor * (values[0] - 4096))
+    for i in (4, 5, 6, 10, 11, 12):
+        values[i] = round(factor * values[i])
+    return " ".join(map(str, (name, *values)))
+
+
+def loop_error_mN(recorded, read_mN):
+    force_mN = recorded[1]
+    inside = (force_mN > 500) & (force_mN < 9000)
+    return np.abs(read_mN - force_mN)[inside].mean()
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def strip(request, sensor, calibration):
+    made = Strip(sensor, calibration, request.param)
+    made.fitted = fit_silicone(*made.recorded(SESSION))
+    return made
+
+
+def test_the_loop_is_a_fifth_and_with_wrong_parameters_two_fifths(strip):
+    recorded = strip.recorded(SPEEDS)
+    before = loop_error_mN(recorded, recorded[2])
+    for factor, least in ((1.0, 5.0), (1.15, 2.5), (0.85, 2.5)):
+        read = strip.compensated(recorded, off_by(strip.fitted.line, factor))
+        ratio = before / loop_error_mN(recorded, read)
+        print(strip._silicone.model, factor, round(before), round(ratio, 1))
+        assert ratio >= least
+
+
+def test_a_held_force_drifts_by_less_than_50_mN(strip):
+    recorded = strip.recorded(HELD)
+    held = np.flatnonzero(recorded[1] == 5000)
+    drifts = []
+    for read in (recorded[2], strip.compensated(recorded, strip.fitted.line)):
+        at = read[held]
+        second = round(1 / STEP_S)
+        drifts.append(at[60 * second : 61 * second].mean() - at[: second // 2].mean())
+    print(strip._silicone.model, drifts)
+    assert drifts[0] > 150
+    assert abs(drifts[1]) <= 50
+
+
+def test_the_errors_of_the_weights_are_known(strip):
+    fitted = strip.fitted
+    assert fitted.after_mN < fitted.before_mN / 5
+    assert fitted.sigma.shape == (7,)
+    assert (fitted.sigma > 0).all()
+    # Creep is significant as a whole, whatever each of its parts is.
+    creep = sum(int(word) for word in fitted.line.split()[-3:])
+    assert creep > 3 * np.linalg.norm(fitted.sigma[-3:])
+
+
+def test_an_ideal_strip_needs_hardly_any_compensation(sensor, calibration, monkeypatch):
+    monkeypatch.setitem(EFFECTS, "creep_percent", 0.0)
+    monkeypatch.setitem(EFFECTS, "hysteresis_percent", 0.0)
+    ideal = Strip(sensor, calibration, "spectrum")
+    fitted = fit_silicone(*ideal.recorded(SESSION))
+    recorded = ideal.recorded(SPEEDS)
+    assert loop_error_mN(recorded, ideal.compensated(recorded, fitted.line)) < 10
+
+
+def test_a_short_recording_is_refused():
+    with pytest.raises(SpotsError, match="3 readings of a press are too few"):
+        fit_silicone([0, 1, 2], [1000] * 3, [1000] * 3, [0] * 3)
+
+
+def test_the_board_and_the_host_correct_alike(sensor, calibration):
+    real = structs.replace(sensor, silicone=Silicone(**EFFECTS))
+    calibration = [f"board {board_id(real)}", *calibration[1:]]
+    line = "silicone 4300 300 1000 3000 400 0 150 400 4000 40000 60 50 0"
+    loads = (0.5, 6000.0, 1.0, 0.5), (0.5, 3000.0, 0.3, 0.0), (0.2, 3000.0, 0.3, 0.2)
+    plain = record(real, calibration, loads)
+    board = record(real, [*calibration, line], loads)
+    begin = max(plain[0, 0], board[0, 0])  # the two uploads take different times
+    plain, board = (rows[:, rows[0] >= begin] for rows in (plain, board))
+    assert np.array_equal(plain[0], board[0])
+    compensation, host = Calibration([*calibration, line]).compensation, []
+    for time_s, _, read, _, x_um in plain.T:
+        reading = {FORCE_MN: int(read), POSITION_UM: int(x_um), FLAGS: 0}
+        compensation.take(reading, round(time_s * 1e6) >> 10)
+        host.append(reading[FORCE_MN])
+    assert max(abs(board[2] - plain[2])) > 100
+    # The host does not get the dark samples, so its steps of creep are at other times.
+    assert np.abs(board[2] - host).max() <= 3
+    assert np.array_equal(board[4], plain[4])  # positions are those without compensation

@@ -1,0 +1,64 @@
+"""Prints whether any call of the loop takes its frame from the heap.
+
+MicroPython frees such a frame when the call returns, so neither the heap's size nor a locked heap
+shows it. But it counts towards the threshold of the garbage collector, which then runs.
+"""
+
+import gc
+
+import canned
+
+_SAMPLES = 500
+_THRESHOLD_BYTES = 30_000  # more than `litter` makes
+
+
+def litter():
+    for _ in range(100):
+        bytes(100)
+
+
+class Port:
+    frames = 0
+
+    def write(self, buffer, size):
+        self.frames += 1
+        return True
+
+    def read(self):
+        return -1
+
+
+def play(app, port, frames):
+    step = app._pass
+    end = port.frames + frames
+    while port.frames < end:
+        step()
+
+
+def collects(function, *arguments):
+    """Return whether a collection removed garbage during a call."""
+    gc.collect()
+    gc.threshold(_THRESHOLD_BYTES)
+    litter()
+    before = gc.mem_alloc()
+    function(*arguments)
+    after = gc.mem_alloc()
+    gc.threshold(-1)
+    return after < before
+
+
+def deep(a, b, c, d, e, f, g, h, i, j, k):
+    return a
+
+
+def call_deep():
+    for _ in range(_SAMPLES):
+        deep(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
+
+
+port = Port()
+app, bus, _, _ = canned.app((), port)
+app.strip.stream_spectrum = False
+bus.counts((538, 548, 714, 916, 1247, 684))
+play(app, port, 100)
+print(collects(play, app, port, _SAMPLES), collects(call_deep))

@@ -1,0 +1,166 @@
+"""Measures calibrations by a simulated person, who knows only what a terminal or the web UI shows.
+
+The person reads places to ±0.5 mm and forces to ±5 %, forgets presses, makes them twice, lifts
+early, and mixes units. Prints one line of JSON for each strip and seed. The exit code is 1 if a
+session took too many presses, or a calibration has too large an error or a wrong key in 100 taps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import sync_playwright
+
+from spots.calibrate import calibration_file as file
+from spots.calibrate.session import settings
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots_device.calibration import Calibration
+from spots_device.decode import Decode
+from spots_sim.demo_applications import type_on_board
+from spots_sim.files import ScenarioFile, SensorFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.person import Habits, Person, follow
+from spots_sim.scenario import Held, Scenario
+from spots_sim.stage import Stage
+from spots_sim.typist import Typist
+
+_TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(_TESTS / name) for name in ("calibrate", "web")]
+
+import person as web  # noqa: E402
+from bring_browser import launch_options  # noqa: E402
+from serving import Bench, Serving  # noqa: E402
+from test_hand_terminal import calibrate_in_terminal  # noqa: E402
+
+_STRIPS = "default,short_30mm,long_200mm,weak_dye,strong_dye"
+_PRESSES_MAX, _ERROR_MAX_UM = {"rough": 12, "fine": 45}, {"rough": 1000.0, "fine": 150.0}
+_SPEED = 8.0
+_SESSION_S = 1800.0
+_TAPS = 100
+
+
+class _Reader(web.Person):
+    """Looks at the web UI, and lets the simulated person act on its texts."""
+
+    def __init__(self, page, held, length_mm, habits, seed):
+        super().__init__(page, held, length_mm)
+        self.person = Person(lambda way: follow(held, way), length_mm, habits, seed)
+
+    def act(self, seen):
+        asked = seen["todo"], seen["share"], seen["count"], seen["asks"]
+        if asked == self._last:
+            return
+        self._last = asked
+        text = seen["todo"][:1].lower() + seen["todo"][1:]
+        if not seen["asks"]:
+            self.person.hear(text)
+            return
+        form = self.page.locator("#calibration .answer")
+        typed = dict.fromkeys(("Position in mm", "Force"), "")
+        for word in self.person.answer(text).replace(" cm", "cm").replace(" N", "N").split():
+            typed["Position in mm" if word.endswith("m") else "Force"] = word
+        for name, word in typed.items():
+            if word:
+                form.get_by_label(name, exact=True).fill(word)
+        form.locator(".main").click()
+
+
+def _on_page(kind, strip, sensor, habits, seed, folder):
+    held, path = Held(), folder / "calibration.jsonl"
+    bench = Bench(sensor, None, held, session=path, speed=_SPEED)
+    server = Serving(bench.state, orders=bench.orders)
+    try:
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(**launch_options(playwright))
+            page = browser.new_page(viewport={"width": 390, "height": 844})
+            page.goto(server.url)
+            reader = _Reader(page, held, sensor.length_mm, habits, seed)
+            reader.wait(lambda seen: seen["starts"], timeout_s=60)
+            page.get_by_label("Length of the strip").fill(f"{sensor.length_mm:g}")
+            reader.start(kind)
+            seen = reader.go_on(timeout_s=_SESSION_S)
+            browser.close()
+    finally:
+        server.stop()
+        bench.close()
+    assert seen["todo"] == "The board is calibrated", seen
+    return reader.person.presses
+
+
+def _in_terminal(kind, strip, sensor, habits, seed, folder):
+    words = ["--rough"] * (kind == "rough") + ["--seed", str(seed), "--sensor", strip]
+    person, code, text = calibrate_in_terminal(folder, words, sensor.length_mm, habits, seed)
+    assert code == 0, text[-2000:]
+    return person.presses
+
+
+_FACES = {"page": _on_page, "terminal": _in_terminal}
+
+
+def _error_um(sensor, seed, made) -> float:
+    """Return the mean error of readings under 3 N at 37 places."""
+    decode, found = Decode(), []
+    decode.calibration = Calibration(made.lines)
+    with Stage(sensor, seed) as stage:
+        stage.board.command("set " + settings(made.conditions))
+        stage.take_dark()
+        stage.reader.set_up(dark_s=2.5)
+        stage.held.tremor = 0.02
+        for place_um in np.linspace(0.05, 0.95, 37) * stage.length_um:
+            stage.press(place_um, 3000.0)
+            for row in stage.reader.samples(8)[0]:
+                decode.update([max(round(64 * v), 0) for v in row], 64, [0] * len(row), 0)
+                found.append(decode.position_um - place_um)
+    return float(np.abs(found).mean())
+
+
+def _right(sensor, seed, made) -> int:
+    """Return the number of right keys in 100 taps on ten keys."""
+    layout = load_layout("digits")
+    typist = Typist(layout, sensor.length_mm, np.random.default_rng(seed), start_s=8.0)
+    typist.type("".join(map(str, np.random.default_rng((seed, 1)).integers(0, 10, _TAPS))))
+    truth = Scenario(ScenarioFile(seconds=typist.seconds + 5, touch=typist.touches))
+    with Board(LockstepLink(sensor, truth, seed)) as board:
+        board.command("set " + settings(made.conditions))
+        prepare(board, made.lines)
+        score = type_on_board(board, truth, 0.0, typist.seconds + 3, True, "digits")
+    return score["right"] - score["wrong"] - score["extra"]
+
+
+def main() -> int:
+    """Run the sessions; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kind", choices=_PRESSES_MAX)
+    parser.add_argument("--face", choices=_FACES, default="page")
+    parser.add_argument("--strips", default=_STRIPS, help=f"sensor files ({_STRIPS})")
+    parser.add_argument("--seeds", default="1", help="random seeds, such as 1,2,3 (1)")
+    options = parser.parse_args()
+    good = True
+    for seed in map(int, options.seeds.split(",")):
+        for strip in options.strips.split(","):
+            sensor = load(SensorFile, strip)
+            with tempfile.TemporaryDirectory() as folder:
+                run = _FACES[options.face]
+                presses = run(options.kind, strip, sensor, Habits(), seed, Path(folder))
+                made = file.load(Path(folder) / "calibration.toml")
+            found = {"strip": strip, "seed": seed, "presses": presses}
+            found["error_um"] = round(_error_um(sensor, seed, made), 1)
+            ok = presses <= _PRESSES_MAX[options.kind]
+            ok = ok and found["error_um"] <= _ERROR_MAX_UM[options.kind]
+            if options.kind == "rough":
+                found["right"] = _right(sensor, seed, made)
+                ok = ok and found["right"] == _TAPS
+            print(json.dumps(found | {"ok": ok}), flush=True)
+            good = good and ok
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

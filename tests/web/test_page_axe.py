@@ -1,0 +1,138 @@
+"""Accessibility: axe-core finds nothing serious, and the keyboard reaches everything."""
+
+from __future__ import annotations
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
+
+from serving import Bench, until
+from spots.keyboard.layout import load
+from spots.web.board_feed import _NEXT
+from spots.web.state import PageState
+from spots.web.twin_feed import driven_readers
+from spots_sim.linkage_demo import endless
+from spots_sim.scenario import Held, Press
+from test_page_states import SCREENS
+
+LONG_MS = 60_000
+
+
+@pytest.fixture(params=["light", "dark"])
+def scheme(request):
+    return {"color_scheme": request.param}
+
+
+def serious(page):
+    """Return the serious findings of axe-core: rule, element and remedy."""
+    found = Axe().run(page).response["violations"]
+    return [
+        (one["id"], node["target"], node["failureSummary"])
+        for one in found
+        if one["impact"] in ("serious", "critical")
+        for node in one["nodes"]
+    ]
+
+
+@pytest.mark.parametrize("size", SCREENS)
+def test_a_strip_with_its_keys(bench, serve, open_page, scheme, size):
+    held = Held()
+    held.press = Press(40.0, 3000, 4.0)
+    width, height = SCREENS[size]
+    page = open_page(
+        serve(bench(held).state).url, viewport={"width": width, "height": height}, **scheme
+    )
+    until(page, "drawn.length > 20")
+    assert serious(page) == []
+
+
+def test_an_editor_of_keys(bench, serve, open_page, scheme, tmp_path):
+    held = Held()
+    one = bench(held, edit=tmp_path / "mine.toml", layout="mini")
+    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page.locator("#edit").click(timeout=LONG_MS)
+    until(page, "drawn.length > 20")
+    page.get_by_text("Tuning").click()
+    held.press = Press(40.0, 3000, 4.0)
+    expect(page.locator("#editor .zone.lit")).to_have_count(1, timeout=LONG_MS)
+    assert serious(page) == []
+    page.get_by_role("combobox", name="hold", exact=True).fill("vol")
+    expect(page.get_by_role("option").first).to_be_visible()
+    assert serious(page) == []
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="New").click()
+    page.get_by_role("button", name="Put on the board").click()
+    expect(page.get_by_role("dialog")).to_be_visible(timeout=LONG_MS)
+    assert serious(page) == []
+
+
+def test_a_linkage(serve, open_page, scheme):
+    state = PageState()
+    readers = driven_readers(endless("default"), load("digits"), state)
+    for reader in readers:
+        reader.start()
+    try:
+        page = open_page(serve(state).url, **scheme)
+        expect(page.locator("#twin .figures")).to_contain_text(" mm", timeout=LONG_MS)
+        assert serious(page) == []
+    finally:
+        for reader in readers:
+            reader.stop()
+
+
+@pytest.mark.parametrize("state", _NEXT)
+def test_a_board_that_cannot_be_read(serve, open_page, scheme, state):
+    shown = PageState()
+    shown.put("board", {"state": state, "message": "a reason", "next": _NEXT[state]})
+    page = open_page(serve(shown).url, **scheme)
+    expect(page.locator("#next")).to_be_visible(timeout=LONG_MS)
+    page.wait_for_timeout(500)  # the panels fade
+    assert serious(page) == []
+
+
+def test_a_calibration(sensor, serve, open_page, scheme, tmp_path):
+    one = Bench(sensor, None, Held(), session=tmp_path / "calibration.jsonl")
+    try:
+        page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+        start = page.locator("#calibration .kind[value=rough]")
+        start.wait_for(timeout=LONG_MS)
+        assert serious(page) == []
+        start.click()
+        expect(page.locator("#calibration .todo")).to_contain_text("ress", timeout=LONG_MS)
+        assert serious(page) == []
+    finally:
+        one.close()
+
+
+def test_the_keyboard_reaches_everything_of_the_editor(bench, serve, open_page, tmp_path):
+    one = bench(Held(), edit=tmp_path / "mine.toml", layout="mini")
+    page = open_page(serve(one.state, orders=one.orders).url)
+    page.locator("#edit").wait_for(timeout=LONG_MS)
+    page.locator("#edit").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#editor .zone").first).to_be_visible(timeout=LONG_MS)
+    push = page.get_by_role("button", name="Put on the board")
+    expect(push).to_be_enabled(timeout=LONG_MS)
+    page.locator("#editor summary").focus()
+    page.keyboard.press("Enter")
+    expect(page.get_by_label("Force of a firm press, mN")).to_be_visible()
+    wanted = page.evaluate(
+        """[...document.querySelectorAll(
+          '#editor :is(button, input, select, summary, [role=separator])'
+        )].filter((one) => one.checkVisibility() && !one.disabled && one.tabIndex >= 0).length"""
+    )
+    reached = set()
+    for _ in range(2 * wanted):
+        page.keyboard.press("Tab")
+        reached.add(
+            page.evaluate(
+                "[...document.querySelectorAll('#editor *')].indexOf(document.activeElement)"
+            )
+        )
+    assert len(reached - {-1}) == wanted
+    # Arrows reach the zones and borders that Tab leaves out.
+    page.locator("#editor .zone[tabindex='0']").focus()
+    page.keyboard.press("End")
+    expect(page.locator("#editor legend").first).to_contain_text("Zone 9 of 9")
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("#editor legend").first).to_contain_text("Zone 8 of 9")

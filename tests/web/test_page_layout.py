@@ -1,0 +1,446 @@
+"""A browser with the token edits the key layout; nothing else can."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+import time
+
+import pytest
+from playwright.sync_api import expect
+
+from serving import Bench, Serving, apart, eventually, until
+from spots.cli import main
+from spots.errors import SpotsError
+from spots.keyboard.layout import compiled, load
+from spots.web.layout_editor import LayoutEditor
+from spots.web.state import PageState
+from spots_device.settings import checksum
+from spots_sim.scenario import Held, Press
+from test_page_recording import post, token_of
+
+LONG_MS = 60_000
+SPEED = 0.3  # of the board's time: a tap by a slow machine is not a hold
+TAP_S = 0.08  # in this time
+ON_BOARD = re.compile("^on the board")
+MINI = load("mini")
+DIGITS = load("digits")
+SLOTS = {"tap": "tap", "firm": "firm press", "hold": "hold"}
+
+
+@pytest.fixture
+def desk(sensor, calibration, serve, tmp_path):
+    """A board, its server with a layout editor, and the finger."""
+
+    class Desk:
+        held = Held()
+        path = tmp_path / "mine.toml"
+
+        def __init__(self):
+            self.bench = Bench(sensor, calibration, self.held, edit=self.path, speed=SPEED)
+            self.editor = self.bench.orders["layout"]
+            self.server = serve(self.bench.state, orders=self.bench.orders)
+
+        def shown(self, part="editor"):
+            return self.bench.state.since(self.bench.state.begin())[1].get(part)
+
+        def send(self, message, **options):
+            options = {"token": token_of(self.server)} | options
+            body = message if isinstance(message, (bytes, str)) else json.dumps(message)
+            return post(self.server, body, path="layout", **options)
+
+        def push(self, layout, loses=()):
+            message = {"text": layout.text, "base": self.shown()["base"], "loses": list(loses)}
+            return self.send({"do": "push", **message})
+
+        def connected(self):
+            end_s = time.monotonic() + 60
+            while self.shown()["stored"] is None:
+                assert time.monotonic() < end_s
+                time.sleep(0.02)
+
+        def on_board(self):
+            return apart(lambda: self.bench.board.command("hello")["layout"])
+
+    made = Desk()
+    yield made
+    made.bench.close()
+
+
+def open_editor(page):
+    page.locator("#edit").click(timeout=LONG_MS)
+    expect(page.locator("#editor .zone").first).to_be_visible(timeout=LONG_MS)
+
+
+def choose(page, name, typed):
+    """Choose an action by search, with the keyboard alone."""
+    field = page.get_by_role("combobox", name=name, exact=True)
+    field.fill(typed)
+    field.press("Enter")
+
+
+def fill_keys(page, keys):
+    """Give the zones of a layer the actions of a layout file."""
+    for _ in keys[1:]:
+        page.get_by_role("button", name="Add a zone").click()
+    for i, key in enumerate(keys):
+        page.locator("#editor .zone").nth(i).click()
+        key = {"tap": key} if isinstance(key, str) else key
+        for slot, words in SLOTS.items():
+            if slot in key:
+                choose(page, words, key[slot])
+        if "label" in key:
+            page.get_by_label("Text on the key").fill(key["label"])
+            page.get_by_label("Text on the key").press("Enter")
+
+
+def state(page):
+    return page.locator("#editor .state")
+
+
+def tap(desk, page, share, key, force_mN=3000):
+    """Touch the strip until the page shows a key."""
+    tape = page.locator(".tape .key-event")
+    for press in (Press(85.0 * share, force_mN, 4.0), None):
+        until_s = desk.bench.link.now_s() + TAP_S
+        desk.held.press = press
+        eventually(page, lambda until_s=until_s: desk.bench.link.now_s() > until_s, every_ms=5)
+    expect(tape.last).to_have_text(key, timeout=LONG_MS)
+
+
+def test_mini_from_nothing_is_typed_on_undone_and_survives_a_reload(desk, open_page):
+    page = open_page(desk.server.url)
+    open_editor(page)
+    page.get_by_role("button", name="New").click()
+    page.get_by_label("Name of the layout").fill(MINI.name)
+    page.get_by_role("button", name="Add a layer").click()
+    page.get_by_label("Name of the layer").fill("more")
+    page.get_by_label("Name of the layer").press("Enter")
+    fill_keys(page, MINI.content["layer"][1]["keys"])
+    page.get_by_role("button", name="keys", exact=True).click()
+    page.get_by_label("Name of the layer").fill("letters")
+    page.get_by_label("Name of the layer").press("Enter")
+    fill_keys(page, MINI.content["layer"][0]["keys"])
+    page.get_by_text("Tuning").click()
+    page.get_by_label("A longer touch is a hold, ms").fill("250")
+    page.get_by_label("A longer touch is a hold, ms").press("Enter")
+    expect(state(page)).to_have_text("not on the board yet", timeout=LONG_MS)
+    page.get_by_role("button", name="Put on the board").click()
+    expect(state(page)).to_have_text(ON_BOARD, timeout=LONG_MS)
+    made = load(desk.path)
+    assert made.lines == MINI.lines
+    assert made.content["layer"] == MINI.content["layer"]
+    # The board types with it, without a restart.
+    eventually(page, lambda: desk.shown("board")["layout"]["name"] == MINI.name)
+    until(page, "drawn.length > 5")
+    tap(desk, page, 0.5 / 9, "E")
+    tap(desk, page, 3.5 / 9, "O")
+    tap(desk, page, 6.5 / 9, "S")
+    # An undo is a draft: the board keeps what it has.
+    page.get_by_role("button", name="Undo").click()
+    expect(state(page)).to_have_text("not on the board yet", timeout=LONG_MS)
+    page.reload()
+    expect(state(page)).to_have_text("not on the board yet", timeout=LONG_MS)
+    page.get_by_role("button", name="Redo").click()
+    expect(state(page)).to_have_text(ON_BOARD, timeout=LONG_MS)
+    assert load(desk.path).lines == MINI.lines
+    tap(desk, page, 3.5 / 9, "O")
+
+
+def test_a_border_is_dragged_and_moved_by_keys(desk, open_page):
+    page = open_page(desk.server.url, viewport={"width": 1440, "height": 900})
+    open_editor(page)
+    border = page.get_by_role("separator", name="Border between zones 1 and 2")
+    row = page.locator("#editor .zones").bounding_box()
+    y = row["y"] + row["height"] / 2
+    page.mouse.move(row["x"] + 0.1 * row["width"], y)
+    page.mouse.down()
+    for share in (0.11, 0.12, 0.13, 0.15):
+        page.mouse.move(row["x"] + share * row["width"], y)
+    page.mouse.up()
+    assert float(border.get_attribute("aria-valuenow")) == pytest.approx(0.15 * 85, abs=0.15)
+    border.focus()
+    page.keyboard.press("ArrowLeft")
+    assert float(border.get_attribute("aria-valuenow")) == pytest.approx(0.15 * 85 - 0.5, abs=0.15)
+    page.get_by_role("button", name="Put on the board").click()
+    expect(state(page)).to_have_text(ON_BOARD, timeout=LONG_MS)
+    first, second, *others = load(desk.path).layers["digits"]
+    assert first.high == second.low == pytest.approx(0.15 - 0.5 / 85, abs=0.001)
+    assert [key.low for key in others] == pytest.approx([i / 10 for i in range(2, 10)], abs=1e-4)
+    # The whole drag is one step of undo.
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("button", name="Undo").click()
+    assert float(border.get_attribute("aria-valuenow")) == 8.5
+    expect(page.get_by_role("button", name="Undo")).to_be_disabled()
+
+
+def test_what_could_be_typed_is_lost_only_after_a_question(desk, open_page):
+    page = open_page(desk.server.url)
+    open_editor(page)
+    page.locator("#editor .zone").nth(2).click()
+    choose(page, "tap", "volume_inc")
+    expect(state(page)).to_have_text(
+        "not on the board yet; nothing will type THREE", timeout=LONG_MS
+    )
+    page.get_by_role("button", name="Put on the board").first.click()
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("nothing types THREE any more", timeout=LONG_MS)
+    dialog.get_by_role("button", name="Cancel").click()
+    assert not desk.path.exists()
+    assert desk.on_board() is None
+    page.get_by_role("button", name="Put on the board").first.click()
+    dialog.get_by_role("button", name="Put it on the board").click()
+    expect(state(page)).to_have_text(ON_BOARD, timeout=LONG_MS)
+    assert desk.shown()["stored"] == "this"
+    # One click restores the default keys, and undo brings the others back.
+    page.get_by_role("button", name="default keys").click()
+    expect(page.locator("#clear")).to_be_hidden(timeout=LONG_MS)
+    assert desk.on_board() is None
+    assert "VOLUME_INCREMENT" in desk.path.read_text()
+    page.get_by_role("button", name="Undo").click()
+    expect(page.locator("#editor .zone").nth(2)).to_contain_text("VOLUME")
+
+
+COMMENTED = """# Mine.
+# For the left hand.
+name = "Mine"  # a good name
+
+[[layer]]
+name = "only"
+keys = ["A", "C", {tap = "B", label = "#"}]
+"""
+
+
+def test_comments_survive_or_one_is_asked(desk, open_page, tmp_path):
+    page = open_page(desk.server.url)
+    open_editor(page)
+    given = tmp_path / "given.toml"
+    given.write_text(COMMENTED)
+    page.get_by_label("Layout file to import").set_input_files(given)
+    expect(page.locator("#editor .zone b")).to_have_text(["A", "C", "#"], timeout=LONG_MS)
+    dialog = page.get_by_role("dialog")
+    page.get_by_role("button", name="Export").click()
+    expect(dialog).to_contain_text("1 comment of the file will be lost", timeout=LONG_MS)
+    with page.expect_download() as got:
+        dialog.get_by_role("button", name="Export").click()
+    text = got.value.path().read_text(encoding="utf-8")
+    assert text.startswith('# Mine.\n# For the left hand.\nname = "Mine"\n')
+    assert compiled(tmp_path, text).lines == compiled(tmp_path, COMMENTED).lines
+    given.write_text("keys = 3")
+    page.get_by_label("Layout file to import").set_input_files(given)
+    expect(state(page)).to_contain_text("given.toml: layout mine.toml", timeout=LONG_MS)
+    expect(page.locator("#editor .zone")).to_have_count(3)
+
+
+def test_an_unchanged_file_keeps_all_its_comments(desk):
+    desk.connected()
+    layout = compiled(desk.path, COMMENTED)
+    loses = json.loads(desk.push(layout)[1])["loses"]
+    assert loses[:2] == ["ONE", "TWO"]
+    assert not desk.path.exists()
+    assert json.loads(desk.push(layout, loses[1:])[1])["loses"] == loses
+    assert json.loads(desk.push(layout, loses)[1])["loses"] == []
+    assert desk.path.read_text() == COMMENTED
+    assert desk.shown()["stored"] == "this"
+
+
+def test_a_layout_that_this_program_does_not_know_is_replaced_only_after_a_question(desk):
+    desk.connected()
+    apart(lambda: desk.bench.board.command("layout begin"))
+    for line in MINI.lines:
+        apart(lambda line=line: desk.bench.board.command("layout " + line))
+    apart(lambda: desk.bench.board.command("layout end " + checksum(MINI.lines)))
+    loses = json.loads(desk.push(DIGITS)[1])["loses"]
+    assert len(loses) == 1
+    assert "does not know" in loses[0]
+    assert json.loads(desk.push(DIGITS, loses)[1])["loses"] == []
+
+
+def test_a_file_that_cannot_be_written_is_reported(desk):
+    desk.connected()
+    desk.editor._path = desk.path.parent / "nowhere" / "mine.toml"
+    status, text = desk.push(MINI)
+    assert (status, "there is no folder" in text) == (409, True), text
+    assert desk.shown()["stored"] == "this"  # the board has it
+    assert desk.shown()["text"] == MINI.text
+
+
+def test_a_board_that_is_a_keyboard_itself_lights_its_keys(desk, open_page):
+    desk.connected()
+    page = open_page(desk.server.url)
+    apart(lambda: desk.push(MINI))
+    expect(page.locator(".key")).to_have_count(9, timeout=LONG_MS)
+    for count, name in ((9, "E"), (10, "1")):
+        expect(page.locator(".key")).to_have_count(count, timeout=LONG_MS)
+        until(page, "drawn.length > 5")
+        until_s = desk.bench.link.now_s() + TAP_S
+        eventually(page, lambda until_s=until_s: desk.bench.link.now_s() > until_s)
+        desk.held.press = Press(3.0, 3000, 4.0)
+        expect(page.locator(".key.lit")).to_contain_text(name[-1], timeout=LONG_MS)
+        desk.held.press = None
+        expect(page.locator(".key.lit")).to_have_count(0, timeout=LONG_MS)
+        if count == 9:
+            assert desk.send({"do": "clear"})[0] == 204
+
+
+def test_a_second_browser_overwrites_nothing(desk):
+    desk.connected()
+    base = desk.shown()["base"]
+    assert desk.push(MINI)[0] == 200
+    status, text = desk.send({"do": "push", "text": DIGITS.text, "base": base, "loses": []})
+    assert (status, "another browser" in text) == (409, True)
+    assert desk.path.read_text() == MINI.text
+
+
+def test_without_the_token_there_is_no_editor(desk, open_page):
+    page = open_page(f"http://127.0.0.1:{desk.server.port}/")
+    expect(page.locator(".key")).to_have_count(10, timeout=LONG_MS)
+    for name in ("#edit", "#clear", "#editor"):
+        expect(page.locator(name)).to_be_hidden()
+
+
+MESSAGES = (
+    {"do": "check", "text": MINI.text},
+    {"do": "push", "text": MINI.text, "base": "", "loses": []},
+    {"do": "clear"},
+)
+
+
+def test_only_the_token_edits(desk, tmp_path):
+    desk.connected()
+    before, stored = desk.shown(), desk.on_board()
+    other = {"layout": LayoutEditor(tmp_path / "b.toml", DIGITS, PageState())}
+    old = Serving(PageState(), orders=other)
+    stale = token_of(old)
+    old.stop()
+    for message in MESSAGES:
+        message = message | ({"base": before["base"]} if "base" in message else {})
+        for token in (None, "", "wrong", stale, token_of(desk.server)[:-1]):
+            assert desk.send(message, token=token)[0] == 403
+        for origin in ("http://evil.example", "null", f"https://127.0.0.1:{desk.server.port}"):
+            assert desk.send(message, Origin=origin)[0] == 403
+        assert desk.send(message, Host="evil.example")[0] == 403
+    assert (desk.shown(), desk.on_board()) == (before, stored)
+    assert not desk.path.exists()
+
+
+def test_a_page_of_another_site_changes_no_layout(desk, browser, other_site):
+    desk.connected()
+    before = desk.shown()
+    push = {"do": "push", "text": MINI.text, "base": before["base"], "loses": []}
+    context = browser.new_context()
+    try:
+        context.new_page().goto(desk.server.url)  # this browser has the token
+        page = context.new_page()
+        for host in ("localhost", "127.0.0.1"):
+            page.goto(f"http://{host}:{other_site}/")
+            for message in (push, {"do": "clear"}):
+                page.evaluate(
+                    """([url, body]) => fetch(url, {
+                      method: "POST", mode: "no-cors", credentials: "include", body,
+                    }).then(() => 0, () => 0)""",
+                    [f"http://127.0.0.1:{desk.server.port}/layout", json.dumps(message)],
+                )
+        assert desk.shown() == before
+        assert not desk.path.exists()
+    finally:
+        context.close()
+
+
+BAD = (
+    b"",
+    b"clear",
+    b"\xff\xfe",
+    b"null",
+    b"[]",
+    b"{}",
+    b'{"do":"push"}',
+    b'{"do":"save"}',
+    b'{"do":["clear"]}',
+    b'{"do":"clear","path":"/etc/passwd"}',
+    b'{"do":"check","text":3}',
+    b'{"do":"check","text":"\\ud800"}',
+    b'{"do":"check","text":"' + b"x" * 32_769 + b'"}',
+    b'{"do":"push","text":"","base":"123456789","loses":[]}',
+    b'{"do":"push","text":"","base":"","loses":"all"}',
+    b'{"do":"push","text":"","base":"","loses":[1]}',
+    b"[" * 1000,
+)
+
+
+@pytest.mark.parametrize("body", BAD)
+def test_a_message_that_is_none_is_refused(desk, caplog, body):
+    assert desk.send(body)[0] == 400
+    assert caplog.records == []
+    assert not desk.path.exists()
+
+
+def test_long_messages_are_refused(desk):
+    assert desk.send(b" " * 70_000)[0] == 413
+
+
+FRAGMENTS = "", '"', "\\", "[", "{", "=", "\n", "#", "9", "-", "\u00e9", "\x00", '{"do":"clear"}'
+
+
+def mutated(choice, text):
+    """Return a text with some random changes."""
+    parts = list(text)
+    for _ in range(choice.randrange(1, 6)):
+        at = choice.randrange(len(parts))
+        parts[at : at + choice.randrange(3)] = choice.choice([*FRAGMENTS, parts[at]])
+    return "".join(parts)
+
+
+def test_fuzzed_messages_change_nothing(tmp_path):
+    choice, state = random.Random(0), PageState()
+    editor = LayoutEditor(tmp_path / "mine.toml", DIGITS, state)
+    before = state.since(state.begin())[1]
+    bodies = [json.dumps(message) for message in MESSAGES]
+    checks = 0
+    for _ in range(1000):
+        try:
+            request = editor.decode(mutated(choice, choice.choice(bodies)).encode())
+        except ValueError:
+            continue
+        answer = editor.submit(request)  # without a board, only a check gets further
+        assert answer.done()
+        checks += answer.exception() is None
+        assert answer.exception() is None or isinstance(answer.exception(), SpotsError)
+    assert checks > 10
+    assert state.since(state.begin())[1] == before
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a." * 16_000 + "b = 1",
+        "[" * 30_000,
+        "a = " + "[" * 30_000,
+        'a = "' + "\\\\" * 15_000,
+        "\n" * 32_000,
+        'name = "x"\n' + '[[layer]]\nname = "a"\nkeys = ["A"]\n' * 800,
+        'name = "x"\n[[layer]]\nname = "a"\nkeys = [' + '"A",' * 8000 + "]",
+    ],
+)
+def test_the_longest_texts_are_checked_in_bounded_time(tmp_path, text):
+    editor = LayoutEditor(tmp_path / "mine.toml", DIGITS, PageState())
+    begun_s = time.process_time()
+    answer = editor.submit(editor.decode(json.dumps({"do": "check", "text": text}).encode()))
+    assert isinstance(answer.exception(), SpotsError)
+    print(f"{1000 * (time.process_time() - begun_s):.0f} ms")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--edit", "mine.toml", "--port", "recording:run.spots"], "--edit works with one board"),
+        (["--edit", "mini", "--port", "virtual"], "give a name that ends in .toml"),
+    ],
+)
+def test_a_mistake_is_one_sentence(capsys, options, says):
+    assert apart(main, ["serve", "--http-port", "0", *options]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
