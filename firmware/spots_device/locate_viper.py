@@ -1,7 +1,9 @@
-"""Estimates the second of two fingers in machine code; replaces locate.py on some boards.
+"""Estimates the second of two fingers; its loop in machine code. Replaces locate.py on some boards.
 
 Correct with words of 32 bits and of 64 bits, see kernel_viper.py. No argument is checked.
 """
+
+from array import array
 
 import micropython
 
@@ -21,29 +23,21 @@ def power(exponent: int) -> int:
     return value >> (0 - whole)
 
 
-@micropython.viper
-def noise(product: int, brightness: int) -> int:
-    value = product * 16 // ((int(power(brightness)) >> 6) + 1)
-    return 20_000 if value > 20_000 else value
+def noise(product, brightness):
+    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
+
+
+_found = array("i", bytes(20))
 
 
 @micropython.viper
-def locate(
-    found: ptr32,
-    decay: int,
-    x1_um: int,
-    first: int,
-    x_um: int,
-    brightness: int,
-    fits: int,
-    noise_um: int,
-) -> bool:
-    off_um = away_um = x_um - x1_um
+def _solve(found: ptr32, decay: int, off_um: int, first: int, brightness: int) -> bool:
+    away_um = off_um
     alone = int(power(first)) >> 6
     shift = 0
     if alone >> 19:
         shift = 4
-    light = lost = other = ratio = share = 0
+    share = 0
     for _ in range(4):
         if (away_um + (1 << 18)) >> 19:
             return False
@@ -66,18 +60,27 @@ def locate(
             slope = 256
         step_um = ((((off_um + change - away_um) >> 2) << 10) // slope) << 2
         away_um += step_um
+        found[0] = away_um
+        found[1] = lost
+        found[2] = ratio
+        found[3] = other
+        found[4] = (256 - share) * light // other
         if (step_um + 64) >> 7 == 0:
             break
-    apart_um = away_um
-    if away_um < 0:
-        apart_um = 0 - away_um
+    return True
+
+
+def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
+    if not _solve(_found, decay, x_um - x1_um, first, brightness):
+        return False
+    away_um, lost, ratio, other, lever = _found
+    apart_um = abs(away_um)
     room = 0
     if fits >= 0:
         room = 45_000 - lost if fits else lost - 12_000
-    if apart_um < 4500 or apart_um >> 18 or room < 0:
+    if apart_um < NEAR_UM or apart_um >> FAR_LOG2 or room < 0:
         return False
-    lever = (256 - share) * light // other
     found[0] = x1_um + away_um
-    found[1] = ((noise_um * (1024 + ratio)) >> 10) + (apart_um >> 5) * lever // 540
-    found[2] = int(log2_q20(other)) - (4 << 20)
+    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
+    found[2] = log2_q20(other) - (4 << 20)
     return True

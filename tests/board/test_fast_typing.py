@@ -128,6 +128,14 @@ def test_the_host_finds_touches_at_the_same_reading_as_the_board():
     assert play(first, second, third)["host_agrees"]
 
 
+@pytest.mark.parametrize(("from_mm", "to_mm", "key"), [(8, 77, "1"), (77, 8, "0")])
+def test_a_finger_that_slides_at_300_mm_a_second_is_one_key(from_mm, to_mm, key):
+    slid_s = 3.1 + abs(to_mm - from_mm) / 300
+    path = [(3.0, from_mm, 0), (3.02, from_mm, 2000), (3.1, from_mm, 2000)]
+    path += [(slid_s, to_mm, 2000), (slid_s + 0.1, to_mm, 2000), (slid_s + 0.12, to_mm, 0)]
+    assert play(Finger(points=path))["typed"] == key
+
+
 @pytest.mark.parametrize("sensor", ["weak_dye", "strong_dye"])
 def test_fast_typing_is_understood_on_other_dyes(sensor):
     figures = added([typed(100, 100, seed, sensor) for seed in (21, 22)])
