@@ -243,9 +243,10 @@ class Strip:
         elif self._idle_us < IDLE_US:
             self._idle_us += lasted_us
         self._time.set(self.sensor.complete, lasted_us >> 1)
-        compensation = self.decode.compensation
-        if compensation is not None:
-            compensation.take(self._reading, self._time.high << 6 | self._time.low >> 10)
+        if self.decode.compensation:
+            self.decode.compensation.take(
+                self._reading, self._time.high << 6 | self._time.low >> 10
+            )
         uses = self._uses
         if uses.active:
             uses.take(self.index, self.decode)
