@@ -97,12 +97,12 @@ class ZenohLink(Link):
         """
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
-            if reply.replier_id is None:
-                continue  # Zenoh's own error at the timeout
             if reply.err is not None:
                 # Any peer can send an error, of any length and with any bytes.
                 if len(reply.err.payload) <= _ERROR_BYTES_MAX:
                     text = bytes(reply.err.payload).decode(errors="replace")
+                    if text == "Timeout":
+                        continue  # Zenoh's own error, of this or of the other side
                     return {"re": command, "error": text}
                 continue
             try:
