@@ -95,6 +95,8 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
+        # Parsing leaves the heap of a board in small pieces; this one is for `tables`.
+        reserve = bytearray(32 * len(lines))
         seen = {name: [] for name in _MANY}
         strains = []
         for line in lines:
@@ -126,6 +128,7 @@ class Calibration:
         bounds, knots = _between(strains, strain_ppm)
         for table in knots:
             _check_table("x", table)
+        del reserve
         self.tables = pack(seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces)
         tables = memoryview(self.tables)
         columns = columns_of(tables, tables[FORCES], 3)
@@ -191,7 +194,7 @@ def pack(weights, bounds, segments, tables, forces):
     """
     ends = BOUNDS + 2 * len(bounds)
     size = ends + 2 * CHANNELS * len(bounds) + 4 * sum(map(len, tables)) + len(tables)
-    packed = array("i", bytes(4 * (size + 1 + 3 * len(forces))))
+    packed = array("i", range(size + 1 + 3 * len(forces)))  # one allocation; all is overwritten
     packed[SEGMENTS] = len(bounds)
     packed[FORCES] = size
     for i in range(2 * CHANNELS):

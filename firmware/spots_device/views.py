@@ -1,5 +1,7 @@
 """Views of a calibration's tables by name, for the host; boards do not have this module."""
 
+from array import array
+
 from .calibration import BOUNDS, SEGMENTS, WEIGHTS, columns_of
 from .smux import CHANNELS
 
@@ -50,5 +52,5 @@ def view(calibration, name):
         return tables[WEIGHTS + CHANNELS : WEIGHTS + 2 * CHANNELS]
     places = range(BOUNDS, BOUNDS + 2 * tables[SEGMENTS], 2)
     if name == "bounds":
-        return calibration.tables[BOUNDS : BOUNDS + 2 * tables[SEGMENTS] : 2]
+        return array("i", [tables[place] for place in places])
     return tuple(Segment(tables, tables[place + 1]) for place in places)
