@@ -4,6 +4,7 @@ docs/protocol.md describes them. An invalid line changes nothing; its reply cont
 sentence. Commands allocate memory, which is acceptable because they are rare.
 """
 
+import gc
 import json
 
 from . import PROTOCOL, __version__
@@ -186,6 +187,7 @@ class Upload:
                 % (self._what, _LINES_MAX, _BYTES_MAX)
             )
         self._lines.append(line)
+        gc.collect()  # keeps the lines together, so that the heap has large free pieces
         return {"lines": len(self._lines)}
 
 
