@@ -213,10 +213,13 @@ def test_commands_leave_most_of_their_garbage_for_a_later_collection(monkeypatch
     collections = []
     board = Board()
     monkeypatch.setattr(app.gc, "collect", lambda: collections.append(0))
-    board.command("cal begin")
-    for _ in range(99):
-        board.command("cal x 1 2 3 4")
+    for _ in range(100):
+        board.command("get")
     assert 0 < len(collections) < 30
+    board.command("cal begin")
+    begun = len(collections)
+    board.command("cal x 1 2 3 4")
+    assert len(collections) > begun  # what is kept must not be scattered over the heap
     begun = len(collections)
     board.app.use_calibration(LINES)
     assert len(collections) == begun + 1  # parsing makes more garbage than all these commands

@@ -89,7 +89,7 @@ def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
         interrupts.arm()
         raise error
 
-    app.step = interrupted
+    app._pass = interrupted
     sys.settrace(interrupts)
     try:
         app.run()
