@@ -209,8 +209,6 @@ def test_an_application_runs_with_a_calibration_made_under_lamps(tmp_path, mains
     default = (DATA / "sensors" / "default.toml").read_text(encoding="utf-8")
     path.write_text(f"{default}\n[surroundings]\n{lamp}", encoding="utf-8")
     figures = demo(str(path), None, 0, 5.0, True, True)
-    # Most of it is of light presses: a touch begins at 0.2 N. The calibration without its settings
-    # for lamps has millimetres.
     assert figures["position_rmse_um"] < 250
 
 
