@@ -95,8 +95,8 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
-        # Parsing leaves the heap of a board in small pieces; this one is for `tables`.
-        reserve = bytearray(32 * len(lines))
+        # Parsing leaves the free memory of a board in small pieces, so `tables` comes first.
+        room = _room(lines)
         seen = {name: [] for name in _MANY}
         strains = []
         for line in lines:
@@ -128,8 +128,9 @@ class Calibration:
         bounds, knots = _between(strains, strain_ppm)
         for table in knots:
             _check_table("x", table)
-        del reserve
-        self.tables = pack(seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces)
+        self.tables = pack(
+            seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces, room
+        )
         tables = memoryview(self.tables)
         columns = columns_of(tables, tables[FORCES], 3)
         self.brightnesses, self.forces_mN, self.tolerances = columns
@@ -176,7 +177,18 @@ class Calibration:
         return "the calibration was made %s; set this, or calibrate again" % what
 
 
-def pack(weights, bounds, segments, tables, forces):
+def _room(lines):
+    # An array for `pack`. From a range it takes one allocation; `pack` overwrites all elements.
+    counts = {"segment": 0, "f": 0, "x": 0, "strain": 0}
+    for line in lines:
+        name = line.split(" ")[0]
+        if name in counts:
+            counts[name] += 1
+    size = BOUNDS + 15 * counts["segment"] + 1 + 3 * counts["f"]
+    return array("i", range(size + 4 * counts["x"] // max(1, counts["strain"])))
+
+
+def pack(weights, bounds, segments, tables, forces, room=()):
     """Return weights and tables of a calibration as one array, see `SEGMENTS`.
 
     Parameters
@@ -191,10 +203,13 @@ def pack(weights, bounds, segments, tables, forces):
         The knots of each segment, with four values each.
     forces : sequence of sequence of int
         The knots of the table of forces, with three values each.
+    room : array of int
+        Array to fill and to return, if it is long enough.
     """
     ends = BOUNDS + 2 * len(bounds)
     size = ends + 2 * CHANNELS * len(bounds) + 4 * sum(map(len, tables)) + len(tables)
-    packed = array("i", range(size + 1 + 3 * len(forces)))  # one allocation; all is overwritten
+    needed = size + 1 + 3 * len(forces)
+    packed = room if len(room) >= needed else array("i", range(needed))
     packed[SEGMENTS] = len(bounds)
     packed[FORCES] = size
     for i in range(2 * CHANNELS):
