@@ -8,10 +8,12 @@ import msgspec
 
 from .change import Temperature
 from .files import SensorFile
+from .silicone import Silicone
 
 # Keys of later versions, each with the value at which a sensor keeps its earlier id.
 _LATER = {
     ("temperature", None): msgspec.to_builtins(Temperature()),
+    ("silicone", None): msgspec.to_builtins(Silicone()),
     ("led", "wired"): "ldr",
     ("led", "fixed_mA"): 20.0,
     ("surroundings", "flicker_phase_deg"): 0.0,
