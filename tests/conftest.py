@@ -25,52 +25,25 @@ settings.load_profile("spots")
 # Of what plays keyboards and gamepads, so that every machine runs every test.
 STAND_INS = Path(__file__).parent / "stand_ins"
 
-PROCESSORS = sorted(os.sched_getaffinity(0)) if sys.platform == "linux" else []
+
 # Folders of tests whose programs compute at the same time. In others a virtual board and its host
 # take turns, which costs half as much processor time if both are on one processor.
 PARALLEL = {"bench", "remote", "web"}
-# Folders whose tests compute or wait for long.
-SLOW = {"board", "calibrate", "faults", "linkage", "recording", "remote", "web"}
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
     """Return how many processes ``--numprocesses auto`` starts: much of the time is waiting."""
-    return 2 * os.cpu_count()
+    return 3 * os.cpu_count() // 2
 
 
 def pytest_runtest_setup(item):
-    """Keep what a test starts on one processor, which two processes of the run share."""
-    worker = os.environ.get("PYTEST_XDIST_WORKER")
-    if worker and PROCESSORS:
-        own = PROCESSORS[int(worker.removeprefix("gw")) % len(PROCESSORS)]
-        os.sched_setaffinity(0, PROCESSORS if item.path.parent.name in PARALLEL else {own})
-
-
-def pytest_collection_modifyitems(config, items):
-    """Give each process of the run slow files first, each of other folders, and fast tests last.
-
-    xdist deals equal numbers of tests in their order. A process that has ended takes tests from the
-    end of another one's queue. So no process is left alone with slow tests.
-    """
-    if not hasattr(config, "workerinput"):
-        return
-    processes = config.workerinput["workercount"]
-    files = {}
-    for item in items:
-        files.setdefault(item.path, []).append(item)
-    slow = [path for path in files if path.parent.name in SLOW]
-    fast = [item for path in files if path not in slow for item in files[path]]
-    dealt = []
-    for i in range(processes):
-        own = slow[i::processes]
-        first = len(own) * i // processes
-        for path in own[first:] + own[:first]:
-            dealt += files[path]
-        room = max((i + 1) * len(items) // processes - len(dealt), 0)
-        dealt += fast[:room]
-        del fast[:room]
-    items[:] = dealt + fast
+    """Keep what a test starts on one processor, if this process of the run has its own one."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw-1")
+    everywhere = range(os.cpu_count())
+    own = int(worker.removeprefix("gw"))
+    if own in everywhere and sys.platform == "linux":
+        os.sched_setaffinity(0, everywhere if item.path.parent.name in PARALLEL else {own})
 
 
 def pytest_collection_finish():
