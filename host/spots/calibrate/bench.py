@@ -1,4 +1,4 @@
-"""Takes presses of a strip: waits until a press is steady, reads it, and validates it."""
+"""Reads presses of a strip: waits until a press is steady, then reads and validates its counts."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .spectra import Reading, SpectrumReader, mean
 
 TRIES = 5
 _WINDOW_S = 0.24
-_LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a press with a finger, by kind
+_LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a finger's press, by kind
 _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
-# The same for presses with a finger, whose tremor looks like slow drift in readings of 100 ms.
+# Limit for a finger, whose tremor looks like slow drift in readings of 100 ms.
 _FINGER_DRIFT_MAX = 0.05
 _TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
 _SIGMAS = 5.0
@@ -30,15 +30,15 @@ CONTINUES = "the presses taken so far are stored; run the same command again to 
 
 
 class BadPressError(Exception):
-    """Raised if a press is not valid; the text gives the reason."""
+    """Raised if a press is not valid; the message gives the reason."""
 
 
 class TooDarkError(BadPressError):
-    """Raised if a channel has no light during a press."""
+    """Raised if a channel receives no light during a press."""
 
 
 def samples_of(kind: str, exposure_us: int) -> int:
-    """Return the number of samples in a reading of a press.
+    """Return how many samples a reading of a press needs.
 
     Parameters
     ----------
@@ -50,6 +50,7 @@ def samples_of(kind: str, exposure_us: int) -> int:
     Returns
     -------
     int
+        Number of samples.
     """
     return max(_WINDOW_MIN, round(_LONG_S.get(kind, _WINDOW_S) * 1e6 / exposure_us))
 
@@ -65,13 +66,13 @@ class Bench:
     presser : Presser
         Person or machine that presses the strip.
     guide : Dialog
-        Shows what to do, and the progress.
+        Shows the person what to do, and the progress.
     length_um : float
         Length of the strip at rest, in um.
     path : Path
         Calibration file of the strip.
     spent : int
-        Number of requests for a press that gave no press by hand.
+        Number of requested presses that are not stored as presses by hand.
     """
 
     reader: SpectrumReader
@@ -93,18 +94,18 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Ask for a press until it is valid; the strip is still pressed on return.
+        """Ask for a press until the press is valid; on return, the strip is still pressed.
 
         Parameters
         ----------
         wanted : Wanted
-            The press. If its kind is ``choose``, channels may be saturated or dark.
+            The press to ask for. If its kind is ``choose``, channels may be saturated or dark.
         noise : Noise, optional
-            Noise of the sensor, if it is known.
+            Noise of the sensor; None if unknown.
         judge : callable
             ``judge(reading)`` raises `BadPressError` if the reading does not fit the press.
         given_up : str
-            End of the error message that follows the last failed attempt.
+            End of the error message after the last failed attempt.
 
         Returns
         -------
@@ -116,7 +117,7 @@ class Bench:
         SpotsError
             If no attempt gave a valid press.
         BadPressError
-            If a press by hand is not valid; the strip is released.
+            If the kind is ``hand`` and the press is not valid. The strip is then released.
         """
         self.guide.want(wanted)
         for _ in range(TRIES):
@@ -142,7 +143,7 @@ class Bench:
         Raises
         ------
         SpotsError
-            If the strip stays bright.
+            If the strip stays bright after the request.
         """
         peak = self.reader.read(2).counts.max()
         self.presser.release()
@@ -157,7 +158,7 @@ class Bench:
         )
 
     def _held(self, noise: Noise | None, kind: str) -> Reading:
-        """Wait for a steady press, and return its reading, or raise `BadPressError`."""
+        """Wait for a steady press and return its reading; raise `BadPressError` if invalid."""
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason: BadPressError = TooDarkError("no press is seen")
         long = -(-samples_of(kind, self.reader.info["exposure_us"]) // self.window)

@@ -38,12 +38,12 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     Returns
     -------
     list of int
-        Dark counts of the six channels, each the sum of `spots_device.decode.DARK_SAMPLES` samples.
+        Dark counts of the six channels, summed over `spots_device.decode.DARK_SAMPLES` samples.
 
     Raises
     ------
     SpotsError
-        If the board switches its LED itself, or is disconnected.
+        If the board can switch its LED off itself, or is disconnected.
     """
     state = board.command("get")
     if state["led"] != "always":

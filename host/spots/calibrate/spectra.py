@@ -1,4 +1,4 @@
-"""Dark-subtracted counts of a held press, read from any board."""
+"""Reads the dark-subtracted counts of a steady press from a board."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TIMEOUT_S = 10.0  # more than any dark frame takes
 
 @dataclass(frozen=True)
 class Reading:
-    """Statistics of the samples of a held press.
+    """Statistics of the samples of a steady press.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Reading:
     drift : float
         Change of the brightness from the first half of the samples to the second, in log2 units.
     saturated : bool
-        Whether a channel was saturated.
+        Whether at least one channel was saturated.
     """
 
     counts: np.ndarray
@@ -45,12 +45,12 @@ class Reading:
 
     @property
     def dark(self) -> bool:
-        """Whether a channel has less than one count."""
+        """Whether the mean of at least one channel is less than one count."""
         return bool((self.counts < 1).any())
 
 
 def mean(readings: list[Reading]) -> Reading:
-    """Return the mean of successive readings of a press; their numbers of samples are equal."""
+    """Return the mean of successive readings of a press that have equal numbers of samples."""
     return Reading(
         np.mean([r.counts for r in readings], axis=0),
         np.mean([r.variance for r in readings], axis=0),
@@ -60,14 +60,14 @@ def mean(readings: list[Reading]) -> Reading:
 
 
 class SpectrumReader:
-    """Reads single samples from a board. Call `set_up` again after a change of settings.
+    """Reads single samples from a board. Call `set_up` again if the board's settings change.
 
     The board's setting ``average`` is 1 until `restore` is called.
 
     Parameters
     ----------
     board : Board
-        The board. Its strip must not be pressed during `set_up`.
+        The board. Its strip must not be pressed during `set_up`, which the constructor calls.
     """
 
     def __init__(self, board: Board):
@@ -76,7 +76,7 @@ class SpectrumReader:
         self.set_up()
 
     def set_up(self, line: str = "", dark_s: float = 0.0) -> None:
-        """Change settings, then read all settings and the dark frame.
+        """Change settings of the board, then read all its settings and take the dark frame.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class SpectrumReader:
         count : int
             Number of positions.
         timeout_s : float
-            Longest time to wait for them, in s.
+            Longest time to wait for the positions, in s.
 
         Returns
         -------
