@@ -2,8 +2,8 @@
 
 L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper, L_i is locally linear
 in the position and in the logarithm of the brightness. Generalised least squares with the noise
-of each channel gives the best linear estimate of both. The two rows of this estimate are the
-weights of a segment of the strip.
+of each channel gives the best linear estimates of these two quantities. In each segment of the
+strip, the estimate of each quantity is a weighted sum of the L_i.
 """
 
 from __future__ import annotations
@@ -267,9 +267,9 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the brightness does not rise with the force: check strip, LED, gain")
-    # A least-squares spline of straight lines: its errors are balanced, but the errors of chords would
-    # all have one sign. Half of the knots are evenly spaced in brightness, for the start of a touch.
-    # The density of the other knots suits the curvature, so that all spans have the same error.
+    # A least-squares spline of straight lines: its errors are balanced, but chords would all have
+    # errors of one sign. Half of the knots are evenly spaced in brightness, for the start of a
+    # touch. The density of the other knots suits the curvature, so all spans have the same error.
     fine = np.geomspace(forces[0], forces[-1], _FORCE_STEPS)
     curve = monotone(np.log(forces), means, np.log(fine))
     even = np.linspace(curve[0], curve[-1], _FORCE_STEPS // 10)

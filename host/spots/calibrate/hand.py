@@ -15,7 +15,7 @@ from .typed import grams
 _KINDS = ("hand", "position", "force", "mark")
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
-# Presses by `rough` that are not stored: for exposure, for the choice of channels, and repeats. Each
+# Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
 # further such press replaces a press by hand, so a session has at most 12 or 45 presses in all.
 _OTHERS = {True: 2, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated

@@ -111,7 +111,7 @@ class Noise:
         found = cls(ROUNDING_VARIANCE, 0.0)
         for _ in range(_REWEIGHTINGS):
             # The error of a measured variance is proportional to the true variance. Weights from
-            # measured variances would favour low variances, so the previous round gives the weights.
+            # measured variances would favour low variances; so the previous round gives weights.
             weight = 1 / found.variance(counts)
             solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
             # A steady press hides part of the rounding; the rounding variance is the lower limit.

@@ -1,6 +1,6 @@
 """``spots rezero``: corrects the drift of a calibration with new presses at its marks.
 
-The file and the board change together at the end; on error both are unchanged.
+File and board get the new calibration together at the end; on error, both keep the old one.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
     """Fit the compensation of hysteresis and creep to a recording.
 
     The recording should have one press of a minute, then presses at other places with different
-    speeds and largest forces. Pause before each press, and change the place: creep that is left from
-    an earlier press would be taken for hysteresis.
+    speeds and largest forces. The silicone recovers in pauses; a new place needs no recovery.
+    Without recovery, the fit would mistake creep of an earlier press for hysteresis.
 
     Parameters
     ----------

@@ -206,7 +206,7 @@ class Surface:
         return Surface(kept, self._noise, self._samples, self.length_um, self.sizes, self)
 
     def find(self, counts: np.ndarray) -> tuple[float, float]:
-        """Return the position in um and force in mN at which `counts` are expected, on a coarse grid."""
+        """Return position in um and force in mN whose expected counts are nearest to `counts`."""
         place_um = np.linspace(0, self.length_um, 101)
         force_mN = np.geomspace(self.least_mN, self.most_mN, 101)
         off = np.log2(counts) - self.logs(place_um, np.full_like(place_um, FIRM_MN))
@@ -292,7 +292,7 @@ class Surface:
         places : tuple of (numpy.ndarray, numpy.ndarray)
             Places in um, and the standard deviation of each place in um.
         forces : tuple of (numpy.ndarray, numpy.ndarray)
-            Forces in mN, and the relative standard deviation of each force. Empty if no force is known.
+            Forces in mN, and the relative standard deviation of each; empty if no force is known.
         """
 
         def sigma(targets):
@@ -312,7 +312,7 @@ class Surface:
         Parameters
         ----------
         dark_mN : float
-            Largest force so far at which a channel had no light, in mN; 0 if there was no such press.
+            Largest force so far at which a channel had no light, in mN; 0 if none.
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)

@@ -1,4 +1,4 @@
-"""Keyboard for macOS and Windows, by pynput.
+"""Keyboard for macOS and Windows, which uses pynput.
 
 Keys are identified by their characters, not by their positions. A key that types a character on an
 American keyboard is replaced by the key that types this character in the computer's own keyboard

@@ -12,7 +12,7 @@ _LOOKING = ("GET", "HEAD")
 _ASK = "this needs the token: open the address that 'spots serve' printed"
 # The Host header of a browser: a name, an IPv4 address or an IPv6 address in brackets; a port.
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z.-]+))(?::([0-9]{1,5}))?", re.ASCII | re.I)
-_PORT = 80  # default of HTTP
+_PORT = 80  # default port of HTTP
 _PORT_MAX = 65_535
 
 
@@ -28,8 +28,8 @@ class Guard:
     address : str
         IP address that the server listens on.
     token : str or None
-        Secret that commands need. All requests need it if `address` is not a loopback address.
-        If None, all commands are refused.
+        Secret that commands need. If `address` is not a loopback address, all requests need the
+        token. If the token is None, all commands are refused.
     """
 
     def __init__(self, address: str, token: str | None):
